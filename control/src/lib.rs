@@ -1,0 +1,1 @@
+//! What steers: Riccati, LQR, pole placement, sliding mode and Kalman filters.

@@ -1,0 +1,1 @@
+//! What is remembered: MCAP, CSV and ULog records with units.

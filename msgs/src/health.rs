@@ -1,0 +1,113 @@
+//! The health of a node, published every 100 ms of wall-clock time.
+
+use crate::define::message;
+
+/// Number of buckets of the latency histogram in [`Health`].
+pub const LATENCY_BUCKETS: usize = 32;
+
+/// Upper edge of bucket 0 of the latency histogram, ns.
+const FIRST_EDGE_NS: f64 = 500.0;
+
+message! {
+    /// Health of one node. `head.step` is the last step done, `head.stamp_ns` wall-clock time since the Unix epoch.
+    Health on "health" {
+        /// Steps done since the node started.
+        steps: u64 => "uint64",
+        /// Steps whose answer came too late, or not at all.
+        deadline_misses: u64 => "uint64",
+        /// Messages lost on the way to this node, from gaps in sequence numbers.
+        lost: u64 => "uint64",
+        /// Messages refused: not finite, stale, repeated, out of range.
+        rejected: u64 => "uint64",
+        /// Greatest latency since the node started, ns.
+        latency_max_ns: u64 => "uint64",
+        /// Latency histogram since the node started; see [`latency_bucket`]. The plant counts from publishing
+        /// `Imu` to receiving its `Command`, the other nodes from receiving to answering.
+        latency: u32[LATENCY_BUCKETS] => "uint32[32]",
+        /// Operating-system process number.
+        pid: u32 => "uint32",
+        /// A [`NodeState`].
+        state: u32 => "uint32",
+        /// Node name, UTF-8, filled up with zeros.
+        node: u8[32] => "uint8[32]",
+    }
+}
+
+impl Health {
+    /// The node's name.
+    pub fn node_name(&self) -> &str {
+        let end = self.node.iter().position(|&b| b == 0).unwrap_or(self.node.len());
+        std::str::from_utf8(&self.node[..end]).unwrap_or("")
+    }
+
+    /// Sets the node's name, cut to fit at a character boundary.
+    pub fn set_node_name(&mut self, name: &str) {
+        self.node = [0; 32];
+        let mut end = name.len().min(self.node.len());
+        while !name.is_char_boundary(end) {
+            end -= 1;
+        }
+        self.node[..end].copy_from_slice(&name.as_bytes()[..end]);
+    }
+}
+
+/// State of a node, as a number in [`Health::state`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum NodeState {
+    /// Connecting, waiting for its peers.
+    Starting = 0,
+    /// In the loop.
+    Running = 1,
+    /// The plant holds its inputs at neutral.
+    Failsafe = 2,
+    /// Shutting down.
+    Stopping = 3,
+}
+
+impl NodeState {
+    /// The state for a number in [`Health::state`]; `None` for one that this version does not know.
+    pub fn from_u32(value: u32) -> Option<Self> {
+        [Self::Starting, Self::Running, Self::Failsafe, Self::Stopping]
+            .into_iter()
+            .find(|s| *s as u32 == value)
+    }
+}
+
+/// Bucket of a latency: two buckets an octave from 0.5 us, the last one open.
+pub fn latency_bucket(latency_ns: u64) -> usize {
+    let octaves = (latency_ns as f64 / FIRST_EDGE_NS).log2();
+    ((2.0 * octaves).floor() + 1.0).clamp(0.0, (LATENCY_BUCKETS - 1) as f64) as usize
+}
+
+/// Upper edge of a bucket, ns; infinite for the last one.
+pub fn latency_bucket_upper_ns(bucket: usize) -> f64 {
+    if bucket + 1 >= LATENCY_BUCKETS { f64::INFINITY } else { FIRST_EDGE_NS * 2f64.powf(bucket as f64 / 2.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Message;
+
+    #[test]
+    fn every_latency_is_below_its_upper_edge_and_above_the_one_before() {
+        for ns in (0..10_000u64).chain((1..60).map(|e| (1.3f64.powi(e) * 7.0) as u64)) {
+            let b = latency_bucket(ns);
+            assert!((ns as f64) < latency_bucket_upper_ns(b), "{ns} ns in bucket {b}");
+            assert!(
+                b == 0 || ns as f64 >= latency_bucket_upper_ns(b - 1) * (1.0 - 1e-12),
+                "{ns} ns in bucket {b}"
+            );
+        }
+    }
+
+    #[test]
+    fn names_survive_even_when_they_are_cut() {
+        let mut h = Health::zeroed();
+        h.set_node_name("plant");
+        assert_eq!(h.node_name(), "plant");
+        h.set_node_name("ä".repeat(20).as_str());
+        assert_eq!(h.node_name(), "ä".repeat(16));
+    }
+}

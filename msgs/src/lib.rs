@@ -1,0 +1,35 @@
+//! What travels on a Whirlstand bench: message types, units and wire layout. No logic, no I/O.
+//!
+//! Every message is `repr(C)`, of fixed size and without padding (checked at compile time by
+//! [`bytemuck::Pod`]), begins with a [`Head`], and is in SI units. Shared memory carries the type itself;
+//! networks carry [`encode`]d bytes: the 8-byte [`Message::SCHEMA_HASH`], little-endian, then postcard.
+//! Logs carry the same memory image behind a 4-byte CDR header, described by [`Message::SCHEMA`] in ROS 2
+//! message syntax; the two coincide because no field needs padding.
+//!
+//! ```
+//! use whirlstand_msgs::{Imu, Message, decode, encode};
+//!
+//! let imu = Imu { roll: 0.1, ..Imu::zeroed() };
+//! let mut wire = Vec::new();
+//! encode(&imu, &mut wire);
+//! assert_eq!(decode::<Imu>(&wire).unwrap(), imu);
+//! ```
+
+mod define;
+mod health;
+mod types;
+mod wire;
+
+pub use define::{Field, Message};
+pub use health::{Health, LATENCY_BUCKETS, NodeState, latency_bucket, latency_bucket_upper_ns};
+pub use types::{
+    Command, Disturbance, Estimate, Head, Imu, Odometry, Progress, Setpoint, Truth, flags, valid,
+};
+pub use wire::{DecodeError, SCHEMA_HASH_BYTES, decode, encode};
+
+/// Largest number of states a vehicle can have on the bus (a vehicle file alone has no limit).
+pub const MAX_STATES: usize = 16;
+/// Largest number of inputs a vehicle can have on the bus.
+pub const MAX_INPUTS: usize = 8;
+/// Version of the message set; part of every schema hash, so that two versions never talk past each other.
+pub const VERSION: u32 = 1;

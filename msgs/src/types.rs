@@ -1,0 +1,171 @@
+//! The messages of the control loop.
+
+use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+
+use crate::define::message;
+use crate::{MAX_INPUTS, MAX_STATES};
+
+/// What every message begins with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Pod, Zeroable)]
+#[repr(C)]
+pub struct Head {
+    /// Counts the messages of one publisher since it started, from 0; a gap is a lost message.
+    pub seq: u64,
+    /// Step k of the loop that the message belongs to.
+    pub step: u64,
+    /// Bench time of that step, t_k = k times the period, ns; wall-clock time for [`crate::Health`].
+    pub stamp_ns: u64,
+}
+
+/// Bits of `valid` in [`Imu`], [`Odometry`] and [`Estimate`]: which values are fresh at this step.
+pub mod valid {
+    /// Attitude angles of an [`crate::Imu`], position of an [`crate::Odometry`].
+    pub const FIRST: u32 = 1;
+    /// Angular rates of an [`crate::Imu`], velocity of an [`crate::Odometry`].
+    pub const SECOND: u32 = 2;
+}
+
+/// Bits of `flags` in [`Estimate`], [`Command`] and [`Truth`].
+pub mod flags {
+    /// The estimator has converged from its start.
+    pub const CONVERGED: u32 = 1;
+    /// At least one input stands at its limit.
+    pub const SATURATED: u32 = 2;
+    /// The plant applies its failsafe instead of commands.
+    pub const FAILSAFE: u32 = 4;
+    /// The command of the step before did not arrive in time, or was not usable; the last one is held.
+    pub const HELD: u32 = 8;
+    /// Open loop: the stick passes through, the law is not in charge.
+    pub const MANUAL: u32 = 16;
+}
+
+message! {
+    /// Inertial measurement: attitude and angular rates, as the sensor reports them.
+    Imu on "imu" {
+        /// Roll angle, rad.
+        roll: f64 => "float64",
+        /// Pitch angle, rad.
+        pitch: f64 => "float64",
+        /// Yaw angle, rad.
+        yaw: f64 => "float64",
+        /// Roll rate, rad/s.
+        roll_rate: f64 => "float64",
+        /// Pitch rate, rad/s.
+        pitch_rate: f64 => "float64",
+        /// Yaw rate, rad/s.
+        yaw_rate: f64 => "float64",
+        /// Fresh groups: [`valid::FIRST`] angles, [`valid::SECOND`] rates. A stale group repeats its last value.
+        valid: u32 => "uint32",
+        /// Zero.
+        reserved: u32 => "uint32",
+    }
+}
+
+message! {
+    /// Position and velocity in the horizontal plane and height, as the sensor reports them.
+    Odometry on "odometry" {
+        /// Longitudinal position, m.
+        longitudinal_position: f64 => "float64",
+        /// Lateral position, m.
+        lateral_position: f64 => "float64",
+        /// Height, m.
+        height: f64 => "float64",
+        /// Longitudinal speed, m/s.
+        longitudinal_speed: f64 => "float64",
+        /// Lateral speed, m/s.
+        lateral_speed: f64 => "float64",
+        /// Vertical speed, upwards, m/s.
+        vertical_speed: f64 => "float64",
+        /// Fresh groups: [`valid::FIRST`] positions, [`valid::SECOND`] speeds. A stale group repeats its last value.
+        valid: u32 => "uint32",
+        /// Zero.
+        reserved: u32 => "uint32",
+    }
+}
+
+message! {
+    /// What the estimator believes at step k, after the measurements of step k.
+    Estimate on "estimate" {
+        /// Estimated states in the vehicle's order, SI units; unused ones are zero.
+        x: f64[MAX_STATES] => "float64[16]",
+        /// Standard deviation of the states, SI units.
+        std: f64[MAX_STATES] => "float64[16]",
+        /// Estimated bias of roll, pitch, roll rate and pitch rate, rad and rad/s.
+        bias: f64[4] => "float64[4]",
+        /// Normalised innovation squared of this step's measurements; chi-square with `dof` degrees of freedom.
+        nis: f64 => "float64",
+        /// Degrees of freedom of `nis`: the number of fresh measurements.
+        dof: u32 => "uint32",
+        /// Number of states in use.
+        count: u32 => "uint32",
+        /// [`flags`].
+        flags: u32 => "uint32",
+        /// Zero.
+        reserved: u32 => "uint32",
+    }
+}
+
+message! {
+    /// What the controller asks of the inputs; the plant applies it over `[t_k+1, t_k+2)`.
+    Command on "command" {
+        /// Inputs in the vehicle's order, dimensionless; unused ones are zero.
+        u: f64[MAX_INPUTS] => "float64[8]",
+        /// Number of inputs in use.
+        count: u32 => "uint32",
+        /// [`flags`].
+        flags: u32 => "uint32",
+    }
+}
+
+message! {
+    /// What the controller tracks at this step, or receives from a pilot or planner.
+    Setpoint on "setpoint" {
+        /// Wanted states in the vehicle's order, SI units.
+        x: f64[MAX_STATES] => "float64[16]",
+        /// Stick deflection in the order of the inputs, for open-loop flight.
+        stick: f64[MAX_INPUTS] => "float64[8]",
+        /// Bit i: state i is tracked.
+        tracked: u64 => "uint64",
+    }
+}
+
+message! {
+    /// What the simulated vehicle really does at step k; no real vehicle publishes this.
+    Truth on "truth" {
+        /// States in the vehicle's order, SI units.
+        x: f64[MAX_STATES] => "float64[16]",
+        /// Inputs applied over `[t_k, t_k+1)`, after the plant's limits.
+        u: f64[MAX_INPUTS] => "float64[8]",
+        /// Number of states in use.
+        states: u32 => "uint32",
+        /// Number of inputs in use.
+        inputs: u32 => "uint32",
+        /// [`flags`].
+        flags: u32 => "uint32",
+        /// Zero.
+        reserved: u32 => "uint32",
+    }
+}
+
+message! {
+    /// A disturbance: what is added to the derivative of each state from this step on.
+    Disturbance on "disturbance" {
+        /// Added to the derivative of each state, SI units per second.
+        dx: f64[MAX_STATES] => "float64[16]",
+        /// Number of states in use.
+        count: u32 => "uint32",
+        /// Zero.
+        reserved: u32 => "uint32",
+    }
+}
+
+message! {
+    /// How far the recorder has come; paces a lockstep plant so that no message is lost.
+    Progress on "progress" {
+        /// Messages written since the recorder started.
+        written: u64 => "uint64",
+        /// Messages lost since the recorder started.
+        lost: u64 => "uint64",
+    }
+}

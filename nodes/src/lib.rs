@@ -1,0 +1,1 @@
+//! The processes of a bench: plant, estimator, controller, recorder.

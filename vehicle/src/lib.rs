@@ -1,0 +1,1 @@
+//! What is simulated: state-space models, effects, sensors and vehicle files.
