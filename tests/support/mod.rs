@@ -1,0 +1,185 @@
+//! Runs `whirlstand` as a user would: real processes with a deadline, killed as a group when they hang.
+
+// Every test file compiles this module for itself and uses its own part of it.
+#![allow(dead_code, reason = "shared by test files that each use a part")]
+
+use std::io::{BufRead, BufReader, Read};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use wait_timeout::ChildExt;
+
+/// Longest time that one run may take before it counts as hung.
+pub const HUNG: Duration = Duration::from_secs(120);
+
+/// What a finished command left behind.
+#[derive(Debug)]
+pub struct Finished {
+    pub status: ExitStatus,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Finished {
+    /// Exit code; a signal counts as 128 + its number, as in a shell.
+    pub fn code(&self) -> i32 {
+        self.status.code().unwrap_or_else(|| 128 + self.status.signal().unwrap_or(0))
+    }
+
+    /// This result, after checking that the command ended well.
+    #[track_caller]
+    pub fn success(self) -> Self {
+        assert_eq!(self.code(), 0, "stdout:\n{}\nstderr:\n{}", self.stdout, self.stderr);
+        self
+    }
+}
+
+/// A running command in a process group of its own; dropped, the whole group is killed.
+pub struct Running {
+    child: Child,
+    stdout: Receiver<String>,
+    stderr: Receiver<String>,
+    /// Lines of standard error as they come.
+    pub stderr_lines: Receiver<String>,
+    shown: String,
+}
+
+impl Running {
+    pub fn pid(&self) -> i32 {
+        self.child.id() as i32
+    }
+
+    /// Sends a signal to the command alone, not to its children.
+    pub fn signal(&self, signal: i32) {
+        // SAFETY: kill(2) on a child that is not yet reaped touches no memory of ours.
+        let result = unsafe { libc::kill(self.pid(), signal) };
+        assert_eq!(result, 0, "kill({}, {signal})", self.pid());
+    }
+
+    /// Waits for a line of standard error that contains `text`; fails with what was said when the command ends or hangs.
+    #[track_caller]
+    pub fn wait_for_stderr(&mut self, text: &str) -> String {
+        let until = Instant::now() + HUNG;
+        while let Ok(line) = self.stderr_lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
+            let found = line.contains(text);
+            self.shown.push_str(&line);
+            self.shown.push('\n');
+            if found {
+                return line;
+            }
+        }
+        panic!("no line with {text:?} in:\n{}", self.shown);
+    }
+
+    /// Waits for the end, at most [`HUNG`].
+    #[track_caller]
+    pub fn finish(self) -> Finished {
+        self.finish_within(HUNG)
+    }
+
+    #[track_caller]
+    pub fn finish_within(mut self, limit: Duration) -> Finished {
+        let status = self.child.wait_timeout(limit).expect("wait for the command");
+        let Some(status) = status else {
+            self.kill_group();
+            let (out, err) = (self.stdout.recv().unwrap_or_default(), self.stderr.recv().unwrap_or_default());
+            panic!("hung for {limit:?} and was killed\nstdout:\n{out}\nstderr:\n{err}");
+        };
+        Finished {
+            status,
+            stdout: self.stdout.recv_timeout(HUNG).expect("standard output closes"),
+            stderr: self.stderr.recv_timeout(HUNG).expect("standard error closes"),
+        }
+    }
+
+    fn kill_group(&mut self) {
+        // SAFETY: kill(2) touches no memory of ours; the group is the one that `spawn` made for this child.
+        unsafe { libc::kill(-self.pid(), libc::SIGKILL) };
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.kill_group();
+    }
+}
+
+/// The `whirlstand` command with arguments.
+pub fn whirlstand<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_whirlstand"));
+    command.args(args).env("NO_COLOR", "1");
+    command
+}
+
+/// Starts a command in its own process group, both outputs collected.
+#[track_caller]
+pub fn spawn(mut command: Command) -> Running {
+    let mut child = command
+        .process_group(0)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap_or_else(|e| panic!("{command:?} does not start: {e}"));
+    let (out_tx, stdout) = channel();
+    let (err_tx, stderr) = channel();
+    let (line_tx, stderr_lines) = channel();
+    let mut out = child.stdout.take().expect("piped");
+    std::thread::spawn(move || {
+        let mut text = Vec::new();
+        let _ = out.read_to_end(&mut text);
+        let _ = out_tx.send(String::from_utf8_lossy(&text).into_owned());
+    });
+    let err = BufReader::new(child.stderr.take().expect("piped"));
+    std::thread::spawn(move || {
+        let mut text = String::new();
+        for line in err.lines().map_while(Result::ok) {
+            text.push_str(&line);
+            text.push('\n');
+            let _ = line_tx.send(line);
+        }
+        let _ = err_tx.send(text);
+    });
+    Running { child, stdout, stderr, stderr_lines, shown: String::new() }
+}
+
+/// Runs `whirlstand` to its end.
+#[track_caller]
+pub fn run<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Finished {
+    spawn(whirlstand(args)).finish()
+}
+
+/// Reads a JSON file.
+#[track_caller]
+pub fn json(path: impl AsRef<Path>) -> Value {
+    let path = path.as_ref();
+    let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// The Python that has the packages of the requirements files; `None`, with a word on why, where there is none.
+pub fn python() -> Option<PathBuf> {
+    match std::env::var_os("WHIRLSTAND_PYTHON") {
+        Some(path) if !path.is_empty() => Some(PathBuf::from(path)),
+        _ => {
+            eprintln!("skipped: no WHIRLSTAND_PYTHON");
+            None
+        }
+    }
+}
+
+/// The folder of measured data; `None`, with a word on why, where there is none.
+pub fn data() -> Option<PathBuf> {
+    match std::env::var_os("WHIRLSTAND_DATA") {
+        Some(path) if !path.is_empty() => Some(PathBuf::from(path)),
+        _ => {
+            eprintln!("skipped: no WHIRLSTAND_DATA");
+            None
+        }
+    }
+}
