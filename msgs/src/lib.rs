@@ -18,6 +18,7 @@
 mod define;
 mod health;
 mod types;
+pub mod units;
 mod wire;
 
 pub use define::{Field, Message};

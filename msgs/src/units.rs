@@ -1,0 +1,489 @@
+//! Units: what stands in brackets in a column head, behind a number in a launch file, beside a signal in a
+//! vehicle file. Everything is turned into SI where it is read; angles are in rad.
+//!
+//! A unit is a product of symbols with whole exponents: `deg/s`, `m/s^2`, `kg*m^2`, `N.m`, `V`, `1/s`, `%`.
+//! Everything after a slash divides: `m/s/s` and `m/s*s` are both `m/s^2`. Symbols of SI take the prefixes n, u (or µ), m, c, h, k and M: `ms`, `mrad`, `kHz`. `g` is standard gravity, as in an
+//! accelerometer's data sheet, not gram. No unit, `1` and `-` mean dimensionless.
+//!
+//! ```
+//! use whirlstand_msgs::units::{Quantity, Unit};
+//!
+//! let rate: Unit = "deg/s".parse().unwrap();
+//! assert_eq!(rate.si_symbol(), "rad/s");
+//! assert!((rate.to_si(180.0) - std::f64::consts::PI).abs() < 1e-15);
+//! let tilt: Quantity = "5 deg".parse().unwrap();
+//! assert!((tilt.in_unit(&"rad".parse().unwrap()).unwrap() - 5f64.to_radians()).abs() < 1e-15);
+//! ```
+
+use std::f64::consts::PI;
+use std::fmt;
+use std::str::FromStr;
+
+/// Number of base dimensions.
+const BASES: usize = 7;
+
+/// Symbols of the base dimensions, in the order of [`Dimension`].
+const BASE_SYMBOLS: [&str; BASES] = ["kg", "m", "s", "A", "K", "rad", "samples"];
+
+/// Exponents of mass, length, time, current, temperature, plane angle and sample count.
+///
+/// The angle is kept as a dimension of its own, unlike in SI, so that `roll = "5 m"` is an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Dimension([i8; BASES]);
+
+const NONE: Dimension = Dimension([0; BASES]);
+const LENGTH: Dimension = Dimension([0, 1, 0, 0, 0, 0, 0]);
+const TIME: Dimension = Dimension([0, 0, 1, 0, 0, 0, 0]);
+const ANGLE: Dimension = Dimension([0, 0, 0, 0, 0, 1, 0]);
+const RATE: Dimension = Dimension([0, 0, -1, 0, 0, 1, 0]);
+const FREQUENCY: Dimension = Dimension([0, 0, -1, 0, 0, 0, 0]);
+const SPEED: Dimension = Dimension([0, 1, -1, 0, 0, 0, 0]);
+const ACCELERATION: Dimension = Dimension([0, 1, -2, 0, 0, 0, 0]);
+const FORCE: Dimension = Dimension([1, 1, -2, 0, 0, 0, 0]);
+const PRESSURE: Dimension = Dimension([1, -1, -2, 0, 0, 0, 0]);
+const ENERGY: Dimension = Dimension([1, 2, -2, 0, 0, 0, 0]);
+const POWER: Dimension = Dimension([1, 2, -3, 0, 0, 0, 0]);
+const VOLTAGE: Dimension = Dimension([1, 2, -3, -1, 0, 0, 0]);
+const FLUX: Dimension = Dimension([1, 0, -2, -1, 0, 0, 0]);
+const RESISTANCE: Dimension = Dimension([1, 2, -3, -2, 0, 0, 0]);
+const TEMPERATURE: Dimension = Dimension([0, 0, 0, 0, 1, 0, 0]);
+
+/// Derived SI symbols that read better than their base units.
+const DERIVED: &[(&str, Dimension)] = &[
+    ("N", FORCE),
+    ("V", VOLTAGE),
+    ("W", POWER),
+    ("Pa", PRESSURE),
+    ("T", FLUX),
+    ("ohm", RESISTANCE),
+    // The torque of a rotor, by far the more frequent reading of this dimension on a rig.
+    ("N*m", ENERGY),
+];
+
+/// A symbol of the table: factor and offset to SI, dimension, and whether SI prefixes may stand before it.
+struct Symbol {
+    names: &'static [&'static str],
+    factor: f64,
+    offset: f64,
+    dimension: Dimension,
+    prefixed: bool,
+}
+
+const fn symbol(names: &'static [&'static str], factor: f64, dimension: Dimension) -> Symbol {
+    Symbol { names, factor, offset: 0.0, dimension, prefixed: false }
+}
+
+const fn si(names: &'static [&'static str], factor: f64, dimension: Dimension) -> Symbol {
+    Symbol { names, factor, offset: 0.0, dimension, prefixed: true }
+}
+
+/// Factors: BIPM SI brochure, 9th edition (2019), tables 4, 7 and 8; foot, knot and pound-force from NIST SP 811.
+const SYMBOLS: &[Symbol] = &[
+    symbol(&["1", "-", ""], 1.0, NONE),
+    symbol(&["%", "percent"], 0.01, NONE),
+    si(&["rad", "radian", "radians"], 1.0, ANGLE),
+    symbol(&["deg", "°", "degree", "degrees"], PI / 180.0, ANGLE),
+    symbol(&["cdeg", "centideg"], PI / 18_000.0, ANGLE),
+    symbol(&["rev", "turn", "turns"], 2.0 * PI, ANGLE),
+    symbol(&["rpm", "RPM"], PI / 30.0, RATE),
+    si(&["s", "sec", "second", "seconds"], 1.0, TIME),
+    symbol(&["min", "minute", "minutes"], 60.0, TIME),
+    symbol(&["h", "hour", "hours"], 3600.0, TIME),
+    si(&["Hz"], 1.0, FREQUENCY),
+    symbol(&["sample", "samples"], 1.0, Dimension([0, 0, 0, 0, 0, 0, 1])),
+    si(&["m", "metre", "meter", "metres", "meters"], 1.0, LENGTH),
+    symbol(&["ft", "feet", "foot"], 0.3048, LENGTH),
+    symbol(&["in", "inch"], 0.0254, LENGTH),
+    symbol(&["kt", "kn", "knot", "knots"], 1852.0 / 3600.0, SPEED),
+    symbol(&["g", "gee"], 9.80665, ACCELERATION),
+    symbol(&["kg"], 1.0, Dimension([1, 0, 0, 0, 0, 0, 0])),
+    symbol(&["lb"], 0.453_592_37, Dimension([1, 0, 0, 0, 0, 0, 0])),
+    si(&["N"], 1.0, FORCE),
+    symbol(&["lbf"], 4.448_221_615_260_5, FORCE),
+    si(&["Pa"], 1.0, PRESSURE),
+    symbol(&["bar"], 1e5, PRESSURE),
+    symbol(&["mbar"], 1e2, PRESSURE),
+    si(&["J"], 1.0, ENERGY),
+    si(&["W"], 1.0, POWER),
+    si(&["A"], 1.0, Dimension([0, 0, 0, 1, 0, 0, 0])),
+    si(&["V"], 1.0, VOLTAGE),
+    si(&["ohm", "Ohm", "Ω"], 1.0, RESISTANCE),
+    si(&["T"], 1.0, FLUX),
+    symbol(&["G", "gauss", "Gauss"], 1e-4, FLUX),
+    symbol(&["K", "kelvin"], 1.0, TEMPERATURE),
+    Symbol {
+        names: &["degC", "°C", "celsius"],
+        factor: 1.0,
+        offset: 273.15,
+        dimension: TEMPERATURE,
+        prefixed: false,
+    },
+];
+
+const PREFIXES: &[(&str, f64)] =
+    &[("n", 1e-9), ("u", 1e-6), ("µ", 1e-6), ("m", 1e-3), ("c", 1e-2), ("h", 1e2), ("k", 1e3), ("M", 1e6)];
+
+/// Why a text is not a unit or a quantity.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum UnitError {
+    /// A symbol that the table does not have.
+    #[error(
+        "'{symbol}' in '{text}' is not a known unit; known are for example deg, rad, deg/s, m/s, m/s^2, g, V, N, Hz, rpm, s, ms, samples, %"
+    )]
+    Unknown {
+        /// The symbol.
+        symbol: String,
+        /// The whole text.
+        text: String,
+    },
+    /// An exponent that is not a small whole number.
+    #[error("'{exponent}' in '{text}' is not an exponent: write a whole number from -9 to 9, as in m/s^2")]
+    Exponent {
+        /// What stands behind the caret.
+        exponent: String,
+        /// The whole text.
+        text: String,
+    },
+    /// A scale with its own zero point inside a product.
+    #[error("'{symbol}' has its own zero point and cannot be part of '{text}': use K instead")]
+    Offset {
+        /// The symbol.
+        symbol: String,
+        /// The whole text.
+        text: String,
+    },
+    /// A quantity that does not begin with a finite number.
+    #[error("'{text}' is not a quantity: write a number and a unit, as in \"5 deg\"")]
+    Number {
+        /// The whole text.
+        text: String,
+    },
+    /// A unit of another kind.
+    #[error("'{text}' is in {found}, but a quantity in {expected} is expected here")]
+    Dimension {
+        /// The whole text.
+        text: String,
+        /// Its dimension, as an SI unit.
+        found: String,
+        /// The expected dimension, as an SI unit.
+        expected: String,
+    },
+}
+
+impl Dimension {
+    /// True for a pure number.
+    pub fn is_none(&self) -> bool {
+        *self == NONE
+    }
+
+    fn times(self, other: Self, power: i8) -> Option<Self> {
+        let mut product = self;
+        for (p, o) in product.0.iter_mut().zip(other.0) {
+            *p = p.checked_add(o.checked_mul(power)?)?;
+        }
+        Some(product)
+    }
+}
+
+/// The coherent SI unit, in the syntax that [`Unit`] reads; empty for a pure number.
+impl fmt::Display for Dimension {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some((symbol, _)) = DERIVED.iter().find(|(_, d)| d == self) {
+            return f.write_str(symbol);
+        }
+        let part = |positive: bool| {
+            let sign = if positive { 1 } else { -1 };
+            // The angle and the count of samples are named first: rad/s, not s^-1*rad.
+            [5, 6, 0, 1, 2, 3, 4]
+                .into_iter()
+                .filter(move |&i| self.0[i] * sign > 0)
+                .map(move |i| match self.0[i] * sign {
+                    1 => BASE_SYMBOLS[i].to_string(),
+                    power => format!("{}^{power}", BASE_SYMBOLS[i]),
+                })
+                .collect::<Vec<_>>()
+        };
+        let (over, under) = (part(true), part(false));
+        match (over.is_empty(), under.is_empty()) {
+            (true, true) => Ok(()),
+            (true, false) => write!(f, "1/{}", under.join("/")),
+            (false, true) => f.write_str(&over.join("*")),
+            (false, false) => write!(f, "{}/{}", over.join("*"), under.join("/")),
+        }
+    }
+}
+
+/// A unit: how to reach SI, and what kind of quantity it measures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unit {
+    factor: f64,
+    offset: f64,
+    dimension: Dimension,
+}
+
+impl Unit {
+    /// The pure number.
+    pub const ONE: Self = Self { factor: 1.0, offset: 0.0, dimension: NONE };
+    /// The second.
+    pub const SECOND: Self = Self { factor: 1.0, offset: 0.0, dimension: TIME };
+
+    /// The value in SI of `value` in this unit.
+    pub fn to_si(&self, value: f64) -> f64 {
+        // A unit of SI leaves every bit as it is, NaN payloads and signed zeros too.
+        if self.is_si() { value } else { value * self.factor + self.offset }
+    }
+
+    /// The value in this unit of `value` in SI.
+    pub fn from_si(&self, value: f64) -> f64 {
+        if self.is_si() { value } else { (value - self.offset) / self.factor }
+    }
+
+    /// True when values need no conversion.
+    pub fn is_si(&self) -> bool {
+        self.factor == 1.0 && self.offset == 0.0
+    }
+
+    /// How many SI units this one is, the zero point aside: what a slope or a standard deviation is multiplied by.
+    pub fn factor(&self) -> f64 {
+        self.factor
+    }
+
+    /// What kind of quantity the unit measures.
+    pub fn dimension(&self) -> Dimension {
+        self.dimension
+    }
+
+    /// The coherent SI unit of the same dimension, empty for a pure number.
+    pub fn si_symbol(&self) -> String {
+        self.dimension.to_string()
+    }
+}
+
+impl FromStr for Unit {
+    type Err = UnitError;
+
+    fn from_str(text: &str) -> Result<Self, UnitError> {
+        let trimmed = text.trim();
+        if let Some(whole) = lookup(trimmed) {
+            return Ok(whole);
+        }
+        let mut unit = Self::ONE;
+        let mut rest = trimmed;
+        let mut over = true;
+        loop {
+            let end = rest.find(['/', '*', '.', '·']).unwrap_or(rest.len());
+            unit = unit.multiplied(rest[..end].trim(), over, trimmed)?;
+            let mut tail = rest[end..].chars();
+            match tail.next() {
+                None => return Ok(unit),
+                Some('/') => over = false,
+                // A product sign keeps the side: in kg*m/s*s the last s is under the slash, as most people write it.
+                Some(_) => {}
+            }
+            rest = tail.as_str();
+        }
+    }
+}
+
+impl Unit {
+    fn multiplied(self, factor: &str, over: bool, text: &str) -> Result<Self, UnitError> {
+        let (name, exponent) = split_exponent(factor);
+        let wrong = || UnitError::Exponent { exponent: exponent.unwrap_or("").into(), text: text.into() };
+        let power = match exponent {
+            None => 1,
+            Some(digits) => digits.parse::<i8>().ok().filter(|p| (-9..=9).contains(p)).ok_or_else(wrong)?,
+        };
+        let power = if over { power } else { -power };
+        let symbol = match name {
+            "" => None,
+            name => lookup(name),
+        }
+        .ok_or_else(|| UnitError::Unknown { symbol: name.into(), text: text.into() })?;
+        if symbol.offset != 0.0 {
+            return Err(UnitError::Offset { symbol: name.into(), text: text.into() });
+        }
+        let dimension = self.dimension.times(symbol.dimension, power).ok_or_else(wrong)?;
+        Ok(Self { factor: self.factor * symbol.factor.powi(power.into()), offset: 0.0, dimension })
+    }
+}
+
+/// `m^2`, `m2` and `m²` are `m` with exponent 2.
+fn split_exponent(factor: &str) -> (&str, Option<&str>) {
+    if let Some((name, exponent)) = factor.split_once('^').or_else(|| factor.split_once("**")) {
+        return (name.trim(), Some(exponent.trim()));
+    }
+    for (sign, digits) in [("²", "2"), ("³", "3")] {
+        if let Some(name) = factor.strip_suffix(sign) {
+            return (name, Some(digits));
+        }
+    }
+    let name = factor.trim_end_matches(|c: char| c.is_ascii_digit() || c == '-');
+    if name.is_empty() || name.len() == factor.len() {
+        (factor, None)
+    } else {
+        (name, Some(&factor[name.len()..]))
+    }
+}
+
+fn lookup(name: &str) -> Option<Unit> {
+    let find = |name: &str, prefixed: bool| {
+        SYMBOLS.iter().find(|s| s.names.contains(&name) && (!prefixed || s.prefixed && !name.is_empty()))
+    };
+    if let Some(s) = find(name, false) {
+        return Some(Unit { factor: s.factor, offset: s.offset, dimension: s.dimension });
+    }
+    PREFIXES.iter().find_map(|(prefix, scale)| {
+        let s = find(name.strip_prefix(prefix)?, true)?;
+        Some(Unit { factor: scale * s.factor, offset: 0.0, dimension: s.dimension })
+    })
+}
+
+/// A number with its unit, for example `5 deg`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quantity {
+    /// Value in the coherent SI unit of `unit`.
+    pub si: f64,
+    /// The unit it was written in.
+    pub unit: Unit,
+    text: String,
+}
+
+impl Quantity {
+    /// The value in `unit`.
+    ///
+    /// # Errors
+    /// [`UnitError::Dimension`] when the two measure different things.
+    pub fn in_unit(&self, unit: &Unit) -> Result<f64, UnitError> {
+        if self.unit.dimension == unit.dimension {
+            return Ok(unit.from_si(self.si));
+        }
+        let name = |d: Dimension| if d.is_none() { "no unit".to_string() } else { d.to_string() };
+        Err(UnitError::Dimension {
+            text: self.text.clone(),
+            found: name(self.unit.dimension),
+            expected: name(unit.dimension),
+        })
+    }
+}
+
+impl FromStr for Quantity {
+    type Err = UnitError;
+
+    fn from_str(text: &str) -> Result<Self, UnitError> {
+        let trimmed = text.trim();
+        // The longest prefix that is a number: 'e' may belong to it (1e3 m) or not (5 e...), so try from the end.
+        let ends = trimmed.char_indices().map(|(i, _)| i).chain([trimmed.len()]).rev();
+        let (value, end) = ends
+            .filter_map(|end| Some((trimmed[..end].trim_end().parse::<f64>().ok()?, end)))
+            .find(|(value, _)| value.is_finite())
+            .ok_or_else(|| UnitError::Number { text: trimmed.into() })?;
+        let unit: Unit = trimmed[end..].parse()?;
+        Ok(Self { si: unit.to_si(value), unit, text: trimmed.into() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn si(text: &str) -> (f64, String) {
+        let unit: Unit = text.parse().unwrap_or_else(|e| panic!("{e}"));
+        (unit.to_si(1.0), unit.si_symbol())
+    }
+
+    #[test]
+    fn units_of_flight_records_reach_si() {
+        let cases: &[(&str, f64, &str)] = &[
+            ("", 1.0, ""),
+            ("1", 1.0, ""),
+            ("-", 1.0, ""),
+            ("%", 0.01, ""),
+            ("deg", PI / 180.0, "rad"),
+            ("deg/s", PI / 180.0, "rad/s"),
+            ("deg/s^2", PI / 180.0, "rad/s^2"),
+            ("rad/s", 1.0, "rad/s"),
+            ("mrad", 1e-3, "rad"),
+            ("rpm", PI / 30.0, "rad/s"),
+            ("g", 9.80665, "m/s^2"),
+            ("m/s", 1.0, "m/s"),
+            ("m/s/s", 1.0, "m/s^2"),
+            ("m/s2", 1.0, "m/s^2"),
+            ("m s^-2", f64::NAN, ""),
+            ("m*s^-2", 1.0, "m/s^2"),
+            ("cm/s", 0.01, "m/s"),
+            ("kt", 1852.0 / 3600.0, "m/s"),
+            ("V", 1.0, "V"),
+            ("mV", 1e-3, "V"),
+            ("N", 1.0, "N"),
+            ("N.m", 1.0, "N*m"),
+            ("N*m", 1.0, "N*m"),
+            ("kg*m^2", 1.0, "kg*m^2"),
+            ("samples", 1.0, "samples"),
+            ("ms", 1e-3, "s"),
+            ("us", 1e-6, "s"),
+            ("µs", 1e-6, "s"),
+            ("min", 60.0, "s"),
+            ("kHz", 1e3, "1/s"),
+            ("1/s", 1.0, "1/s"),
+            ("deg C", f64::NAN, ""),
+            ("hPa", 100.0, "Pa"),
+            ("gauss", 1e-4, "T"),
+            ("degC", 274.15, "K"),
+        ];
+        for (text, factor, symbol) in cases {
+            if factor.is_nan() {
+                assert!(text.parse::<Unit>().is_err(), "{text}");
+                continue;
+            }
+            let (found, si_symbol) = si(text);
+            assert!((found - factor).abs() <= 4.0 * f64::EPSILON * factor, "{text}: {found}");
+            assert_eq!(si_symbol, *symbol, "{text}");
+        }
+    }
+
+    #[test]
+    fn errors_say_which_symbol_is_wrong() {
+        let error = "furlong/s".parse::<Unit>().unwrap_err();
+        assert!(matches!(&error, UnitError::Unknown { symbol, .. } if symbol == "furlong"), "{error}");
+        assert!(matches!("m^x".parse::<Unit>(), Err(UnitError::Exponent { .. })));
+        assert!(matches!("degC/s".parse::<Unit>(), Err(UnitError::Offset { .. })));
+        assert!(matches!("m/".parse::<Unit>(), Err(UnitError::Unknown { .. })));
+    }
+
+    #[test]
+    fn quantities_carry_their_dimension() {
+        let rad: Unit = "rad".parse().unwrap();
+        let tilt: Quantity = "5 deg".parse().unwrap();
+        assert_eq!(tilt.in_unit(&rad).unwrap(), 5.0 * (PI / 180.0));
+        assert_eq!("-3.5e-2m/s".parse::<Quantity>().unwrap().si, -0.035);
+        assert_eq!("12".parse::<Quantity>().unwrap().in_unit(&Unit::ONE).unwrap(), 12.0);
+        let error = "5 m".parse::<Quantity>().unwrap().in_unit(&rad).unwrap_err();
+        assert_eq!(error.to_string(), "'5 m' is in m, but a quantity in rad is expected here");
+        assert!(matches!("deg 5".parse::<Quantity>(), Err(UnitError::Number { .. })));
+        assert!(matches!("inf m".parse::<Quantity>(), Err(UnitError::Number { .. })));
+    }
+
+    proptest! {
+        #[test]
+        fn an_si_symbol_reads_back_as_the_same_dimension(powers in prop::array::uniform7(-3i8..4)) {
+            let dimension = Dimension(powers);
+            let unit: Unit = dimension.to_string().parse().unwrap();
+            prop_assert_eq!(unit.dimension(), dimension);
+            prop_assert!(unit.is_si());
+        }
+
+        #[test]
+        fn from_si_undoes_to_si(value in -1e6f64..1e6, index in 0usize..SYMBOLS.len()) {
+            let unit: Unit = SYMBOLS[index].names[0].parse().unwrap();
+            let back = unit.from_si(unit.to_si(value));
+            prop_assert!((back - value).abs() <= 1e-9 * (1.0 + value.abs()), "{} {}", value, back);
+        }
+
+        #[test]
+        fn any_text_is_a_unit_or_an_error(text in "\\PC{0,12}") {
+            let _ = text.parse::<Unit>();
+            let _ = text.parse::<Quantity>();
+        }
+    }
+}
