@@ -1,0 +1,297 @@
+//! What a node is told when it starts: one [`NodeConfig`] for all nodes of a bench, as JSON.
+//!
+//! The launcher makes it from a launch file and hands every child the same text; a node by hand on another
+//! host reads it from a file. All numbers are SI. Unknown keys are refused.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use whirlstand_bus::{Transport, ZenohConfig};
+use whirlstand_vehicle::Effect;
+
+/// Everything that a node needs to know about its bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NodeConfig {
+    /// Name of the bench; topics live under it.
+    pub bench: String,
+    /// How messages travel.
+    #[serde(default = "iceoryx2")]
+    pub transport: Transport,
+    /// Endpoints and options of Zenoh; unused by the other transports.
+    #[serde(default)]
+    pub zenoh: ZenohConfig,
+    /// The vehicle file, as text.
+    pub vehicle: VehicleSource,
+    /// Effects of the launch file, appended to the vehicle's own; only the plant knows them.
+    #[serde(default)]
+    pub effects: Vec<Effect>,
+    /// Who sets the pace.
+    pub mode: Mode,
+    /// Period of the loop, ns of bench time.
+    pub period_ns: u64,
+    /// Number of steps of the run: steps 0 to `steps - 1`.
+    pub steps: u64,
+    /// Seed of every random stream.
+    pub seed: u64,
+    /// Native nodes whose `Health` must be heard before step 0, by role (`estimator`, `controller`, `recorder`).
+    /// A node run by a foreign program is left out: the plant then repeats step 0 until it is answered.
+    #[serde(default = "native_peers")]
+    pub peers: Vec<Role>,
+    /// How long the plant waits for its peers and for the answer to step 0, s of wall-clock time.
+    #[serde(default = "start_timeout")]
+    pub start_timeout_s: f64,
+    /// Publish `Truth`, `Setpoint` and `Disturbance`. The recorder needs them; a run without it is faster
+    /// without them.
+    #[serde(default = "yes")]
+    pub telemetry: bool,
+    /// Plant options.
+    #[serde(default)]
+    pub plant: PlantConfig,
+    /// Estimator options.
+    #[serde(default)]
+    pub estimator: EstimatorConfig,
+    /// Controller options.
+    pub controller: ControllerConfig,
+    /// Recorder options; absent: the run keeps no log.
+    #[serde(default)]
+    pub recorder: Option<RecorderConfig>,
+    /// Steps of the reference, in time order.
+    #[serde(default)]
+    pub setpoint: Vec<SignalChange>,
+    /// Steps of the stick, in time order, by input name; flown by the law `manual`.
+    #[serde(default)]
+    pub stick: Vec<SignalChange>,
+    /// Operating-system options by role; a role left out runs as an ordinary process.
+    #[serde(default)]
+    pub realtime: BTreeMap<Role, RealtimeOptions>,
+}
+
+/// A vehicle file's text and where it came from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VehicleSource {
+    /// File name or built-in name, for error texts.
+    pub origin: String,
+    /// The file's text.
+    pub text: String,
+}
+
+/// Who sets the pace of the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// The plant wakes at absolute deadlines; a late command is a deadline miss.
+    Realtime,
+    /// The plant waits for each command; as fast as the processes can go.
+    Lockstep,
+}
+
+/// A node's part in the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Simulates the vehicle and sets the pace.
+    Plant,
+    /// Turns measurements into estimated states.
+    Estimator,
+    /// Turns estimated states into commands.
+    Controller,
+    /// Writes the log.
+    Recorder,
+}
+
+/// Options of the plant.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlantConfig {
+    /// State of the engine, which sets the amplitude of the vibration.
+    pub engine: Engine,
+    /// Initial states by name, SI; the others are zero.
+    pub initial: BTreeMap<String, f64>,
+    /// Consecutive deadline misses after which a realtime plant goes to its failsafe.
+    pub misses_to_failsafe: u32,
+    /// How long a lockstep plant waits for a command, s of wall-clock time.
+    pub lockstep_timeout_s: f64,
+    /// How long a lockstep plant waits for a recorder that has fallen behind, s of wall-clock time.
+    pub recorder_timeout_s: f64,
+    /// Listen on topic `inject` for disturbances from outside.
+    pub inject: bool,
+}
+
+/// State of the engine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Engine {
+    /// Nothing turns.
+    Off,
+    /// Running on the ground.
+    On,
+    /// In flight.
+    Flying,
+}
+
+/// Options of the estimator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EstimatorConfig {
+    /// Which filter runs.
+    pub kind: EstimatorKind,
+    /// Estimate constant biases of attitude and rates as well.
+    pub bias: bool,
+    /// Standard deviation of the process noise by state name, SI units per square root of a second; a state
+    /// left out takes the filter's default.
+    pub process_noise: BTreeMap<String, f64>,
+}
+
+/// Which filter the estimator runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EstimatorKind {
+    /// Integrates rates from attitude alone, without the vehicle's model.
+    Kinematic,
+    /// Uses the vehicle's model and its inputs.
+    Model,
+}
+
+/// Options of the controller. Options of other laws than `law` are allowed and unused, so that variants of a
+/// launch file can change the law alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControllerConfig {
+    /// The law.
+    pub law: LawKind,
+    /// LQR and sliding surface: weight of a state by name (diagonal of Q); others keep the default.
+    #[serde(default)]
+    pub q: BTreeMap<String, f64>,
+    /// LQR: weight of an input by name (diagonal of R); others keep the default.
+    #[serde(default)]
+    pub r: BTreeMap<String, f64>,
+    /// Outputs whose tracking error is integrated.
+    #[serde(default)]
+    pub integral: Vec<String>,
+    /// PPC: continuous-time closed-loop poles, `[real, imaginary]`, 1/s, conjugates both given.
+    #[serde(default)]
+    pub poles: Option<Vec<[f64; 2]>>,
+    /// PPC without `poles`: all poles at least this fast, rad/s.
+    #[serde(default)]
+    pub bandwidth: Option<f64>,
+    /// SMC: half-width of the boundary layer, in units of the sliding variable.
+    #[serde(default)]
+    pub boundary_layer: Option<f64>,
+    /// SMC: gain of the switching term.
+    #[serde(default)]
+    pub gain: Option<f64>,
+    /// SMC: super-twisting instead of a boundary layer.
+    #[serde(default)]
+    pub super_twisting: bool,
+    /// Listen on topic `pilot` for setpoints from outside; the newest one replaces the profile.
+    #[serde(default)]
+    pub pilot: bool,
+}
+
+/// The control laws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LawKind {
+    /// Linear-quadratic regulator.
+    Lqr,
+    /// Pole placement control.
+    Ppc,
+    /// Sliding-mode control.
+    Smc,
+    /// Open loop: the stick passes through.
+    Manual,
+}
+
+/// Options of the recorder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecorderConfig {
+    /// The log, for example `out/log.mcap`; a restarted recorder writes `out/log.2.mcap`, and so on.
+    pub path: String,
+    /// The launch file's text, kept inside the log.
+    #[serde(default)]
+    pub launch_text: String,
+    /// Version of the program, kept inside the log.
+    #[serde(default)]
+    pub version: String,
+}
+
+/// New values of named signals from a time on; a signal not named keeps its value.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SignalChange {
+    /// Bench time, s.
+    pub at_s: f64,
+    /// Values by signal name, SI.
+    pub values: BTreeMap<String, f64>,
+}
+
+/// What a node asks of the operating system.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RealtimeOptions {
+    /// Priority under `SCHED_FIFO`, 1 to 99.
+    pub priority: Option<u8>,
+    /// CPUs that the node may run on; empty: all.
+    pub cpus: Vec<usize>,
+    /// Lock all memory (`mlockall`), so that no page fault can delay a step.
+    pub lock_memory: bool,
+}
+
+impl Default for PlantConfig {
+    fn default() -> Self {
+        Self {
+            engine: Engine::Flying,
+            initial: BTreeMap::new(),
+            misses_to_failsafe: 5,
+            lockstep_timeout_s: 0.25,
+            recorder_timeout_s: 5.0,
+            inject: false,
+        }
+    }
+}
+
+impl Default for EstimatorConfig {
+    fn default() -> Self {
+        Self { kind: EstimatorKind::Model, bias: false, process_noise: BTreeMap::new() }
+    }
+}
+
+impl Role {
+    /// Every role, in the order in which a step passes them.
+    pub const ALL: [Self; 4] = [Self::Plant, Self::Estimator, Self::Controller, Self::Recorder];
+
+    /// The name on the command line, in launch files and in `Health`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Estimator => "estimator",
+            Self::Controller => "controller",
+            Self::Recorder => "recorder",
+        }
+    }
+}
+
+impl std::fmt::Display for Role {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+fn iceoryx2() -> Transport {
+    Transport::Iceoryx2
+}
+
+fn native_peers() -> Vec<Role> {
+    vec![Role::Estimator, Role::Controller]
+}
+
+fn start_timeout() -> f64 {
+    10.0
+}
+
+fn yes() -> bool {
+    true
+}
