@@ -1,1 +1,53 @@
 //! How messages travel: one publish/subscribe interface over iceoryx2, Zenoh and in-process.
+//!
+//! A node joins a bench, opens publishers and subscribers of message types, and waits for what it needs. Which
+//! transport carries the messages is a setting, not code.
+//!
+//! ```
+//! use std::time::{Duration, Instant};
+//! use whirlstand_bus::{Bus, BusConfig, Transport};
+//! use whirlstand_msgs::{Imu, Message};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let bus = Bus::open(&BusConfig::new("example", "echo", Transport::Inproc))?;
+//! let mut imus = bus.subscriber::<Imu>(8)?;
+//! let mut sensor = bus.publisher::<Imu>()?;
+//! sensor.send(&Imu { roll: 0.1, ..Imu::zeroed() })?;
+//!
+//! let mut imu = None;
+//! let soon = Instant::now() + Duration::from_secs(1);
+//! bus.wait_until(soon, || {
+//!     imu = imus.try_recv()?;
+//!     Ok::<_, whirlstand_bus::RecvError>(imu.is_some())
+//! })?;
+//! assert_eq!(imu.ok_or("nothing came")?.roll, 0.1);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! The rules hold on every transport, and one conformance suite shows them:
+//! - topics live under the bench's name; two benches never meet;
+//! - any number of nodes publish on and subscribe to a topic; the messages of one publisher stay in order;
+//! - a subscriber receives what is published from its opening on, nothing from before;
+//! - sending waits for nobody; a full queue loses its oldest message and counts it;
+//! - a node that is killed disturbs nobody, and can be started again;
+//! - a node with another version of a message is refused: see [`OpenError::Schema`] and [`RecvError::Refused`].
+
+mod bus;
+mod config;
+mod error;
+mod inproc;
+mod lost;
+mod network;
+mod park;
+mod presence;
+mod shared_memory;
+
+pub use bus::{Bus, Publisher, Subscriber};
+pub use config::{BusConfig, MAX_NAME, Transport, UnknownTransport, WaitStrategy, ZenohConfig};
+pub use error::{OpenError, RecvError, ResidueError, SendError};
+pub use network::key_expression;
+pub use presence::{Residue, remove_residue};
+pub use shared_memory::{
+    MAX_DEPTH, MAX_NODES, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SCHEMA_ATTRIBUTE, service_name,
+};

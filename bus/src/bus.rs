@@ -1,0 +1,284 @@
+//! The one interface over the three transports.
+
+use std::cell::Cell;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use whirlstand_msgs::Message;
+
+use crate::config::check_name;
+use crate::park::{Region, TopicBit};
+use crate::{
+    BusConfig, MAX_DEPTH, OpenError, RecvError, SendError, Transport, WaitStrategy, inproc, network,
+    shared_memory,
+};
+
+/// A node's membership in a bench. It and its ports stay on the thread that opened them; another thread opens
+/// its own.
+pub struct Bus {
+    shared: Rc<Shared>,
+    wait: WaitStrategy,
+}
+
+/// What the bus and its ports hold together.
+struct Shared {
+    medium: Medium,
+    slot: usize,
+    /// Topic words of all subscribers, as a bit set.
+    heard: Cell<u64>,
+}
+
+enum Medium {
+    Iceoryx2(Rc<shared_memory::Member>),
+    Zenoh(Rc<network::Member>),
+    Inproc(Arc<inproc::Bench>),
+}
+
+impl Shared {
+    fn region(&self) -> &Region {
+        match &self.medium {
+            Medium::Iceoryx2(member) => member.region(),
+            Medium::Zenoh(member) => member.region(),
+            Medium::Inproc(bench) => bench.region(),
+        }
+    }
+}
+
+impl Drop for Shared {
+    fn drop(&mut self) {
+        self.region().free_slot(self.slot);
+    }
+}
+
+impl Bus {
+    /// Joins a bench.
+    ///
+    /// # Errors
+    /// [`OpenError`] for an impossible name, a bad Zenoh configuration or a transport that refuses.
+    pub fn open(config: &BusConfig) -> Result<Self, OpenError> {
+        check_name("bench", &config.bench)?;
+        check_name("node", &config.node)?;
+        let medium = match config.transport {
+            Transport::Iceoryx2 => Medium::Iceoryx2(shared_memory::Member::open(config)?),
+            Transport::Zenoh => Medium::Zenoh(network::Member::open(config)?),
+            Transport::Inproc => Medium::Inproc(inproc::Bench::open(&config.bench)),
+        };
+        let mut shared = Shared { medium, slot: 0, heard: Cell::new(0) };
+        shared.slot = shared.region().take_slot();
+        Ok(Self { shared: Rc::new(shared), wait: config.wait })
+    }
+
+    /// Endpoints on which this node listens; empty unless the transport is Zenoh.
+    pub fn locators(&self) -> &[String] {
+        match &self.shared.medium {
+            Medium::Zenoh(member) => member.locators(),
+            Medium::Iceoryx2(_) | Medium::Inproc(_) => &[],
+        }
+    }
+
+    /// Publishes on the message's own topic.
+    ///
+    /// # Errors
+    /// [`OpenError::Schema`] when the topic is in use with another version of the message.
+    pub fn publisher<M: Message>(&self) -> Result<Publisher<M>, OpenError> {
+        self.publisher_on(M::TOPIC)
+    }
+
+    /// Publishes on another topic of the same type.
+    ///
+    /// # Errors
+    /// As [`Self::publisher`], and [`OpenError::Name`] for an impossible topic.
+    pub fn publisher_on<M: Message>(&self, topic: &str) -> Result<Publisher<M>, OpenError> {
+        check_name("topic", topic)?;
+        let port = match &self.shared.medium {
+            Medium::Iceoryx2(member) => PublisherPort::Iceoryx2(member.publisher(topic)?),
+            Medium::Zenoh(member) => PublisherPort::Zenoh(member.publisher(topic)?),
+            Medium::Inproc(bench) => PublisherPort::Inproc(bench.publisher(topic)?),
+        };
+        Ok(Publisher {
+            port,
+            topic: topic.into(),
+            bit: TopicBit::of(topic),
+            seq: 0,
+            shared: self.shared.clone(),
+        })
+    }
+
+    /// Subscribes to the message's own topic: receives what is published from now on, nothing from before. The
+    /// queue holds `depth` messages; when it is full the oldest goes, and counts as lost.
+    ///
+    /// # Errors
+    /// [`OpenError::Schema`] when the topic is in use with another version of the message (over Zenoh that shows
+    /// only when a message arrives, see [`RecvError::Refused`]), [`OpenError::Depth`] for a depth of 0 or above
+    /// [`MAX_DEPTH`].
+    pub fn subscriber<M: Message>(&self, depth: usize) -> Result<Subscriber<M>, OpenError> {
+        self.subscriber_on(M::TOPIC, depth)
+    }
+
+    /// Subscribes to another topic of the same type.
+    ///
+    /// # Errors
+    /// As [`Self::subscriber`], and [`OpenError::Name`] for an impossible topic.
+    pub fn subscriber_on<M: Message>(&self, topic: &str, depth: usize) -> Result<Subscriber<M>, OpenError> {
+        check_name("topic", topic)?;
+        if depth == 0 || depth > MAX_DEPTH {
+            return Err(OpenError::Depth { topic: topic.into(), depth, max: MAX_DEPTH });
+        }
+        let port = match &self.shared.medium {
+            Medium::Iceoryx2(member) => SubscriberPort::Iceoryx2(member.subscriber(topic, depth)?),
+            Medium::Zenoh(member) => SubscriberPort::Zenoh(member.subscriber(topic, depth)?),
+            Medium::Inproc(bench) => SubscriberPort::Inproc(bench.subscriber(topic, depth)?),
+        };
+        let heard = &self.shared.heard;
+        heard.set(heard.get() | TopicBit::of(topic).mask());
+        Ok(Subscriber { port, topic: topic.into(), _shared: self.shared.clone() })
+    }
+
+    /// Waits until `ready` says yes: looks, yields, then sleeps as [`BusConfig::wait`] says, and looks again after
+    /// every publication on a topic this node subscribes to. Looks at least once, also when the deadline is over.
+    /// Returns whether `ready` said yes in time.
+    ///
+    /// # Errors
+    /// What `ready` returns.
+    pub fn wait_until<E>(
+        &self,
+        deadline: Instant,
+        mut ready: impl FnMut() -> Result<bool, E>,
+    ) -> Result<bool, E> {
+        for _ in 0..self.wait.spin {
+            if ready()? {
+                return Ok(true);
+            }
+            std::hint::spin_loop();
+        }
+        let mut start = None;
+        loop {
+            if ready()? {
+                return Ok(true);
+            }
+            let now = Instant::now();
+            if now >= deadline {
+                return Ok(false);
+            }
+            if now - *start.get_or_insert(now) >= self.wait.yield_for {
+                break;
+            }
+            std::thread::yield_now();
+        }
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left == Duration::ZERO {
+                return ready();
+            }
+            let timeout = left.min(self.wait.sleep);
+            if self.shared.region().sleep(self.shared.slot, self.shared.heard.get(), timeout, &mut ready)? {
+                return Ok(true);
+            }
+            if ready()? {
+                return Ok(true);
+            }
+        }
+    }
+}
+
+/// Publishes messages of one type on one topic.
+pub struct Publisher<M: Message> {
+    port: PublisherPort<M>,
+    topic: String,
+    bit: TopicBit,
+    seq: u64,
+    shared: Rc<Shared>,
+}
+
+enum PublisherPort<M: Message> {
+    Iceoryx2(shared_memory::Publisher<M>),
+    Zenoh(network::Publisher),
+    Inproc(inproc::Publisher<M>),
+}
+
+impl<M: Message> Publisher<M> {
+    /// Publishes a copy of the message whose `head.seq` counts this publisher's messages, from 0; the rest
+    /// of the message travels as it is.
+    ///
+    /// Does not wait for subscribers. Over shared memory and in-process it neither waits nor allocates; over Zenoh
+    /// it can wait up to 1 ms once when a link becomes congested, and then drops until the link is free again.
+    ///
+    /// # Errors
+    /// [`SendError`] when the transport fails. The sequence number is used up all the same.
+    pub fn send(&mut self, message: &M) -> Result<(), SendError> {
+        let mut message = *message;
+        message.head_mut().seq = self.seq;
+        self.seq += 1;
+        match &mut self.port {
+            PublisherPort::Iceoryx2(port) => port.send(&self.topic, &message)?,
+            PublisherPort::Inproc(port) => port.send(&message),
+            // The receiving side of the network wakes its own process.
+            PublisherPort::Zenoh(port) => return port.send(&self.topic, &message),
+        }
+        self.shared.region().wake(self.bit);
+        Ok(())
+    }
+
+    /// Whether anybody subscribes to the topic now. Over shared memory a killed subscriber counts until its remains
+    /// are cleaned up.
+    ///
+    /// # Errors
+    /// [`SendError`] when the transport cannot tell.
+    pub fn has_subscribers(&mut self) -> Result<bool, SendError> {
+        match &mut self.port {
+            PublisherPort::Iceoryx2(port) => Ok(port.has_subscribers()),
+            PublisherPort::Zenoh(port) => port.has_subscribers(&self.topic),
+            PublisherPort::Inproc(port) => Ok(port.has_subscribers()),
+        }
+    }
+
+    /// The topic's name.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+}
+
+/// Receives the messages of one type on one topic.
+pub struct Subscriber<M: Message> {
+    port: SubscriberPort<M>,
+    topic: String,
+    _shared: Rc<Shared>,
+}
+
+enum SubscriberPort<M: Message> {
+    Iceoryx2(shared_memory::Subscriber<M>),
+    Zenoh(network::Subscriber<M>),
+    Inproc(inproc::Subscriber<M>),
+}
+
+impl<M: Message> Subscriber<M> {
+    /// Takes the oldest waiting message, `None` when there is none. Never waits. The messages of one publisher come
+    /// in the order in which they were sent.
+    ///
+    /// # Errors
+    /// [`RecvError::Refused`] once for each message of another version or with damaged content: the message
+    /// is dropped and the next call goes on. [`RecvError::Transport`] when the transport fails.
+    pub fn try_recv(&mut self) -> Result<Option<M>, RecvError> {
+        match &mut self.port {
+            SubscriberPort::Iceoryx2(port) => port.try_recv(&self.topic),
+            SubscriberPort::Zenoh(port) => port.try_recv(&self.topic),
+            SubscriberPort::Inproc(port) => Ok(port.try_recv()),
+        }
+    }
+
+    /// Messages that were published while this subscriber was there and that it will never receive. A loss is
+    /// counted at the latest when a later message of the same publisher is received.
+    pub fn lost(&self) -> u64 {
+        match &self.port {
+            SubscriberPort::Iceoryx2(port) => port.lost(),
+            SubscriberPort::Zenoh(port) => port.lost(),
+            SubscriberPort::Inproc(port) => port.lost(),
+        }
+    }
+
+    /// The topic's name.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+}

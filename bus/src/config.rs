@@ -1,0 +1,173 @@
+//! What a node says when it joins a bench.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::OpenError;
+
+/// Longest name of a bench, a node or a topic, bytes: file names of shared memory are built from it.
+pub const MAX_NAME: usize = 48;
+
+/// How a node joins a bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BusConfig {
+    /// Name of the bench: letters, digits, `_`, `-` and `.`, at most [`MAX_NAME`] bytes. Benches of different
+    /// names never meet.
+    pub bench: String,
+    /// Name of this node, same letters; for people and tools that look at the bench.
+    pub node: String,
+    /// What carries the messages.
+    pub transport: Transport,
+    /// Settings of [`Transport::Zenoh`]; the others ignore them.
+    #[serde(default)]
+    pub zenoh: ZenohConfig,
+    /// How [`crate::Bus::wait_until`] waits.
+    #[serde(default)]
+    pub wait: WaitStrategy,
+}
+
+impl BusConfig {
+    /// A node of a bench, everything else at its default.
+    pub fn new(bench: impl Into<String>, node: impl Into<String>, transport: Transport) -> Self {
+        Self {
+            bench: bench.into(),
+            node: node.into(),
+            transport,
+            zenoh: ZenohConfig::default(),
+            wait: WaitStrategy::default(),
+        }
+    }
+}
+
+/// What carries the messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Transport {
+    /// Shared memory between processes of one machine.
+    #[default]
+    Iceoryx2,
+    /// TCP, TLS or UDP between processes of any machines.
+    Zenoh,
+    /// Between threads, or within one thread, of one process.
+    Inproc,
+}
+
+impl Transport {
+    /// Every transport.
+    pub const ALL: [Self; 3] = [Self::Iceoryx2, Self::Zenoh, Self::Inproc];
+}
+
+impl fmt::Display for Transport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Iceoryx2 => "iceoryx2",
+            Self::Zenoh => "zenoh",
+            Self::Inproc => "inproc",
+        })
+    }
+}
+
+impl FromStr for Transport {
+    type Err = UnknownTransport;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::ALL.into_iter().find(|t| t.to_string() == text).ok_or_else(|| UnknownTransport(text.into()))
+    }
+}
+
+/// A transport that does not exist.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("there is no transport \"{0}\": it must be iceoryx2, zenoh or inproc")]
+pub struct UnknownTransport(String);
+
+/// Where a node listens and to whom it connects over Zenoh.
+///
+/// A node is a Zenoh peer that scouts nothing. Peers do not forward for each other, so every node must be
+/// connected to every other that it exchanges messages with: give each node its own `listen` endpoint and let
+/// it `connect` to those of the nodes before it.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ZenohConfig {
+    /// Endpoints to listen on, such as `tcp/127.0.0.1:7447`; port 0 takes a free one, told by
+    /// [`crate::Bus::locators`]. Empty: those of `config`, or else `tcp/127.0.0.1:0`.
+    pub listen: Vec<String>,
+    /// Endpoints to connect to, retried until they answer. Empty: those of `config`.
+    pub connect: Vec<String>,
+    /// Zenoh's own configuration file (JSON5), merged over Whirlstand's defaults: TLS, access control,
+    /// scouting and all else that Zenoh knows.
+    pub config: Option<PathBuf>,
+}
+
+/// How a node waits: it looks again at once, then lets others run between looks, then sleeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WaitStrategy {
+    /// Looks before the first yield, with a processor pause in between.
+    pub spin: u32,
+    /// For how long to look with a yield of the processor in between.
+    pub yield_for: Duration,
+    /// Longest sleep before looking again even if nobody woke this node: foreign publishers wake nobody.
+    pub sleep: Duration,
+}
+
+impl WaitStrategy {
+    /// For running as fast as the processes can go: yields long enough to never sleep inside a step.
+    pub fn lockstep() -> Self {
+        Self { spin: 1, yield_for: Duration::from_millis(1), sleep: Duration::from_millis(1) }
+    }
+
+    /// For real time: sleeps soon, so that a node of high priority does not starve the others.
+    pub fn realtime() -> Self {
+        Self { spin: 20, yield_for: Duration::from_micros(5), sleep: Duration::from_millis(1) }
+    }
+}
+
+impl Default for WaitStrategy {
+    fn default() -> Self {
+        Self::realtime()
+    }
+}
+
+/// Checks that a name can be part of a file name, a service name and a key expression.
+pub(crate) fn check_name(what: &'static str, name: &str) -> Result<(), OpenError> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+    let reason = if name.is_empty() {
+        "it is empty".into()
+    } else if name.len() > MAX_NAME {
+        format!("it is {} bytes long, at most {MAX_NAME} are allowed", name.len())
+    } else if let Some(c) = name.chars().find(|c| !allowed(*c)) {
+        format!("{c:?} is not a letter, a digit, '_', '-' or '.'")
+    } else {
+        return Ok(());
+    };
+    Err(OpenError::Name { what, name: name.into(), reason })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transports_are_called_as_in_launch_files() {
+        for t in Transport::ALL {
+            assert_eq!(t.to_string().parse::<Transport>().unwrap(), t);
+            assert_eq!(serde_json::to_value(t).unwrap(), t.to_string());
+        }
+        let error = "dds".parse::<Transport>().unwrap_err().to_string();
+        assert!(error.contains("\"dds\"") && error.contains("iceoryx2"), "{error}");
+    }
+
+    #[test]
+    fn names_that_would_leave_their_folder_or_key_are_refused() {
+        for name in ["", "a/b", "a*", "a b", "ä", "a~b", &"x".repeat(MAX_NAME + 1)] {
+            let error = check_name("bench", name).unwrap_err().to_string();
+            assert!(error.contains("bench") && error.contains(name), "{error}");
+        }
+        check_name("bench", "quadrotor-smc.2_x").unwrap();
+    }
+}

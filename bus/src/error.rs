@@ -1,0 +1,130 @@
+//! What can go wrong on the bus, one error type an operation.
+
+use std::path::PathBuf;
+
+use whirlstand_msgs::DecodeError;
+
+/// Why a bench, a publisher or a subscriber could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// A name cannot be part of a file name or a key expression.
+    #[error("the {what} name \"{name}\" cannot be used: {reason}")]
+    Name {
+        /// `bench`, `node` or `topic`.
+        what: &'static str,
+        /// The name.
+        name: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Somebody on the bench uses the topic with another version of the message.
+    #[error(
+        "topic \"{topic}\" of bench \"{bench}\" is in use with schema {found}, this program has {expected:#018x} for {type_name}: \
+         all nodes of a bench must run the same message version"
+    )]
+    Schema {
+        /// Bench.
+        bench: String,
+        /// Topic.
+        topic: String,
+        /// Message type in this program.
+        type_name: &'static str,
+        /// Schema hash in this program.
+        expected: u64,
+        /// Schema hash in use, or what else was found in its place.
+        found: String,
+    },
+    /// The subscriber's queue has an impossible length.
+    #[error("a subscriber's queue holds 1 to {max} messages, {depth} were asked for on topic \"{topic}\"")]
+    Depth {
+        /// Topic.
+        topic: String,
+        /// Wanted length.
+        depth: usize,
+        /// Greatest length.
+        max: usize,
+    },
+    /// A file of the bench, or Zenoh's configuration file, cannot be used.
+    #[error("{path}: {source}", path = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system says.
+        source: std::io::Error,
+    },
+    /// Zenoh's configuration is not understood.
+    #[error("Zenoh configuration{}: {reason}", path.as_ref().map(|p| format!(" {}", p.display())).unwrap_or_default())]
+    ZenohConfig {
+        /// The configuration file, if there is one.
+        path: Option<PathBuf>,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The transport refused.
+    #[error("cannot {action} on bench \"{bench}\" over {transport}: {reason}")]
+    Transport {
+        /// What was tried.
+        action: String,
+        /// Bench.
+        bench: String,
+        /// Transport.
+        transport: crate::Transport,
+        /// What the transport says.
+        reason: String,
+    },
+}
+
+/// Why a message was not sent.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("cannot publish on topic \"{topic}\": {reason}")]
+pub struct SendError {
+    /// Topic.
+    pub topic: String,
+    /// What the transport says.
+    pub reason: String,
+}
+
+/// Why nothing could be received.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RecvError {
+    /// A message of another version, or a damaged one, arrived. It is dropped; receiving can go on.
+    #[error("topic \"{topic}\": {source}")]
+    Refused {
+        /// Topic.
+        topic: String,
+        /// What is wrong with the message.
+        source: DecodeError,
+    },
+    /// The transport failed.
+    #[error("cannot receive on topic \"{topic}\": {reason}")]
+    Transport {
+        /// Topic.
+        topic: String,
+        /// What the transport says.
+        reason: String,
+    },
+}
+
+/// Why the remains of a bench could not be removed.
+#[derive(Debug, thiserror::Error)]
+pub enum ResidueError {
+    /// The bench's name is impossible.
+    #[error(transparent)]
+    Name(OpenError),
+    /// A file could not be listed or removed.
+    #[error("cannot remove {path}: {source}", path = path.display())]
+    File {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the operating system says.
+        source: std::io::Error,
+    },
+    /// iceoryx2 could not list the nodes.
+    #[error("cannot list the nodes of bench \"{bench}\": {reason}")]
+    List {
+        /// Bench.
+        bench: String,
+        /// What iceoryx2 says.
+        reason: String,
+    },
+}

@@ -1,0 +1,287 @@
+//! Between processes of one machine: iceoryx2, which passes the `repr(C)` type itself through shared memory.
+//!
+//! Each bench is an iceoryx2 domain of its own: its files carry the prefix `whirlstand.BENCH~` and lie in
+//! `/dev/shm` and in `/tmp/whirlstand.BENCH/`. So benches never meet, other iceoryx2 users are not disturbed, and
+//! what killed processes leave can be removed by name. A foreign program joins by setting the same prefix and root
+//! path in its iceoryx2 configuration; `docs/wire-format.md` gives the service's settings.
+
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use iceoryx2::config::Config;
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::port::publisher::Publisher as IoxPublisher;
+use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
+use iceoryx2::prelude::{
+    AttributeVerifier, CallbackProgression, FileName, LogLevel, NodeName, Path, SemanticString, Service,
+    ServiceName, SignalHandlingMode, ZeroCopySend, ipc, set_log_level_from_env_or,
+};
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
+use iceoryx2::service::messaging_pattern::MessagingPattern;
+use iceoryx2::service::port_factory::PortFactory as _;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use whirlstand_msgs::Message;
+
+use crate::lost::LostCounter;
+use crate::park::Region;
+use crate::presence::Presence;
+use crate::{BusConfig, OpenError, RecvError, SendError, Transport};
+
+/// Publishers a topic can have; every node publishes `health`.
+pub const MAX_PUBLISHERS: usize = 16;
+/// Subscribers a topic can have.
+pub const MAX_SUBSCRIBERS: usize = 16;
+/// Nodes a bench can have.
+pub const MAX_NODES: usize = 32;
+/// Longest queue of a subscriber.
+pub const MAX_DEPTH: usize = 1024;
+/// Key of the service attribute that holds the schema hash, as `0x` and 16 hexadecimal digits.
+pub const SCHEMA_ATTRIBUTE: &str = "whirlstand.schema";
+
+/// How long to try again while another process is in the middle of making or removing the same service.
+const SETTLE: Duration = Duration::from_secs(2);
+
+/// A message in shared memory, under its Whirlstand type name.
+#[derive(Debug, Clone, Copy)]
+#[repr(transparent)]
+struct Shared<M>(M);
+
+// SAFETY: every Message is Pod (plain data: no pointer, no handle, no padding, valid for every bit pattern) and
+// repr(C), and its type name together with the service's schema attribute stands for one layout.
+unsafe impl<M: Message> ZeroCopySend for Shared<M> {
+    unsafe fn type_name() -> &'static str {
+        M::TYPE_NAME
+    }
+}
+
+type Factory<M> = PortFactory<ipc::Service, Shared<M>, ()>;
+
+/// File name prefix of all that belongs to the bench. No bench name contains `~`, so no prefix begins another.
+pub(crate) fn prefix(bench: &str) -> String {
+    format!("whirlstand.{bench}~")
+}
+
+/// Folder of the bench's iceoryx2 files that are not shared memory.
+pub(crate) fn root_path(bench: &str) -> PathBuf {
+    format!("/tmp/whirlstand.{bench}").into()
+}
+
+/// iceoryx2's name of a topic.
+pub fn service_name(bench: &str, topic: &str) -> String {
+    format!("whirlstand/{bench}/{topic}")
+}
+
+/// The iceoryx2 configuration that joins a bench.
+pub(crate) fn config(bench: &str) -> Result<Config, OpenError> {
+    let refused = |reason: String| OpenError::Name { what: "bench", name: bench.into(), reason };
+    let mut config = Config::default();
+    config.global.prefix =
+        FileName::new(prefix(bench).as_bytes()).map_err(|e| refused(format!("iceoryx2: {e:?}")))?;
+    let root = format!("{}/", root_path(bench).display());
+    config
+        .global
+        .set_root_path(&Path::new(root.as_bytes()).map_err(|e| refused(format!("iceoryx2: {e:?}")))?);
+    Ok(config)
+}
+
+/// A node's membership in a bench.
+pub(crate) struct Member {
+    bench: String,
+    // Dropped in this order: the node's files go first, then, with the last member, all that is left of the bench.
+    node: Node<ipc::Service>,
+    presence: Presence,
+}
+
+impl Member {
+    pub(crate) fn open(bus: &BusConfig) -> Result<Rc<Self>, OpenError> {
+        set_log_level_from_env_or(LogLevel::Fatal);
+        let refused = |reason: String| transport_error(&bus.bench, "create a node", reason);
+        let config = config(&bus.bench)?;
+        let presence = Presence::join(&bus.bench)?;
+        let name = NodeName::new(&bus.node).map_err(|e| refused(format!("{e:?}")))?;
+        // The program that uses the bus decides what a signal does.
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create()
+            .map_err(|e| refused(e.to_string()))?;
+        Ok(Rc::new(Self { bench: bus.bench.clone(), node, presence }))
+    }
+
+    pub(crate) fn region(&self) -> &Region {
+        self.presence.region()
+    }
+
+    pub(crate) fn publisher<M: Message>(self: &Rc<Self>, topic: &str) -> Result<Publisher<M>, OpenError> {
+        let factory = self.service::<M>(topic)?;
+        let port = factory
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .create()
+            .map_err(|e| transport_error(&self.bench, &format!("publish on topic \"{topic}\""), e))?;
+        Ok(Publisher { port, factory, _member: self.clone() })
+    }
+
+    pub(crate) fn subscriber<M: Message>(
+        self: &Rc<Self>,
+        topic: &str,
+        depth: usize,
+    ) -> Result<Subscriber<M>, OpenError> {
+        if depth > MAX_DEPTH {
+            return Err(OpenError::Depth { topic: topic.into(), depth, max: MAX_DEPTH });
+        }
+        let factory = self.service::<M>(topic)?;
+        let port = factory
+            .subscriber_builder()
+            .buffer_size(depth)
+            .create()
+            .map_err(|e| transport_error(&self.bench, &format!("subscribe to topic \"{topic}\""), e))?;
+        Ok(Subscriber { port, lost: LostCounter::default(), _member: self.clone() })
+    }
+
+    fn service<M: Message>(&self, topic: &str) -> Result<Factory<M>, OpenError> {
+        let action = format!("open topic \"{topic}\"");
+        let refused = |reason: String| transport_error(&self.bench, &action, reason);
+        let text = service_name(&self.bench, topic);
+        let name = ServiceName::new(&text).map_err(|e| refused(format!("{e:?}")))?;
+        let hash = format!("{:#018x}", M::SCHEMA_HASH);
+        let key = SCHEMA_ATTRIBUTE.try_into().map_err(|e| refused(format!("{e:?}")))?;
+        let value = hash.as_str().try_into().map_err(|e| refused(format!("{e:?}")))?;
+        let schema = AttributeVerifier::new().require(&key, &value).map_err(|e| refused(format!("{e:?}")))?;
+        let give_up = Instant::now() + SETTLE;
+        loop {
+            let attempt = self
+                .node
+                .service_builder(&name)
+                .publish_subscribe::<Shared<M>>()
+                .max_publishers(MAX_PUBLISHERS)
+                .max_subscribers(MAX_SUBSCRIBERS)
+                .max_nodes(MAX_NODES)
+                .subscriber_max_buffer_size(MAX_DEPTH)
+                .subscriber_max_borrowed_samples(2)
+                .history_size(0)
+                .enable_safe_overflow(true)
+                .open_or_create_with_attributes(&schema);
+            match attempt {
+                Ok(factory) => return Ok(factory),
+                Err(e) if is_schema_mismatch(&e) => {
+                    return Err(OpenError::Schema {
+                        bench: self.bench.clone(),
+                        topic: topic.into(),
+                        type_name: M::TYPE_NAME,
+                        expected: M::SCHEMA_HASH,
+                        found: self.schema_in_use(&name),
+                    });
+                }
+                Err(e) if is_in_flux(&e) && Instant::now() < give_up => {
+                    std::thread::sleep(Duration::from_millis(2));
+                }
+                Err(e) => return Err(refused(e.to_string())),
+            }
+        }
+    }
+
+    /// The schema hash that an existing service was made with, and its type.
+    fn schema_in_use(&self, name: &ServiceName) -> String {
+        let details = ipc::Service::details(name, self.node.config(), MessagingPattern::PublishSubscribe);
+        let Ok(Some(details)) = details else { return "that this program cannot read".into() };
+        let mut hash = String::from("without a hash");
+        if let Ok(key) = SCHEMA_ATTRIBUTE.try_into() {
+            details.static_details.attributes().iter_key_values(&key, |value| {
+                hash = value.to_string();
+                CallbackProgression::Stop
+            });
+        }
+        let payload = details.static_details.publish_subscribe().message_type_details().payload;
+        format!("{hash} ({}, {} bytes)", payload.type_name(), payload.size())
+    }
+}
+
+fn is_schema_mismatch(error: &PublishSubscribeOpenOrCreateError) -> bool {
+    use PublishSubscribeOpenError::{IncompatibleAttributes, IncompatibleTypes};
+    matches!(
+        error,
+        PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
+            IncompatibleAttributes | IncompatibleTypes
+        )
+    )
+}
+
+/// Another process is making, removing or cleaning up the same service right now.
+fn is_in_flux(error: &PublishSubscribeOpenOrCreateError) -> bool {
+    use PublishSubscribeOpenOrCreateError as E;
+    match error {
+        E::SystemInFlux => true,
+        E::PublishSubscribeOpenError(e) => matches!(
+            e,
+            PublishSubscribeOpenError::IsMarkedForDestruction
+                | PublishSubscribeOpenError::HangsInCreation
+                | PublishSubscribeOpenError::DoesNotExist
+                | PublishSubscribeOpenError::ServiceInCorruptedState
+        ),
+        E::PublishSubscribeCreateError(e) => matches!(
+            e,
+            PublishSubscribeCreateError::AlreadyExists
+                | PublishSubscribeCreateError::IsBeingCreatedByAnotherInstance
+                | PublishSubscribeCreateError::HangsInCreation
+                | PublishSubscribeCreateError::ServiceInCorruptedState
+        ),
+    }
+}
+
+fn transport_error(bench: &str, action: &str, reason: impl ToString) -> OpenError {
+    OpenError::Transport {
+        action: action.into(),
+        bench: bench.into(),
+        transport: Transport::Iceoryx2,
+        reason: reason.to_string(),
+    }
+}
+
+pub(crate) struct Publisher<M: Message> {
+    port: IoxPublisher<ipc::Service, Shared<M>, ()>,
+    factory: Factory<M>,
+    _member: Rc<Member>,
+}
+
+impl<M: Message> Publisher<M> {
+    /// Never waits: a full queue loses its oldest message.
+    pub(crate) fn send(&mut self, topic: &str, message: &M) -> Result<(), SendError> {
+        let refused = |reason: String| SendError { topic: topic.into(), reason };
+        let sample = self.port.loan_uninit().map_err(|e| refused(e.to_string()))?;
+        sample.write_payload(Shared(*message)).send().map_err(|e| refused(e.to_string()))?;
+        Ok(())
+    }
+
+    pub(crate) fn has_subscribers(&self) -> bool {
+        self.factory.dynamic_config().number_of_subscribers() > 0
+    }
+}
+
+pub(crate) struct Subscriber<M: Message> {
+    port: IoxSubscriber<ipc::Service, Shared<M>, ()>,
+    lost: LostCounter,
+    _member: Rc<Member>,
+}
+
+impl<M: Message> Subscriber<M> {
+    pub(crate) fn try_recv(&mut self, topic: &str) -> Result<Option<M>, RecvError> {
+        match self.port.receive() {
+            Ok(Some(sample)) => {
+                let message = sample.payload().0;
+                self.lost.note(sample.header().publisher_id().value(), message.head().seq);
+                Ok(Some(message))
+            }
+            Ok(None) => Ok(None),
+            Err(e) => Err(RecvError::Transport { topic: topic.into(), reason: e.to_string() }),
+        }
+    }
+
+    pub(crate) fn lost(&self) -> u64 {
+        self.lost.lost()
+    }
+}
