@@ -1,0 +1,244 @@
+//! `--map roll=NAME[unit]`: which signal of a foreign log is which of the vehicle's.
+
+use std::str::FromStr;
+
+use whirlstand_msgs::units::{Unit, UnitError};
+
+use crate::record::{list, nearest, nearest_hint};
+
+/// One renaming: the log's `source` is the vehicle's `name`.
+///
+/// Written `name=SOURCE`, `name=SOURCE[unit]` when the log states no unit or a wrong one, and `name=-SOURCE` when
+/// the log counts the other way. SOURCE is a column of a CSV, `/topic.field.path` of an MCAP log, `topic.field`
+/// of a ULog. `t=SOURCE[ms]` says which column of a CSV is the time.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Mapping {
+    /// The vehicle's name for it.
+    pub name: String,
+    /// The log's name for it, with the unit if one was written.
+    source: String,
+    /// The log has the opposite sign.
+    negated: bool,
+}
+
+/// A signal that a log offers.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// The log's name for it.
+    pub name: String,
+    /// Unit that the log states, if any.
+    pub unit: Option<String>,
+}
+
+/// A mapping names a source that the log does not have.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{origin} has no signal '{source_name}' to be '{name}'{}. It has: {}",
+    nearest_hint(nearest.as_deref()),
+    list(available)
+)]
+pub struct MissingSource {
+    /// The log.
+    pub origin: String,
+    /// The vehicle's name.
+    pub name: String,
+    /// The log's name.
+    pub source_name: String,
+    /// What the log has.
+    pub available: Vec<String>,
+    /// The most similar of them, when one is similar.
+    pub nearest: Option<String>,
+}
+
+/// Why a mapping cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MapError {
+    /// The text is not a mapping.
+    #[error("'{text}' is not a mapping: write NAME=SOURCE or NAME=SOURCE[unit], as in roll=phi[deg]")]
+    Syntax {
+        /// The text.
+        text: String,
+    },
+    /// The log does not have the source.
+    #[error(transparent)]
+    Missing(Box<MissingSource>),
+    /// Two mappings give one name.
+    #[error("'{name}' is mapped twice: keep one of the two")]
+    Twice {
+        /// The vehicle's name.
+        name: String,
+    },
+    /// A unit cannot be read.
+    #[error("signal '{name}' of {origin}: {source}")]
+    Unit {
+        /// The log.
+        origin: String,
+        /// The log's name.
+        name: String,
+        /// What is wrong with it.
+        source: UnitError,
+    },
+}
+
+/// A source with the name and the conversion that it gets.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Selected {
+    /// Index into the sources.
+    pub source: usize,
+    /// Name in the record.
+    pub name: String,
+    /// Unit of the source.
+    pub unit: Unit,
+    /// The source has the opposite sign.
+    pub negated: bool,
+}
+
+impl Selected {
+    /// The SI value in the record of a value in the source.
+    pub fn convert(&self, value: f64) -> f64 {
+        let si = self.unit.to_si(value);
+        if self.negated { -si } else { si }
+    }
+}
+
+impl FromStr for Mapping {
+    type Err = MapError;
+
+    fn from_str(text: &str) -> Result<Self, MapError> {
+        let syntax = || MapError::Syntax { text: text.into() };
+        let (name, source) = text.split_once('=').ok_or_else(syntax)?;
+        let (name, source) = (name.trim(), source.trim());
+        let (negated, source) = match source.strip_prefix('-') {
+            Some(rest) => (true, rest.trim_start()),
+            None => (false, source),
+        };
+        if name.is_empty() || source.is_empty() || name.contains(['[', ']']) {
+            return Err(syntax());
+        }
+        Ok(Self { name: name.into(), source: source.into(), negated })
+    }
+}
+
+/// Splits `name[unit]`. Digits in the brackets are an index, not a unit.
+pub(crate) fn split_unit(text: &str) -> (&str, Option<&str>) {
+    let split = || {
+        let (name, unit) = text.strip_suffix(']')?.rsplit_once('[')?;
+        let index = !unit.is_empty() && unit.bytes().all(|b| b.is_ascii_digit());
+        (!index && !name.is_empty()).then(|| (name.trim_end(), unit.trim()))
+    };
+    split().map_or((text, None), |(name, unit)| (name, Some(unit)))
+}
+
+impl Mapping {
+    /// The source's index and the unit that the mapping states.
+    fn find<'a>(&'a self, sources: &[Source], origin: &str) -> Result<(usize, Option<&'a str>), MapError> {
+        let position = |name: &str| sources.iter().position(|s| s.name == name);
+        let (bare, unit) = match self.source.strip_suffix("[1]") {
+            // The pure number, unless the source has such an element.
+            Some(bare) if position(&self.source).is_none() => (bare, Some("1")),
+            _ => split_unit(&self.source),
+        };
+        if let Some(index) = position(&self.source) {
+            return Ok((index, None));
+        }
+        position(bare).map(|index| (index, unit)).ok_or_else(|| {
+            MapError::Missing(Box::new(MissingSource {
+                origin: origin.into(),
+                name: self.name.clone(),
+                source_name: bare.into(),
+                available: sources.iter().map(|s| s.name.clone()).collect(),
+                nearest: nearest(bare, sources.iter().map(|s| s.name.as_str())),
+            }))
+        })
+    }
+}
+
+/// What a record has: every mapped source under its new name, then, if `keep_others`, all that no mapping names
+/// and whose name is still free.
+pub(crate) fn resolve(
+    sources: &[Source],
+    mappings: &[Mapping],
+    keep_others: bool,
+    origin: &str,
+) -> Result<Vec<Selected>, MapError> {
+    let unit_of = |index: usize, stated: Option<&str>| {
+        let text = stated.or(sources[index].unit.as_deref()).unwrap_or("");
+        text.parse().map_err(|source| MapError::Unit {
+            origin: origin.into(),
+            name: sources[index].name.clone(),
+            source,
+        })
+    };
+    let mut selected: Vec<Selected> = Vec::new();
+    let mut mapped = vec![false; sources.len()];
+    for m in mappings {
+        if selected.iter().any(|s| s.name == m.name) {
+            return Err(MapError::Twice { name: m.name.clone() });
+        }
+        let (source, stated) = m.find(sources, origin)?;
+        mapped[source] = true;
+        let unit = unit_of(source, stated)?;
+        selected.push(Selected { source, name: m.name.clone(), unit, negated: m.negated });
+    }
+    if keep_others {
+        for (source, offered) in sources.iter().enumerate() {
+            if !mapped[source] && !selected.iter().any(|s| s.name == offered.name) {
+                let unit = unit_of(source, None)?;
+                selected.push(Selected { source, name: offered.name.clone(), unit, negated: false });
+            }
+        }
+    }
+    Ok(selected)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sources() -> Vec<Source> {
+        [("phi", None), ("p", Some("deg/s")), ("/att.q[0]", None), ("roll", Some("rad"))]
+            .map(|(name, unit)| Source { name: name.into(), unit: unit.map(str::to_string) })
+            .to_vec()
+    }
+
+    fn resolved(texts: &[&str]) -> Result<Vec<Selected>, MapError> {
+        let mappings = texts.iter().map(|t| t.parse()).collect::<Result<Vec<_>, _>>()?;
+        resolve(&sources(), &mappings, true, "x.csv")
+    }
+
+    #[test]
+    fn mapped_signals_come_first_and_the_rest_keeps_its_name() {
+        let all = resolved(&["roll=phi[deg]", "roll_rate=-p", "w=/att.q[0]"]).unwrap();
+        let names: Vec<_> = all.iter().map(|s| (s.name.as_str(), s.source)).collect();
+        // The log's own 'roll' gives way to the mapped one.
+        assert_eq!(names, [("roll", 0), ("roll_rate", 1), ("w", 2)]);
+        assert_eq!(all[0].convert(180.0), std::f64::consts::PI);
+        assert_eq!(all[1].convert(180.0), -std::f64::consts::PI);
+        assert_eq!(all[2].convert(0.5), 0.5);
+        assert_eq!(resolved(&[]).unwrap().len(), 4);
+    }
+
+    #[test]
+    fn one_source_can_be_two_signals_and_brackets_with_digits_are_an_index() {
+        let all = resolved(&["a=phi[1]", "b=phi[deg]"]).unwrap();
+        assert_eq!((all[0].source, all[1].source), (0, 0));
+        assert!(all[0].unit.is_si() && !all[1].unit.is_si());
+        assert!(matches!(resolved(&["a=/att.q[1]"]), Err(MapError::Missing(_))));
+        assert_eq!(split_unit("q[2]"), ("q[2]", None));
+        assert_eq!(split_unit("q[2][deg]"), ("q[2]", Some("deg")));
+    }
+
+    #[test]
+    fn errors_name_what_is_wrong() {
+        for text in ["roll", "=phi", "roll=", "roll=-", "r[1]=phi"] {
+            assert!(matches!(text.parse::<Mapping>(), Err(MapError::Syntax { .. })), "{text}");
+        }
+        let error = resolved(&["roll=phy"]).unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "x.csv has no signal 'phy' to be 'roll' (did you mean 'phi'?). It has: phi, p, /att.q[0], roll"
+        );
+        assert!(matches!(resolved(&["a=phi", "a=p"]), Err(MapError::Twice { .. })));
+        assert!(matches!(resolved(&["a=phi[bogus]"]), Err(MapError::Unit { .. })));
+    }
+}

@@ -1,0 +1,266 @@
+//! One time axis and named signals in SI units: what every reader ends in, and all that analysis sees.
+
+use serde::Serialize;
+
+/// A named signal over the time axis of its [`Record`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Signal {
+    /// Name, as in the vehicle file where it is known there.
+    pub name: String,
+    /// SI unit in the syntax of [`whirlstand_msgs::units::Unit`]; empty for a pure number.
+    pub unit: String,
+    /// One value per point of the time axis; NaN where there is none.
+    pub values: Vec<f64>,
+}
+
+/// Signals over one time axis, in SI units.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Record {
+    /// Where it was read from, for messages to the user.
+    pub origin: String,
+    /// Unit of `time`: `s`, or `samples` for a record that does not know its clock.
+    pub time_unit: String,
+    /// Strictly increasing.
+    pub time: Vec<f64>,
+    signals: Vec<Signal>,
+}
+
+/// A signal was asked for that the record does not have.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{origin} has no signal '{wanted}'{}. It has: {}. Use --map {wanted}=NAME[unit] to say which one it is.",
+    nearest_hint(nearest.as_deref()),
+    list(available)
+)]
+pub struct MissingSignal {
+    /// Where the record was read from.
+    pub origin: String,
+    /// The name.
+    pub wanted: String,
+    /// What the record has.
+    pub available: Vec<String>,
+    /// The most similar of them, when one is similar.
+    pub nearest: Option<String>,
+}
+
+/// Why signals do not make a record.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RecordError {
+    /// Two signals have one name.
+    #[error("{origin} would have two signals called '{name}'")]
+    Duplicate {
+        /// Where the record was read from.
+        origin: String,
+        /// The name.
+        name: String,
+    },
+    /// A signal does not have one value per point of the time axis.
+    #[error("signal '{name}' of {origin} has {found} values for {expected} points in time")]
+    Length {
+        /// Where the record was read from.
+        origin: String,
+        /// The name.
+        name: String,
+        /// Number of values.
+        found: usize,
+        /// Number of points in time.
+        expected: usize,
+    },
+    /// The time axis does not increase.
+    #[error("time of {origin} does not increase after point {index}, counted from 0")]
+    Time {
+        /// Where the record was read from.
+        origin: String,
+        /// Last point before the one that is not later.
+        index: usize,
+    },
+}
+
+pub(crate) fn list(names: &[String]) -> String {
+    if names.is_empty() { "nothing".into() } else { names.join(", ") }
+}
+
+pub(crate) fn nearest_hint(nearest: Option<&str>) -> String {
+    nearest.map(|n| format!(" (did you mean '{n}'?)")).unwrap_or_default()
+}
+
+/// The most similar name, when it is similar enough to be a slip of the pen.
+pub(crate) fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    let lower = wanted.to_lowercase();
+    let similarity = |name: &str| {
+        let name = name.to_lowercase();
+        // A path such as /imu.roll ends in the name that was meant.
+        let end = name.rsplit(['.', '/']).next().unwrap_or("");
+        strsim::jaro_winkler(&lower, &name).max(strsim::jaro_winkler(&lower, end))
+    };
+    names
+        .into_iter()
+        .map(|name| (similarity(name), name))
+        .filter(|(s, _)| *s > 0.8)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, name)| name.to_string())
+}
+
+impl Record {
+    /// A record without signals, its time in s.
+    ///
+    /// # Errors
+    /// [`RecordError::Time`] when the time axis does not increase strictly or is not finite.
+    pub fn new(origin: impl Into<String>, time: Vec<f64>) -> Result<Self, RecordError> {
+        let origin = origin.into();
+        if time.first().is_some_and(|t| !t.is_finite()) {
+            return Err(RecordError::Time { origin, index: 0 });
+        }
+        match time.windows(2).position(|t| !(t[1] > t[0] && t[1].is_finite())) {
+            Some(index) => Err(RecordError::Time { origin, index }),
+            None => Ok(Self { origin, time_unit: "s".into(), time, signals: Vec::new() }),
+        }
+    }
+
+    /// Adds a signal in SI units.
+    ///
+    /// # Errors
+    /// [`RecordError::Duplicate`] and [`RecordError::Length`].
+    pub fn push(
+        &mut self,
+        name: impl Into<String>,
+        unit: impl Into<String>,
+        values: Vec<f64>,
+    ) -> Result<(), RecordError> {
+        let (name, origin) = (name.into(), || self.origin.clone());
+        if values.len() != self.time.len() {
+            let (found, expected) = (values.len(), self.time.len());
+            return Err(RecordError::Length { origin: origin(), name, found, expected });
+        }
+        if self.get(&name).is_some() {
+            return Err(RecordError::Duplicate { origin: origin(), name });
+        }
+        self.signals.push(Signal { name, unit: unit.into(), values });
+        Ok(())
+    }
+
+    /// All signals, in the order of the file.
+    pub fn signals(&self) -> &[Signal] {
+        &self.signals
+    }
+
+    /// Names of all signals, in the order of the file.
+    pub fn names(&self) -> Vec<String> {
+        self.signals.iter().map(|s| s.name.clone()).collect()
+    }
+
+    /// The signal called `name`, if there is one.
+    pub fn get(&self, name: &str) -> Option<&Signal> {
+        self.signals.iter().find(|s| s.name == name)
+    }
+
+    /// The signal called `name`.
+    ///
+    /// # Errors
+    /// [`MissingSignal`], which lists what the record has.
+    pub fn signal(&self, name: &str) -> Result<&Signal, MissingSignal> {
+        self.get(name).ok_or_else(|| MissingSignal {
+            origin: self.origin.clone(),
+            wanted: name.into(),
+            available: self.names(),
+            nearest: nearest(name, self.signals.iter().map(|s| s.name.as_str())),
+        })
+    }
+
+    /// Takes signals out; the order is that of the record.
+    pub fn into_signals(self) -> (Vec<f64>, Vec<Signal>) {
+        (self.time, self.signals)
+    }
+
+    /// Number of points in time.
+    pub fn len(&self) -> usize {
+        self.time.len()
+    }
+
+    /// True when there is no point in time.
+    pub fn is_empty(&self) -> bool {
+        self.time.is_empty()
+    }
+
+    /// Time from the first point to the last; 0 for fewer than two.
+    pub fn duration(&self) -> f64 {
+        match (self.time.first(), self.time.last()) {
+            (Some(first), Some(last)) => last - first,
+            _ => 0.0,
+        }
+    }
+
+    /// The points with `from <= t <= to`, as a record of its own with the same time axis.
+    pub fn between(&self, from: f64, to: f64) -> Self {
+        let start = self.time.partition_point(|t| *t < from);
+        let end = self.time.partition_point(|t| *t <= to).max(start);
+        Self {
+            origin: self.origin.clone(),
+            time_unit: self.time_unit.clone(),
+            time: self.time[start..end].to_vec(),
+            signals: self
+                .signals
+                .iter()
+                .map(|s| Signal { values: s.values[start..end].to_vec(), ..s.clone_head() })
+                .collect(),
+        }
+    }
+
+    /// Gives a record that counts samples its clock: point n is at n times `period_s`.
+    pub fn with_sample_period(mut self, period_s: f64) -> Self {
+        if self.time_unit == "samples" {
+            self.time.iter_mut().for_each(|t| *t *= period_s);
+            self.time_unit = "s".into();
+        }
+        self
+    }
+}
+
+impl Signal {
+    /// The signal without its values.
+    pub(crate) fn clone_head(&self) -> Self {
+        Self { name: self.name.clone(), unit: self.unit.clone(), values: Vec::new() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record() -> Record {
+        let mut record = Record::new("test.csv", vec![0.0, 0.5, 1.0, 1.5]).unwrap();
+        record.push("roll", "rad", vec![1.0, 2.0, 3.0, 4.0]).unwrap();
+        record.push("/imu.pitch", "rad", vec![0.0; 4]).unwrap();
+        record
+    }
+
+    #[test]
+    fn a_missing_signal_names_what_there_is_and_what_was_meant() {
+        let text = record().signal("rol").unwrap_err().to_string();
+        assert_eq!(
+            text,
+            "test.csv has no signal 'rol' (did you mean 'roll'?). It has: roll, /imu.pitch. Use --map rol=NAME[unit] to say which one it is."
+        );
+        assert_eq!(record().signal("pitch").unwrap_err().nearest.as_deref(), Some("/imu.pitch"));
+        assert_eq!(record().signal("u_thrust").unwrap_err().nearest, None);
+    }
+
+    #[test]
+    fn a_part_keeps_its_time() {
+        let part = record().between(0.4, 1.0);
+        assert_eq!(part.time, [0.5, 1.0]);
+        assert_eq!(part.signal("roll").unwrap().values, [2.0, 3.0]);
+        assert!(record().between(7.0, 3.0).is_empty());
+        assert_eq!(record().duration(), 1.5);
+    }
+
+    #[test]
+    fn inconsistent_signals_are_refused() {
+        let mut record = record();
+        assert!(matches!(record.push("roll", "", vec![0.0; 4]), Err(RecordError::Duplicate { .. })));
+        assert!(matches!(record.push("yaw", "", vec![0.0; 3]), Err(RecordError::Length { found: 3, .. })));
+        for time in [vec![0.0, 0.0], vec![0.0, 1.0, 0.5], vec![f64::NAN], vec![0.0, f64::INFINITY]] {
+            assert!(matches!(Record::new("x", time), Err(RecordError::Time { .. })));
+        }
+    }
+}

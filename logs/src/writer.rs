@@ -1,0 +1,244 @@
+//! Bus messages into MCAP, as Foxglove and PlotJuggler read it.
+//!
+//! ```no_run
+//! use std::time::Instant;
+//! use whirlstand_logs::{BenchInfo, LogWriter};
+//! use whirlstand_msgs::{Imu, Message};
+//!
+//! # fn main() -> Result<(), whirlstand_logs::WriteError> {
+//! let mut log = LogWriter::create("log.mcap", &BenchInfo::default())?;
+//! let imu = log.channel::<Imu>()?;
+//! log.write(&imu, &Imu::zeroed())?;
+//! log.flush_if_due(Instant::now())?;
+//! log.finish()?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! Every message type has one channel: topic `/imu`, schema in ROS 2 message syntax, messages in CDR. A message
+//! is its memory image behind the CDR header, because no message has padding. Messages are gathered in chunks,
+//! compressed with LZ4, and a chunk goes to the operating system in one piece: what a killed recorder leaves is
+//! whole up to the last flush.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::marker::PhantomData;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, Compression, McapError, WriteOptions};
+use whirlstand_msgs::{Health, Message, Progress};
+
+use crate::bench_info::{BenchInfo, METADATA_NAME};
+
+/// CDR, plain, in this machine's byte order (OMG DDS-RTPS 2.5, section 10.2.1.2): 0 is big-endian, 1 little-endian.
+pub(crate) const CDR_HEADER: [u8; 4] = [0, cfg!(target_endian = "little") as u8, 0, 0];
+
+/// Longest time that a message waits before its chunk goes to the file.
+///
+/// A quarter of a second keeps "readable up to the last second" true also when the machine stalls.
+const FLUSH_INTERVAL: Duration = Duration::from_millis(250);
+
+/// Chunks of this size compress well, and a reader can hold one; Foxglove reads a chunk at a time.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// Why a log cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The file cannot be created.
+    #[error("cannot create the log {path}: {source}")]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file cannot be written, for example because the disk is full.
+    #[error("cannot write the log {path}: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the MCAP writer says.
+        source: McapError,
+    },
+}
+
+/// A topic of the log, for messages of type `M`.
+#[derive(Debug)]
+pub struct Channel<M> {
+    id: u16,
+    message: PhantomData<fn(&M)>,
+}
+
+/// What a finished log holds.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// Number of messages.
+    pub messages: u64,
+    /// Size of the file, bytes.
+    pub bytes: u64,
+}
+
+/// Writes one MCAP file.
+pub struct LogWriter {
+    inner: mcap::Writer<BufWriter<File>>,
+    path: PathBuf,
+    scratch: Vec<u8>,
+    /// Latest bench time in the log, ns: where messages that carry wall-clock time are put on the time axis.
+    bench_ns: u64,
+    messages: u64,
+    unflushed: bool,
+    next_flush: Option<Instant>,
+}
+
+impl LogWriter {
+    /// Creates or replaces the file at `path`.
+    ///
+    /// # Errors
+    /// [`WriteError`] when the file cannot be created or written.
+    pub fn create(path: impl AsRef<Path>, info: &BenchInfo) -> Result<Self, WriteError> {
+        let path = path.as_ref().to_path_buf();
+        let file = File::create(&path).map_err(|source| WriteError::Create { path: path.clone(), source })?;
+        let options = WriteOptions::new()
+            .library(concat!("whirlstand/", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Lz4))
+            .chunk_size(Some(CHUNK_BYTES))
+            // Chunks are put together in memory and written whole, never patched in the file.
+            .disable_seeking(true);
+        let write = |source| WriteError::Write { path: path.clone(), source };
+        let mut inner = options.create(BufWriter::new(file)).map_err(write)?;
+        inner
+            .write_metadata(&Metadata { name: METADATA_NAME.into(), metadata: info.to_map() })
+            .map_err(write)?;
+        inner.flush().map_err(write)?;
+        Ok(Self {
+            inner,
+            path,
+            scratch: Vec::with_capacity(1024),
+            bench_ns: 0,
+            messages: 0,
+            unflushed: false,
+            next_flush: None,
+        })
+    }
+
+    /// Puts a file's text inside the log, for example the launch file. It is on disk when this returns.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn attach(&mut self, name: &str, media_type: &str, data: &[u8]) -> Result<(), WriteError> {
+        let attachment = Attachment {
+            log_time: self.bench_ns,
+            create_time: 0,
+            name: name.into(),
+            media_type: media_type.into(),
+            data: data.into(),
+        };
+        self.inner.attach(&attachment).and_then(|()| self.inner.flush()).map_err(|e| self.failed(e))
+    }
+
+    /// The channel for `M` under its own topic. Asking twice gives the same channel.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn channel<M: Message>(&mut self) -> Result<Channel<M>, WriteError> {
+        self.channel_on(M::TOPIC)
+    }
+
+    /// The channel for `M` under another topic, for example `inject`.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn channel_on<M: Message>(&mut self, topic: &str) -> Result<Channel<M>, WriteError> {
+        let topic = format!("/{}", topic.trim_start_matches('/'));
+        let id = self
+            .inner
+            .add_schema(M::TYPE_NAME, "ros2msg", M::SCHEMA.as_bytes())
+            .and_then(|schema| self.inner.add_channel(schema, &topic, "cdr", &BTreeMap::new()))
+            .map_err(|e| self.failed(e))?;
+        Ok(Channel { id, message: PhantomData })
+    }
+
+    /// Adds a message; it reaches the file with its chunk.
+    ///
+    /// Its log time is its bench time. [`Health`] and [`Progress`] carry wall-clock time: they stand at the
+    /// latest bench time in the log, so that the log has one time axis; their own stamp is the publish time.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn write<M: Message>(&mut self, channel: &Channel<M>, message: &M) -> Result<(), WriteError> {
+        let head = message.head();
+        let log_time = if M::TOPIC == Health::TOPIC || M::TOPIC == Progress::TOPIC {
+            self.bench_ns
+        } else {
+            self.bench_ns = self.bench_ns.max(head.stamp_ns);
+            head.stamp_ns
+        };
+        let header = MessageHeader {
+            channel_id: channel.id,
+            // MCAP counts in 32 bits; the full number is in the message.
+            sequence: head.seq as u32,
+            log_time,
+            publish_time: head.stamp_ns,
+        };
+        self.scratch.clear();
+        self.scratch.extend_from_slice(&CDR_HEADER);
+        self.scratch.extend_from_slice(bytemuck::bytes_of(message));
+        self.inner.write_to_known_channel(&header, &self.scratch).map_err(|e| self.failed(e))?;
+        self.messages += 1;
+        self.unflushed = true;
+        Ok(())
+    }
+
+    /// Messages added since the log was created.
+    pub fn messages(&self) -> u64 {
+        self.messages
+    }
+
+    /// Hands waiting messages to the operating system when they have waited for a quarter of a second. Call it
+    /// at least that often; it costs a comparison when nothing is due.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn flush_if_due(&mut self, now: Instant) -> Result<bool, WriteError> {
+        let due = *self.next_flush.get_or_insert(now + FLUSH_INTERVAL);
+        if now < due {
+            return Ok(false);
+        }
+        self.next_flush = Some(now + FLUSH_INTERVAL);
+        if !self.unflushed {
+            return Ok(false);
+        }
+        self.flush()?;
+        Ok(true)
+    }
+
+    /// Hands all messages to the operating system now: they survive this process, whatever happens to it.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn flush(&mut self) -> Result<(), WriteError> {
+        self.unflushed = false;
+        self.inner.flush().map_err(|e| self.failed(e))
+    }
+
+    /// Writes index and footer, and syncs the file to disk.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn finish(mut self) -> Result<Written, WriteError> {
+        self.inner.finish().map_err(|e| self.failed(e))?;
+        let path = self.path;
+        let write = |source: std::io::Error| WriteError::Write { path: path.clone(), source: source.into() };
+        let file = self.inner.into_inner().into_inner().map_err(|e| write(e.into_error()))?;
+        file.sync_all().map_err(write)?;
+        let bytes = file.metadata().map_err(write)?.len();
+        Ok(Written { messages: self.messages, bytes })
+    }
+
+    fn failed(&self, source: McapError) -> WriteError {
+        WriteError::Write { path: self.path.clone(), source }
+    }
+}
