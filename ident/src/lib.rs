@@ -1,1 +1,5 @@
 //! What data says: compare, identify, diagnose and report.
+
+pub mod metrics;
+pub mod spectrum;
+mod stats;
