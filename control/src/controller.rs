@@ -1,0 +1,328 @@
+//! A designed law at work, one call a period.
+
+use crate::design::{Design, Switching};
+use crate::options::AntiWindup;
+use crate::target::Target;
+
+/// Consecutive unusable estimates during which the last command is held; after that, neutral.
+const HOLD_STEPS: u32 = 5;
+
+/// Time constant with which back-calculation takes an integrator to what the limits allow, s.
+const TRACKING_TIME_S: f64 = 0.1;
+
+/// What one step of a law has to say besides the command.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// At least one input stands at a limit of value or rate.
+    pub saturated: bool,
+    /// The estimate was not usable (NaN, infinite or of the wrong length); the last command is held, and after
+    /// a few such steps the command is neutral.
+    pub estimate_refused: bool,
+    /// The reference was not usable; the last usable one stays.
+    pub reference_refused: bool,
+}
+
+/// Runs a [`Design`]: prediction over the delay, tracking, the law, limits, anti-windup.
+///
+/// A step allocates nothing, cannot panic and always leaves a finite command within the limits.
+///
+/// ```
+/// use nalgebra::dmatrix;
+/// use whirlstand_control::{Controller, Design, LawOptions, Plant};
+///
+/// let plant = Plant::new(dmatrix![0.0, 1.0; 0.0, 0.0], dmatrix![0.0; 1.0], 0.005).unwrap();
+/// let design = Design::new(&plant, &LawOptions::named("lqr").unwrap()).unwrap();
+/// let mut controller = Controller::new(&design);
+/// let mut command = [0.0];
+/// controller.step(&[0.1, 0.0], &[0.0, 0.0], 0, &mut command);
+/// assert!(command[0] < 0.0);
+/// ```
+#[derive(Debug, Clone)]
+pub struct Controller {
+    n: usize,
+    m: usize,
+    period_s: f64,
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    /// Largest change of a command from one period to the next.
+    step_limit: Vec<f64>,
+    neutral: Vec<f64>,
+    phi: Vec<f64>,
+    gamma: Vec<f64>,
+    /// Feedback on the error, m x n column after column; for sliding mode, the equivalent control.
+    gain: Vec<f64>,
+    integral: Vec<usize>,
+    /// Feedback on the integrals, m x q column after column.
+    integral_gain: Vec<f64>,
+    /// From what the limits cut off to the integrals, q x m column after column.
+    back: Vec<f64>,
+    anti_windup: AntiWindup,
+    sliding: Option<Sliding>,
+    target: Target,
+    reference: Vec<f64>,
+    steady_x: Vec<f64>,
+    steady_u: Vec<f64>,
+    in_force: Vec<f64>,
+    integrals: Vec<f64>,
+    predicted: Vec<f64>,
+    error: Vec<f64>,
+    wanted: Vec<f64>,
+    command: Vec<f64>,
+    refusals: u32,
+}
+
+/// The nonlinear part of sliding mode.
+#[derive(Debug, Clone)]
+struct Sliding {
+    /// Surface on the error, m x n, and on the integrals, m x q, column after column.
+    surface: Vec<f64>,
+    surface_integral: Vec<f64>,
+    switching: Switching,
+    s: Vec<f64>,
+    /// Integral part of super-twisting, and its bound.
+    twist: Vec<f64>,
+    twist_limit: Vec<f64>,
+}
+
+impl Controller {
+    /// A controller at rest: neutral command in force, no integral.
+    pub fn new(design: &Design) -> Self {
+        let plant = &design.plant;
+        let (n, m, q) = (plant.state_count(), plant.input_count(), design.integral.len());
+        let dt = plant.period_s();
+        let lower: Vec<f64> = plant.inputs().iter().map(|i| i.lower).collect();
+        let upper: Vec<f64> = plant.inputs().iter().map(|i| i.upper).collect();
+        let neutral: Vec<f64> = lower.iter().zip(&upper).map(|(l, u)| 0f64.clamp(*l, *u)).collect();
+        let integral_gain = design.linear.memory_gain.columns(0, q).into_owned();
+        let back = integral_gain.clone().pseudo_inverse(1e-12).map_or_else(
+            |_| vec![0.0; q * m],
+            |inverse| (inverse * (dt / TRACKING_TIME_S).min(1.0)).as_slice().to_vec(),
+        );
+        let (gain, integral_feedback, sliding) = match &design.sliding {
+            None => (design.linear.gain.clone(), integral_gain, None),
+            Some(law) => (
+                law.equivalent.columns(0, n).into_owned(),
+                law.equivalent.columns(n, q).into_owned(),
+                Some(Sliding {
+                    surface: law.surface.columns(0, n).into_owned().as_slice().to_vec(),
+                    surface_integral: law.surface.columns(n, q).into_owned().as_slice().to_vec(),
+                    switching: law.switching.clone(),
+                    s: vec![0.0; m],
+                    twist: vec![0.0; m],
+                    twist_limit: plant.inputs().iter().map(|i| i.authority()).collect(),
+                }),
+            ),
+        };
+        let mut controller = Self {
+            n,
+            m,
+            period_s: dt,
+            step_limit: plant.inputs().iter().map(|i| i.rate * dt).collect(),
+            phi: plant.phi().as_slice().to_vec(),
+            gamma: plant.gamma().as_slice().to_vec(),
+            gain: gain.as_slice().to_vec(),
+            integral: design.integral.clone(),
+            integral_gain: integral_feedback.as_slice().to_vec(),
+            back,
+            anti_windup: design.anti_windup,
+            sliding,
+            target: Target::new(plant),
+            reference: vec![0.0; n],
+            steady_x: vec![0.0; n],
+            steady_u: vec![0.0; m],
+            in_force: neutral.clone(),
+            integrals: vec![0.0; q],
+            predicted: vec![0.0; n],
+            error: vec![0.0; n],
+            wanted: vec![0.0; m],
+            command: neutral.clone(),
+            refusals: 0,
+            lower,
+            upper,
+            neutral,
+        };
+        controller.reset();
+        controller
+    }
+
+    /// Back to rest: neutral command in force, no integral, reference zero.
+    pub fn reset(&mut self) {
+        self.in_force.copy_from_slice(&self.neutral);
+        self.integrals.fill(0.0);
+        self.reference.fill(0.0);
+        self.target.track(0);
+        self.refusals = 0;
+        if let Some(sliding) = &mut self.sliding {
+            sliding.twist.fill(0.0);
+        }
+        self.target.evaluate(&self.reference, &mut self.steady_x, &mut self.steady_u);
+    }
+
+    /// Tells what the plant really applies when it is not the last command (a failsafe, a restart).
+    pub fn set_command_in_force(&mut self, u: &[f64]) {
+        if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
+            self.in_force.copy_from_slice(u);
+        }
+    }
+
+    /// The state that the last step predicted for the moment its command begins to act.
+    pub fn predicted(&self) -> &[f64] {
+        &self.predicted
+    }
+
+    /// The last step's sliding variables, one per surface, input units times s; empty for the other laws.
+    pub fn sliding_variables(&self) -> &[f64] {
+        self.sliding.as_ref().map_or(&[], |s| &s.s)
+    }
+
+    /// The steady state and input that the law regulates about.
+    pub fn steady_state(&self) -> (&[f64], &[f64]) {
+        (&self.steady_x, &self.steady_u)
+    }
+
+    /// Computes the command for the next period from the estimate of this one.
+    ///
+    /// `estimate` and `reference` have n entries, `out` m; bit i of `tracked` says that state i follows its
+    /// reference. With nothing tracked the law regulates to the reference of the states that can rest anywhere
+    /// (positions) and to zero. The command of the step before is taken as the one in force.
+    pub fn step(&mut self, estimate: &[f64], reference: &[f64], tracked: u64, out: &mut [f64]) -> Outcome {
+        let mut outcome =
+            Outcome { reference_refused: !self.follow(reference, tracked), ..Outcome::default() };
+        if estimate.len() != self.n || estimate.iter().any(|v| !v.is_finite()) {
+            outcome.estimate_refused = true;
+            self.hold();
+        } else {
+            self.predict(estimate);
+            self.law();
+            outcome.saturated = self.limit();
+            if self.command.iter().all(|v| v.is_finite()) {
+                self.refusals = 0;
+                self.remember(outcome.saturated);
+            } else {
+                // Finite but absurd estimates can overflow inside the law.
+                outcome.estimate_refused = true;
+                self.hold();
+            }
+        }
+        self.in_force.copy_from_slice(&self.command);
+        out.iter_mut().zip(&self.command).for_each(|(o, c)| *o = *c);
+        outcome
+    }
+
+    fn hold(&mut self) {
+        self.refusals = self.refusals.saturating_add(1);
+        let source = if self.refusals <= HOLD_STEPS { &self.in_force } else { &self.neutral };
+        for (i, (c, v)) in self.command.iter_mut().zip(source).enumerate() {
+            *c = v.clamp(self.lower[i], self.upper[i]);
+        }
+    }
+
+    /// Takes over a new reference; false when it is not usable.
+    fn follow(&mut self, reference: &[f64], tracked: u64) -> bool {
+        if reference.len() != self.n || reference.iter().any(|v| !v.is_finite()) {
+            return false;
+        }
+        if tracked != self.target.tracked() || reference != &self.reference[..] {
+            self.target.track(tracked);
+            self.reference.copy_from_slice(reference);
+            self.target.evaluate(reference, &mut self.steady_x, &mut self.steady_u);
+        }
+        true
+    }
+
+    fn predict(&mut self, estimate: &[f64]) {
+        self.predicted.fill(0.0);
+        add_product(&mut self.predicted, &self.phi, estimate, 1.0);
+        add_product(&mut self.predicted, &self.gamma, &self.in_force, 1.0);
+        for i in 0..self.n {
+            self.error[i] = if self.target.freed()[i] { 0.0 } else { self.predicted[i] - self.steady_x[i] };
+        }
+    }
+
+    fn law(&mut self) {
+        self.wanted.copy_from_slice(&self.steady_u);
+        add_product(&mut self.wanted, &self.gain, &self.error, -1.0);
+        add_product(&mut self.wanted, &self.integral_gain, &self.integrals, -1.0);
+        let Some(sliding) = &mut self.sliding else { return };
+        sliding.s.fill(0.0);
+        add_product(&mut sliding.s, &sliding.surface, &self.error, 1.0);
+        add_product(&mut sliding.s, &sliding.surface_integral, &self.integrals, 1.0);
+        for (i, s) in sliding.s.iter().enumerate() {
+            self.wanted[i] -= match &sliding.switching {
+                Switching::ConstantPlusProportional { rate, gain, layer } => {
+                    rate * s + gain[i] * (s / layer[i]).clamp(-1.0, 1.0)
+                }
+                Switching::SuperTwisting { k1, layer, .. } => {
+                    k1[i] * s / s.abs().max(layer[i]).sqrt() - sliding.twist[i]
+                }
+            };
+        }
+    }
+
+    /// From what is wanted to what the actuators can do; true when these differ.
+    fn limit(&mut self) -> bool {
+        let mut saturated = false;
+        for i in 0..self.m {
+            let wanted = self.wanted[i];
+            let reachable =
+                wanted.max(self.in_force[i] - self.step_limit[i]).min(self.in_force[i] + self.step_limit[i]);
+            // A command in force outside the limits can only have been set from outside; the limits win.
+            let limited = reachable.clamp(self.lower[i], self.upper[i]);
+            saturated |= limited != wanted;
+            self.command[i] = if wanted.is_finite() { limited } else { f64::NAN };
+        }
+        saturated
+    }
+
+    /// Integrals and super-twisting memory for the next step.
+    fn remember(&mut self, saturated: bool) {
+        let q = self.integrals.len();
+        let frozen = saturated && self.anti_windup == AntiWindup::Conditional && self.winds_up();
+        if !frozen {
+            for k in 0..q {
+                self.integrals[k] += self.period_s * self.error[self.integral[k]];
+            }
+        }
+        if saturated && self.anti_windup == AntiWindup::BackCalculation {
+            for j in 0..self.m {
+                let excess = self.wanted[j] - self.command[j];
+                for k in 0..q {
+                    self.integrals[k] += self.back[j * q + k] * excess;
+                }
+            }
+        }
+        if let Some(sliding) = &mut self.sliding
+            && let Switching::SuperTwisting { k2, layer, .. } = &sliding.switching
+        {
+            for i in 0..self.m {
+                let step = -self.period_s * k2[i] * (sliding.s[i] / layer[i]).clamp(-1.0, 1.0);
+                let excess = self.wanted[i] - self.command[i];
+                if excess * step <= 0.0 {
+                    let limit = sliding.twist_limit[i];
+                    sliding.twist[i] = (sliding.twist[i] + step).clamp(-limit, limit);
+                }
+            }
+        }
+    }
+
+    /// Whether integrating this error would ask for more of what the limits already cut off.
+    fn winds_up(&self) -> bool {
+        let q = self.integrals.len();
+        let mut push = 0.0;
+        for k in 0..q {
+            for i in 0..self.m {
+                let excess = self.wanted[i] - self.command[i];
+                push -= self.integral_gain[k * self.m + i] * self.error[self.integral[k]] * excess;
+            }
+        }
+        push > 0.0
+    }
+}
+
+/// `y += scale * m x`, m column after column.
+fn add_product(y: &mut [f64], m: &[f64], x: &[f64], scale: f64) {
+    for (column, v) in m.chunks_exact(y.len()).zip(x) {
+        let factor = v * scale;
+        y.iter_mut().zip(column).for_each(|(y, c)| *y += c * factor);
+    }
+}

@@ -1,0 +1,87 @@
+//! Why a law cannot be designed.
+
+use thiserror::Error;
+
+use crate::linalg::{C64, QzError};
+use crate::place::PlaceError;
+use crate::riccati::RiccatiError;
+use crate::smc::SurfaceError;
+
+/// Why a law cannot be designed.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum DesignError {
+    /// A name that the plant does not have.
+    #[error("`{option}` names {name:?}, which is not among {known}")]
+    UnknownName {
+        /// The option.
+        option: &'static str,
+        /// What it names.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// An index out of range.
+    #[error("`{option}` has the index {index}, but there are only {count}, counted from 0")]
+    Index {
+        /// The option.
+        option: &'static str,
+        /// The index.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// A list of the wrong length.
+    #[error("`{option}` has {got} entries, but {wanted} are needed")]
+    Count {
+        /// The option.
+        option: &'static str,
+        /// Found.
+        got: usize,
+        /// Needed.
+        wanted: usize,
+    },
+    /// A value out of its range.
+    #[error("`{option}` is {value}; it has to be {needed}")]
+    Value {
+        /// The option.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// What would do.
+        needed: &'static str,
+    },
+    /// Options that exclude each other.
+    #[error("`{first}` and `{second}` exclude each other; give one of them")]
+    Conflict {
+        /// One option.
+        first: &'static str,
+        /// The other.
+        second: &'static str,
+    },
+    /// The reaching condition does not hold.
+    #[error("the reaching condition fails: {why}")]
+    Reaching {
+        /// Which part.
+        why: String,
+    },
+    /// The loop would be unstable.
+    #[error(
+        "the closed loop would have the discrete pole {pole}, outside the unit circle; ask for other weights or poles"
+    )]
+    Unstable {
+        /// The pole.
+        pole: C64,
+    },
+    /// The Riccati equation was not solved.
+    #[error("the Riccati equation of this design: {0}")]
+    Riccati(#[from] RiccatiError),
+    /// Poles were not placed.
+    #[error("the pole placement of this design: {0}")]
+    Place(#[from] PlaceError),
+    /// No surface was found.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+    /// An eigenvalue iteration failed.
+    #[error(transparent)]
+    Eigenvalues(#[from] QzError),
+}

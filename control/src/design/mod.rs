@@ -1,0 +1,136 @@
+//! From a plant and options to a law, with what can be said about the loop it closes.
+//!
+//! All laws are designed for the sampled plant and for a loop in which the command computed from `x_k` acts over
+//! `[t_k+1, t_k+2)`. They feed back the exact prediction `x_k+1 = phi x_k + gamma u_k` (u_k is the command in
+//! force), so that the delay does not move the poles of the undelayed design; it adds one pole at the origin per
+//! input. Poles and margins reported are those of the delayed loop.
+
+mod error;
+mod law;
+mod report;
+mod resolve;
+
+pub use error::DesignError;
+pub use law::{LinearLaw, SlidingLaw, Switching};
+pub use report::{Pole, pole};
+
+use nalgebra::DMatrix;
+use serde::Serialize;
+
+use crate::linalg::{complex, eigenvalues};
+use crate::margins::{LoopMargins, MultivariableMargins, ReturnRatio};
+use crate::options::{AntiWindup, LawOptions};
+use crate::plant::Plant;
+
+/// A designed law and the figures of its loop.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Design {
+    /// `whirlstand.design.v1`.
+    pub schema: &'static str,
+    /// `lqr`, `ppc` or `smc`.
+    pub law: &'static str,
+    /// What it was designed for.
+    pub plant: Plant,
+    /// The options it was designed with.
+    pub options: LawOptions,
+    /// Indices of the states whose error is integrated.
+    pub integral: Vec<usize>,
+    /// The feedback; for sliding mode, the linear law within the boundary layer.
+    pub linear: LinearLaw,
+    /// The sliding surface and its reaching law, for sliding mode only.
+    pub sliding: Option<SlidingLaw>,
+    /// Poles of the plant alone.
+    pub open_loop_poles: Vec<Pole>,
+    /// Poles of the closed loop with its delay.
+    pub closed_loop_poles: Vec<Pole>,
+    /// Condition number of the unit eigenvectors of the loop without its delay.
+    pub eigenvector_condition: f64,
+    /// Margins at each input, the other loops closed, in the order of the inputs.
+    pub loop_margins: Vec<LoopMargins>,
+    /// Margins at all inputs at once.
+    pub multivariable_margins: MultivariableMargins,
+    /// What integrators do at the limits.
+    pub anti_windup: AntiWindup,
+}
+
+impl Design {
+    /// Designs the law that `options` ask for.
+    ///
+    /// # Errors
+    /// [`DesignError`] names the option, the state or the pole that stands in the way.
+    pub fn new(plant: &Plant, options: &LawOptions) -> Result<Self, DesignError> {
+        let (integral, linear, sliding, anti_windup) = match options {
+            LawOptions::Lqr(o) => {
+                let integral = resolve::integral(plant, &o.integral)?;
+                let linear = law::lqr(plant, o, &integral)?;
+                (integral, linear, None, o.anti_windup)
+            }
+            LawOptions::Ppc(o) => {
+                let integral = resolve::integral(plant, &o.integral)?;
+                let linear = law::ppc(plant, o, &integral)?;
+                (integral, linear, None, o.anti_windup)
+            }
+            LawOptions::Smc(o) => {
+                let integral = resolve::integral(plant, &o.integral)?;
+                let (linear, sliding) = law::smc(plant, o, &integral)?;
+                (integral, linear, Some(sliding), o.anti_windup)
+            }
+        };
+        let period = plant.period_s();
+        let closed = linear.closed_loop(plant);
+        let poles = eigenvalues(&closed)?;
+        if let Some(unstable) = poles.iter().find(|p| p.norm().is_nan() || p.norm() >= 1.0) {
+            return Err(DesignError::Unstable { pole: *unstable });
+        }
+        let ratio = linear.return_ratio(plant);
+        let open = eigenvalues(plant.a())?;
+        Ok(Self {
+            schema: "whirlstand.design.v1",
+            law: options.name(),
+            plant: plant.clone(),
+            options: options.clone(),
+            open_loop_poles: open.iter().map(|p| Pole::continuous(*p, period)).collect(),
+            closed_loop_poles: poles.iter().map(|p| Pole::discrete(*p, period)).collect(),
+            eigenvector_condition: eigenvector_condition(&linear.undelayed(plant))?,
+            loop_margins: (0..plant.input_count()).map(|i| ratio.loop_margins(i)).collect(),
+            multivariable_margins: ratio.multivariable(),
+            integral,
+            linear,
+            sliding,
+            anti_windup,
+        })
+    }
+
+    /// The return ratio that the margins are taken from.
+    pub fn return_ratio(&self) -> ReturnRatio {
+        self.linear.return_ratio(&self.plant)
+    }
+}
+
+/// Condition number of the unit eigenvectors of `a`; infinite when they are dependent.
+fn eigenvector_condition(a: &DMatrix<f64>) -> Result<f64, DesignError> {
+    let schur = crate::linalg::Schur::new(&complex(a))?;
+    let n = a.nrows();
+    // Eigenvectors of the triangular factor by back substitution; unitary factors change no condition.
+    let mut v = DMatrix::zeros(n, n);
+    for k in 0..n {
+        let lambda = schur.s[(k, k)];
+        v[(k, k)] = crate::linalg::C64::new(1.0, 0.0);
+        for i in (0..k).rev() {
+            let mut sum = crate::linalg::C64::new(0.0, 0.0);
+            for j in i + 1..=k {
+                sum += schur.s[(i, j)] * v[(j, k)];
+            }
+            let mut gap = lambda - schur.s[(i, i)];
+            let floor = f64::EPSILON * a.norm();
+            if gap.norm() < floor {
+                gap = crate::linalg::C64::new(floor, 0.0);
+            }
+            v[(i, k)] = sum / gap;
+        }
+        let norm = v.column(k).norm();
+        v.column_mut(k).iter_mut().for_each(|x| *x /= norm);
+    }
+    let s = v.singular_values();
+    Ok(s.max() / s.min())
+}

@@ -1,0 +1,133 @@
+//! Options turned into numbers: names to indices, defaults from the plant.
+
+use super::DesignError;
+use crate::linalg::{C64, eigenvalues};
+use crate::options::{Selector, Weights};
+use crate::plant::Plant;
+
+/// Index of a state.
+fn state(plant: &Plant, option: &'static str, selector: &Selector) -> Result<usize, DesignError> {
+    index(option, selector, plant.state_names())
+}
+
+fn index(option: &'static str, selector: &Selector, names: &[String]) -> Result<usize, DesignError> {
+    match selector {
+        Selector::Index(i) if *i < names.len() => Ok(*i),
+        Selector::Index(i) => Err(DesignError::Index { option, index: *i, count: names.len() }),
+        Selector::Name(name) => names
+            .iter()
+            .position(|n| n == name)
+            .ok_or_else(|| DesignError::UnknownName { option, name: name.clone(), known: names.join(", ") }),
+    }
+}
+
+/// Indices of the integrated states, each once.
+pub fn integral(plant: &Plant, selectors: &[Selector]) -> Result<Vec<usize>, DesignError> {
+    let mut indices = Vec::with_capacity(selectors.len());
+    for s in selectors {
+        let i = state(plant, "integral", s)?;
+        if !indices.contains(&i) {
+            indices.push(i);
+        }
+    }
+    if indices.len() > plant.input_count() {
+        return Err(DesignError::Count {
+            option: "integral",
+            got: indices.len(),
+            wanted: plant.input_count(),
+        });
+    }
+    Ok(indices)
+}
+
+/// One number per name, from `weights` where it says so and from `defaults` elsewhere.
+pub fn weights(
+    option: &'static str,
+    weights: Option<&Weights>,
+    names: &[String],
+    defaults: Vec<f64>,
+    allow_zero: bool,
+) -> Result<Vec<f64>, DesignError> {
+    let mut values = defaults;
+    match weights {
+        None => {}
+        Some(Weights::Uniform(v)) => values.fill(*v),
+        Some(Weights::List(list)) if list.len() == values.len() => values.clone_from(list),
+        Some(Weights::List(list)) => {
+            return Err(DesignError::Count { option, got: list.len(), wanted: values.len() });
+        }
+        Some(Weights::ByName(map)) => {
+            for (name, value) in map {
+                values[index(option, &Selector::Name(name.clone()), names)?] = *value;
+            }
+        }
+    }
+    let needed = if allow_zero { "zero or positive" } else { "positive" };
+    match values.iter().find(|v| !v.is_finite() || **v < 0.0 || (!allow_zero && **v == 0.0)) {
+        Some(value) => Err(DesignError::Value { option, value: *value, needed }),
+        None => Ok(values),
+    }
+}
+
+/// A number that has to be positive.
+pub fn positive(option: &'static str, value: Option<f64>, default: f64) -> Result<f64, DesignError> {
+    match value {
+        None => Ok(default),
+        Some(v) if v.is_finite() && v > 0.0 => Ok(v),
+        Some(value) => Err(DesignError::Value { option, value, needed: "positive" }),
+    }
+}
+
+/// Bryson's weight of each state.
+pub fn bryson(plant: &Plant) -> Vec<f64> {
+    plant.scales().iter().map(|s| 1.0 / (s * s)).collect()
+}
+
+/// Natural frequency that a loop around this plant should have at least: the geometric mean of those of its own
+/// modes that move, within what the period can follow; rad/s.
+pub fn bandwidth(plant: &Plant) -> Result<f64, DesignError> {
+    let modes: Vec<f64> = eigenvalues(plant.a())?.iter().map(|p| p.norm()).collect();
+    let fastest = modes.iter().copied().fold(0.0, f64::max);
+    let top = 0.05 * std::f64::consts::TAU / plant.period_s();
+    if fastest <= 0.0 {
+        return Ok(top.min(2.0));
+    }
+    let moving: Vec<f64> = modes.into_iter().filter(|w| *w > 1e-3 * fastest).collect();
+    let mean = moving.iter().map(|w| w.ln()).sum::<f64>() / moving.len() as f64;
+    Ok((1.5 * mean.exp()).min(top))
+}
+
+/// The plant's own poles, each made at least as fast as `bandwidth` and as damped as `damping`, with `extra`
+/// slower ones for integrators, all apart from each other; continuous.
+pub fn default_poles(
+    plant: &Plant,
+    bandwidth: f64,
+    damping: f64,
+    extra: usize,
+) -> Result<Vec<C64>, DesignError> {
+    let mut poles: Vec<C64> = Vec::new();
+    let mut add = |frequency: f64, zeta: f64| {
+        let mut w = frequency;
+        let make = |w: f64| C64::new(-zeta * w, w * (1.0 - zeta * zeta).max(0.0).sqrt());
+        while poles.iter().any(|p: &C64| (make(w) - p).norm() < 0.08 * w) {
+            w *= 1.1;
+        }
+        let p = make(w);
+        poles.push(p);
+        if p.im != 0.0 {
+            poles.push(p.conj());
+        }
+    };
+    for p in eigenvalues(plant.a())? {
+        let w = p.norm().max(bandwidth);
+        if p.im > 0.0 {
+            add(w, (-p.re / p.norm()).max(damping));
+        } else if p.im == 0.0 {
+            add(w, 1.0);
+        }
+    }
+    for _ in 0..extra {
+        add(0.5 * bandwidth, 1.0);
+    }
+    Ok(poles)
+}

@@ -1,0 +1,424 @@
+//! Pole placement for several inputs, robust.
+//!
+//! With more than one input the poles leave freedom in the eigenvectors; it is spent on making them as nearly
+//! orthogonal as can be, by raising the determinant of their matrix: Kautsky, Nichols and Van Dooren (Int. J.
+//! Control 41, 1985, method 0), with the globally convergent rank-2 updates of Tits and Yang (IEEE Trans. Autom.
+//! Control 41, 1996), which move two eigenvectors at once, a pair of real ones or a complex one and its conjugate.
+
+use nalgebra::{ComplexField, DMatrix, DVector};
+use thiserror::Error;
+
+use crate::linalg::{C64, QzError, complex, eigenvalues};
+
+/// A gain that places poles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Placement {
+    /// The gain K, m x n, of `u = -K x`.
+    pub gain: DMatrix<f64>,
+    /// Eigenvalues of `A - B K` as computed.
+    pub poles: Vec<C64>,
+    /// Condition number of the matrix of unit eigenvectors: how far the poles move when the plant does.
+    pub condition: f64,
+    /// Sweeps over the eigenvectors.
+    pub sweeps: usize,
+}
+
+/// Why poles cannot be placed.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum PlaceError {
+    /// Wrong number of poles.
+    #[error("{got} poles are asked for, but the plant has {wanted} states; give one pole per state")]
+    Count {
+        /// Asked for.
+        got: usize,
+        /// States.
+        wanted: usize,
+    },
+    /// Matrices that do not fit, or NaN.
+    #[error("A has to be n x n and B n x m with n, m > 0, all finite; they are {a:?} and {b:?}")]
+    Matrices {
+        /// Shape of A.
+        a: (usize, usize),
+        /// Shape of B.
+        b: (usize, usize),
+    },
+    /// A pole without its conjugate, or NaN.
+    #[error("the pole {pole} comes without its complex conjugate, or is not finite; a real gain needs both")]
+    NotConjugate {
+        /// The pole.
+        pole: C64,
+    },
+    /// A pole repeated more often than B has rank.
+    #[error(
+        "the pole {pole} is asked for {times} times, but B has rank {rank}; a pole can be repeated at most that often, so \
+         move the copies apart"
+    )]
+    Multiplicity {
+        /// The pole.
+        pole: C64,
+        /// How often.
+        times: usize,
+        /// Rank of B.
+        rank: usize,
+    },
+    /// A mode that no input moves.
+    #[error(
+        "the mode {mode} is not controllable, so it stays where it is; ask for it among the poles, or give the plant an \
+         input that moves it"
+    )]
+    Uncontrollable {
+        /// The mode.
+        mode: C64,
+    },
+    /// The eigenvectors stay dependent.
+    #[error("no independent set of eigenvectors was found for these poles; move them apart")]
+    Defective,
+    /// The eigenvalue iteration failed.
+    #[error(transparent)]
+    Eigenvalues(#[from] QzError),
+}
+
+/// Gain K (m x n) such that `A - B K` has the given eigenvalues, as insensitive as the inputs allow.
+///
+/// A is n x n, B n x m; `poles` are n complex numbers closed under conjugation, none repeated more often than
+/// the rank of B. They are eigenvalues of the matrix as it stands: 1/s for a continuous A, inside the unit circle
+/// for a discrete one. Uncontrollable modes have to be among them.
+///
+/// Method and sources: see the [module](self).
+///
+/// # Errors
+/// [`PlaceError`] says which pole or mode stands in the way.
+///
+/// ```
+/// use nalgebra::{Complex, dmatrix};
+/// use whirlstand_control::place::place;
+///
+/// let (a, b) = (dmatrix![0.0, 1.0; 100.0, 0.0], dmatrix![0.0; 1.0]);
+/// let poles = [Complex::new(-20.0, 10.0), Complex::new(-20.0, -10.0)];
+/// let placed = place(&a, &b, &poles).unwrap();
+/// assert!((placed.gain - dmatrix![600.0, 40.0]).norm() < 1e-9);
+/// ```
+pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placement, PlaceError> {
+    let (n, m) = b.shape();
+    if a.shape() != (n, n) || n == 0 || m == 0 || a.iter().chain(b.iter()).any(|v| !v.is_finite()) {
+        return Err(PlaceError::Matrices { a: a.shape(), b: b.shape() });
+    }
+    if poles.len() != n {
+        return Err(PlaceError::Count { got: poles.len(), wanted: n });
+    }
+    let poles = conjugates_paired(poles)?;
+    let svd = b.clone().svd(true, true);
+    let (Some(u), Some(vt)) = (svd.u.as_ref(), svd.v_t.as_ref()) else { return Err(PlaceError::Defective) };
+    let sigma = &svd.singular_values;
+    let floor = sigma.max() * f64::EPSILON * n.max(m) as f64;
+    let rank = sigma.iter().filter(|s| **s > floor).count();
+    check_multiplicity(&poles, rank)?;
+    check_controllable(a, b, &poles)?;
+    if rank == 0 {
+        return Err(PlaceError::Uncontrollable { mode: eigenvalues(a)?[0] });
+    }
+    // Singular values come sorted, so the first `rank` columns span the range of B.
+    let range = u.columns(0, rank).into_owned();
+    let annihilator = null_space(&range.transpose(), n - rank);
+    let mut vectors = Eigenvectors::new(a, &annihilator, &poles)?;
+    let sweeps = vectors.improve(if rank > 1 { 100 } else { 0 });
+    let x = vectors.real();
+    let lambda = real_modal(&poles);
+    // A_c X = X Lambda, solved transposed.
+    let closed =
+        x.transpose().lu().solve(&(&x * lambda).transpose()).ok_or(PlaceError::Defective)?.transpose();
+    let weights = DMatrix::from_fn(m, rank, |i, j| vt[(j, i)] / sigma[j]);
+    let gain = weights * range.transpose() * (a - closed);
+    if gain.iter().any(|v| !v.is_finite()) {
+        return Err(PlaceError::Defective);
+    }
+    let placed = eigenvalues(&(a - b * &gain))?;
+    Ok(Placement { gain, poles: placed, condition: vectors.condition(), sweeps })
+}
+
+/// Real poles in order, then pairs, positive imaginary part first; the pairs made exact.
+fn conjugates_paired(poles: &[C64]) -> Result<Vec<C64>, PlaceError> {
+    if let Some(p) = poles.iter().find(|p| !p.re.is_finite() || !p.im.is_finite()) {
+        return Err(PlaceError::NotConjugate { pole: *p });
+    }
+    let mut reals: Vec<C64> = poles.iter().copied().filter(|p| p.im == 0.0).collect();
+    reals.sort_by(|x, y| x.re.total_cmp(&y.re));
+    let upper: Vec<C64> = poles.iter().copied().filter(|p| p.im > 0.0).collect();
+    let mut lower: Vec<C64> = poles.iter().copied().filter(|p| p.im < 0.0).collect();
+    for p in upper {
+        let tolerance = 1e-9 * p.norm();
+        let Some(at) = lower.iter().position(|q| (q.conj() - p).norm() <= tolerance) else {
+            return Err(PlaceError::NotConjugate { pole: p });
+        };
+        lower.swap_remove(at);
+        reals.extend([p, p.conj()]);
+    }
+    match lower.first() {
+        Some(p) => Err(PlaceError::NotConjugate { pole: *p }),
+        None => Ok(reals),
+    }
+}
+
+fn check_multiplicity(poles: &[C64], rank: usize) -> Result<(), PlaceError> {
+    for p in poles {
+        let times = poles.iter().filter(|q| (*q - p).norm() <= 1e-12 * p.norm()).count();
+        if times > rank && rank > 0 {
+            return Err(PlaceError::Multiplicity { pole: *p, times, rank });
+        }
+    }
+    Ok(())
+}
+
+/// The Popov-Belevitch-Hautus test at every eigenvalue of A.
+fn check_controllable(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<(), PlaceError> {
+    for (mode, distance) in uncontrollability(a, b)? {
+        if distance > 1e-13 {
+            continue;
+        }
+        let near = 1e-6 * mode.norm().max(1e-3 * a.norm());
+        if !poles.iter().any(|p| (p - mode).norm() <= near) {
+            return Err(PlaceError::Uncontrollable { mode });
+        }
+    }
+    Ok(())
+}
+
+/// For each eigenvalue of A, the smallest singular value of `[A - lambda I, B]` over the norm of `[A, B]` with
+/// the columns of B scaled alike: how far the mode is from being uncontrollable.
+///
+/// # Errors
+/// [`QzError`] when the eigenvalues of A cannot be had.
+pub fn uncontrollability(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Result<Vec<(C64, f64)>, QzError> {
+    let (n, m) = b.shape();
+    let norm_a = a.norm();
+    let scale = if b.norm() > 0.0 && norm_a > 0.0 { norm_a / b.norm() } else { 1.0 };
+    let mut pencil = DMatrix::<C64>::zeros(n, n + m);
+    pencil.view_mut((0, 0), (n, n)).copy_from(&complex(a));
+    pencil.view_mut((0, n), (n, m)).copy_from(&complex(&(b * scale)));
+    let norm = pencil.norm().max(f64::MIN_POSITIVE);
+    Ok(eigenvalues(a)?
+        .into_iter()
+        .map(|mode| {
+            let mut shifted = pencil.clone();
+            (0..n).for_each(|i| shifted[(i, i)] -= mode);
+            (mode, shifted.adjoint().singular_values().min() / norm)
+        })
+        .collect())
+}
+
+/// Orthonormal basis of the null space of `a`, taken as having at least `at_least` dimensions: that many right
+/// singular vectors of the smallest singular values, more when more of these vanish.
+fn null_space<T: ComplexField<RealField = f64>>(a: &DMatrix<T>, at_least: usize) -> DMatrix<T> {
+    let (rows, n) = a.shape();
+    // A square matrix, for nalgebra's SVD gives only min(rows, columns) right vectors.
+    let mut square = DMatrix::<T>::zeros(n.max(rows), n);
+    square.view_mut((0, 0), (rows, n)).copy_from(a);
+    let svd = square.svd(false, true);
+    let floor = svd.singular_values.max() * f64::EPSILON * n as f64 * 10.0;
+    let vanishing = svd.singular_values.iter().filter(|s| **s <= floor).count();
+    let count = vanishing.max(at_least).min(n);
+    match svd.v_t {
+        Some(v) => v.rows(n - count, count).adjoint(),
+        None => DMatrix::identity(n, n),
+    }
+}
+
+/// Block-diagonal real form of the poles: 1 x 1 for real ones, `[[re, im], [-im, re]]` for pairs.
+fn real_modal(poles: &[C64]) -> DMatrix<f64> {
+    let n = poles.len();
+    let mut lambda = DMatrix::zeros(n, n);
+    let mut j = 0;
+    while j < n {
+        lambda[(j, j)] = poles[j].re;
+        if poles[j].im != 0.0 {
+            lambda[(j + 1, j + 1)] = poles[j].re;
+            lambda[(j, j + 1)] = poles[j].im;
+            lambda[(j + 1, j)] = -poles[j].im;
+            j += 1;
+        }
+        j += 1;
+    }
+    lambda
+}
+
+/// The eigenvectors that can be had and those chosen. Column j of a pair holds the real part, j + 1 the
+/// imaginary part.
+struct Eigenvectors {
+    poles: Vec<C64>,
+    spaces: Vec<DMatrix<C64>>,
+    x: DMatrix<f64>,
+}
+
+impl Eigenvectors {
+    /// Starts from the vectors of each space nearest to not lying in the others' span, found greedily.
+    fn new(a: &DMatrix<f64>, annihilator: &DMatrix<f64>, poles: &[C64]) -> Result<Self, PlaceError> {
+        let n = a.nrows();
+        let rank = n - annihilator.ncols();
+        let projected = annihilator.transpose();
+        let spaces: Vec<DMatrix<C64>> = poles
+            .iter()
+            .map(|p| {
+                let mut shifted = a.clone();
+                (0..n).for_each(|i| shifted[(i, i)] -= p.re);
+                let shifted = &projected * shifted;
+                if p.im == 0.0 {
+                    return complex(&null_space(&shifted, rank));
+                }
+                let imaginary = complex(&projected) * C64::new(0.0, p.im);
+                null_space(&(complex(&shifted) - imaginary), rank)
+            })
+            .collect();
+        let mut this = Self { poles: poles.to_vec(), spaces, x: DMatrix::zeros(n, n) };
+        // A fixed generic combination in each space starts the search; the sweeps do the rest.
+        let mut j = 0;
+        while j < n {
+            let space = &this.spaces[j];
+            let w = DVector::from_fn(space.ncols(), |i, _| {
+                let t = (i * 7 + j * 13 + 3) as f64;
+                C64::new((t * 0.731).sin() + 0.5, (t * 1.317).cos())
+            });
+            if poles[j].im == 0.0 {
+                let v = (space * w).map(|v| v.re);
+                this.set(j, &v);
+                j += 1;
+            } else {
+                this.set_pair(j, &(space * w));
+                j += 2;
+            }
+        }
+        Ok(this)
+    }
+
+    fn set(&mut self, j: usize, v: &DVector<f64>) {
+        let norm = v.norm();
+        if norm > 0.0 {
+            self.x.set_column(j, &(v / norm));
+        }
+    }
+
+    fn set_pair(&mut self, j: usize, v: &DVector<C64>) {
+        // Both parts together have norm sqrt(2), so that a pair weighs as two real vectors do.
+        let v = v * C64::new(std::f64::consts::SQRT_2 / v.norm(), 0.0);
+        self.x.set_column(j, &v.map(|c| c.re));
+        self.x.set_column(j + 1, &v.map(|c| c.im));
+    }
+
+    fn real(&self) -> DMatrix<f64> {
+        self.x.clone()
+    }
+
+    /// Condition number of the matrix of unit eigenvectors.
+    fn condition(&self) -> f64 {
+        let n = self.poles.len();
+        let mut x = DMatrix::<C64>::zeros(n, n);
+        let mut j = 0;
+        while j < n {
+            if self.poles[j].im == 0.0 {
+                x.set_column(j, &self.x.column(j).map(|v| C64::new(v, 0.0)));
+                j += 1;
+            } else {
+                let v = DVector::from_fn(n, |i, _| C64::new(self.x[(i, j)], self.x[(i, j + 1)]));
+                let v = &v / C64::new(v.norm(), 0.0);
+                x.set_column(j + 1, &v.map(|c| c.conj()));
+                x.set_column(j, &v);
+                j += 2;
+            }
+        }
+        let s = x.singular_values();
+        s.max() / s.min()
+    }
+
+    /// Raises the determinant until a sweep gains less than a thousandth, at most `limit` sweeps; returns their number.
+    fn improve(&mut self, limit: usize) -> usize {
+        let n = self.poles.len();
+        if n < 2 {
+            return 0;
+        }
+        let reals = self.poles.iter().filter(|p| p.im == 0.0).count();
+        let mut before = self.log_determinant();
+        for sweep in 1..=limit {
+            if reals == 1 {
+                self.update_single(0);
+            }
+            for i in 0..reals {
+                // Neighbours and, in turn, more distant partners.
+                let k = (i + 1 + (sweep - 1) % (reals - 1).max(1)) % reals;
+                if k != i {
+                    self.update_real_pair(i.min(k), i.max(k));
+                }
+            }
+            for j in (reals..n).step_by(2) {
+                self.update_complex(j);
+            }
+            let after = self.log_determinant();
+            if sweep >= 3 && after - before < 1e-3 {
+                return sweep;
+            }
+            before = after;
+        }
+        limit
+    }
+
+    fn log_determinant(&self) -> f64 {
+        let d = self.x.clone().qr().r();
+        d.diagonal().iter().map(|v| v.abs().max(f64::MIN_POSITIVE).ln()).sum()
+    }
+
+    /// Orthonormal basis of what is orthogonal to all columns but those given.
+    fn complement(&self, skip: &[usize]) -> DMatrix<f64> {
+        let n = self.poles.len();
+        let kept: Vec<usize> = (0..n).filter(|j| !skip.contains(j)).collect();
+        let others = DMatrix::from_fn(kept.len(), n, |i, k| self.x[(k, kept[i])]);
+        let basis = null_space(&others, skip.len());
+        basis.columns(basis.ncols() - skip.len(), skip.len()).into_owned()
+    }
+
+    /// One real vector: the projection of the others' normal onto its space (method 0).
+    fn update_single(&mut self, j: usize) {
+        let normal = self.complement(&[j]);
+        let space = self.real_space(j);
+        let v = &space * space.tr_mul(&normal.column(0));
+        if v.norm() > 1e-12 {
+            self.set(j, &v);
+        }
+    }
+
+    /// Two real vectors at once: with u1, u2 normal to the others, the determinant is bilinear in the two, and
+    /// the best pair is the leading singular pair.
+    fn update_real_pair(&mut self, i: usize, k: usize) {
+        let u = self.complement(&[i, k]);
+        let skew = u.column(0) * u.column(1).transpose() - u.column(1) * u.column(0).transpose();
+        let (si, sk) = (self.real_space(i), self.real_space(k));
+        let svd = (si.transpose() * skew * &sk).svd(true, true);
+        let (Some(left), Some(right)) = (svd.u.as_ref(), svd.v_t.as_ref()) else { return };
+        let best = svd.singular_values.imax();
+        if svd.singular_values[best] <= 1e-12 {
+            return;
+        }
+        let vi = si * left.column(best);
+        let vk = sk * right.row(best).transpose();
+        self.set(i, &vi);
+        self.set(k, &vk);
+    }
+
+    /// A complex pair: the determinant is a Hermitian form in the vector's coordinates, and the best vector
+    /// belongs to its eigenvalue of largest magnitude.
+    fn update_complex(&mut self, j: usize) {
+        let u = self.complement(&[j, j + 1]);
+        let skew = u.column(0) * u.column(1).transpose() - u.column(1) * u.column(0).transpose();
+        let space = &self.spaces[j];
+        let form = space.adjoint() * complex(&skew) * space * C64::new(0.0, -0.5);
+        let eigen = form.symmetric_eigen();
+        let best = eigen.eigenvalues.iamax();
+        if eigen.eigenvalues[best].abs() <= 1e-12 {
+            return;
+        }
+        let v = &self.spaces[j] * eigen.eigenvectors.column(best);
+        self.set_pair(j, &v);
+    }
+
+    /// The space of a real pole, which is real.
+    fn real_space(&self, j: usize) -> DMatrix<f64> {
+        self.spaces[j].map(|v| v.re)
+    }
+}
