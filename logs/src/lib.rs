@@ -4,13 +4,21 @@
 //! - [`record::Record`] is what every reader ends in: one time axis and named signals in SI units.
 
 pub mod bench_info;
+pub mod bench_record;
 pub mod csv_file;
+pub mod log;
 pub mod mapping;
 pub mod record;
+mod segment;
+pub mod stream;
 pub mod writer;
 
 pub use bench_info::{BenchInfo, SignalInfo};
+pub use bench_record::{BenchRecordError, bench_record};
 pub use csv_file::{CsvError, read_csv, write_csv};
+pub use log::{Log, Messages};
 pub use mapping::{MapError, Mapping, MissingSource, Source};
 pub use record::{MissingSignal, Record, RecordError, Signal};
+pub use segment::{AttachedFile, Damage, Ending, Topic};
+pub use stream::{LogStream, RawMessage, ReadError, segments};
 pub use writer::{Channel, LogWriter, WriteError, Written};

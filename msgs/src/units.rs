@@ -2,8 +2,9 @@
 //! vehicle file. Everything is turned into SI where it is read; angles are in rad.
 //!
 //! A unit is a product of symbols with whole exponents: `deg/s`, `m/s^2`, `kg*m^2`, `N.m`, `V`, `1/s`, `%`.
-//! Everything after a slash divides: `m/s/s` and `m/s*s` are both `m/s^2`. Symbols of SI take the prefixes n, u (or µ), m, c, h, k and M: `ms`, `mrad`, `kHz`. `g` is standard gravity, as in an
-//! accelerometer's data sheet, not gram. No unit, `1` and `-` mean dimensionless.
+//! Everything after a slash divides: `m/s/s` and `m/s*s` are both `m/s^2`. Symbols of SI take the prefixes n, u
+//! (or µ), m, c, h, k and M: `ms`, `mrad`, `kHz`. `g` is standard gravity, as in an accelerometer's data sheet,
+//! not gram. No unit, `1` and `-` mean dimensionless.
 //!
 //! ```
 //! use whirlstand_msgs::units::{Quantity, Unit};
@@ -176,7 +177,8 @@ impl Dimension {
         *self == NONE
     }
 
-    fn times(self, other: Self, power: i8) -> Option<Self> {
+    /// This dimension times a power of another; `None` when an exponent leaves the range of i8.
+    pub fn times(self, other: Self, power: i8) -> Option<Self> {
         let mut product = self;
         for (p, o) in product.0.iter_mut().zip(other.0) {
             *p = p.checked_add(o.checked_mul(power)?)?;

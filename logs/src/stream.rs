@@ -1,0 +1,255 @@
+//! The messages of an MCAP log in file order, over all its segments.
+//!
+//! A recorder that was restarted goes on in another file: `log.mcap`, `log.2.mcap`, `log.3.mcap` are one log.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use whirlstand_msgs::Message;
+
+use crate::segment::{AttachedFile, Damage, Ending, Segment, Step, Topic};
+use crate::writer::CDR_HEADER;
+
+/// Why an MCAP log cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// A file cannot be opened or read.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file is not MCAP.
+    #[error("{path} is not an MCAP file: it does not begin with the MCAP magic")]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Messages of another version of the program, or of another program.
+    #[error(
+        "{topic} holds {found}, expected {expected} of message version {}; a log of another version is read with the program that wrote it",
+        whirlstand_msgs::VERSION
+    )]
+    Schema {
+        /// The topic.
+        topic: String,
+        /// Type in the log, and what is different about it.
+        found: String,
+        /// Type in this program.
+        expected: &'static str,
+    },
+    /// A message is not as long as its type.
+    #[error("{topic}: a message of {found} bytes cannot be {expected}, which has {length} bytes")]
+    Length {
+        /// The topic.
+        topic: String,
+        /// Its length, bytes.
+        found: usize,
+        /// Type in this program.
+        expected: &'static str,
+        /// Length of the type, bytes.
+        length: usize,
+    },
+    /// The log says something about its bench that cannot be understood.
+    #[error("{path}: the bench's description is damaged: {reason}")]
+    BenchInfo {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// There is nothing to read.
+    #[error("{path} is a folder without a log.mcap in it")]
+    NoLog {
+        /// The folder.
+        path: PathBuf,
+    },
+}
+
+/// A message as it stands in the log.
+#[derive(Debug, Clone, Copy)]
+pub struct RawMessage<'a> {
+    /// Its topic.
+    pub topic: &'a Arc<Topic>,
+    /// Sequence number, 32 bits.
+    pub sequence: u32,
+    /// Time on the log's axis, ns.
+    pub log_time: u64,
+    /// Time that the publisher gave it, ns.
+    pub publish_time: u64,
+    /// Encoded content.
+    pub data: &'a [u8],
+}
+
+impl RawMessage<'_> {
+    /// The message as the type that its topic holds.
+    ///
+    /// # Errors
+    /// [`ReadError::Schema`] when the topic holds another type, [`ReadError::Length`] when the bytes do not fit.
+    pub fn decode<M: Message>(&self) -> Result<M, ReadError> {
+        check_schema::<M>(self.topic)?;
+        decode_unchecked(self)
+    }
+}
+
+/// Reads the bytes of a message whose schema has been checked.
+pub(crate) fn decode_unchecked<M: Message>(message: &RawMessage<'_>) -> Result<M, ReadError> {
+    message
+        .data
+        .strip_prefix(&CDR_HEADER)
+        .and_then(|body| bytemuck::try_pod_read_unaligned(body).ok())
+        .ok_or_else(|| ReadError::Length {
+            topic: message.topic.name.clone(),
+            found: message.data.len(),
+            expected: M::TYPE_NAME,
+            length: size_of::<M>() + CDR_HEADER.len(),
+        })
+}
+
+/// Confirms that a topic holds `M` as this program knows it.
+pub(crate) fn check_schema<M: Message>(topic: &Topic) -> Result<(), ReadError> {
+    let same_name = topic.schema_name == M::TYPE_NAME;
+    if same_name && topic.message_encoding == "cdr" && topic.schema == M::SCHEMA.as_bytes() {
+        return Ok(());
+    }
+    let name = if topic.schema_name.is_empty() { "messages without a schema" } else { &topic.schema_name };
+    let found = if same_name { format!("{name} with other fields or encoding") } else { name.to_string() };
+    Err(ReadError::Schema { topic: topic.name.clone(), found, expected: M::TYPE_NAME })
+}
+
+/// Reads a log from its first file's start to its last file's end.
+pub struct LogStream {
+    waiting: VecDeque<PathBuf>,
+    current: Segment,
+    current_path: PathBuf,
+    /// The message handed out last; its bytes are in the current segment.
+    entry: Option<crate::segment::Entry>,
+    metadata: Vec<(String, BTreeMap<String, String>)>,
+    attached: Vec<AttachedFile>,
+    damage: Vec<Damage>,
+    endings: Vec<(PathBuf, Ending)>,
+    ended: bool,
+}
+
+/// The files of the log that begins at `path`: the file itself and its later segments. A folder stands for the
+/// `log.mcap` in it.
+///
+/// # Errors
+/// [`ReadError::NoLog`] for a folder without one.
+pub fn segments(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, ReadError> {
+    let path = path.as_ref();
+    let first = if path.is_dir() { path.join("log.mcap") } else { path.to_path_buf() };
+    if path.is_dir() && !first.is_file() {
+        return Err(ReadError::NoLog { path: path.into() });
+    }
+    let mut all = vec![first.clone()];
+    let parts = first.file_stem().zip(first.extension());
+    if let Some((stem, extension)) = parts {
+        for n in 2u32.. {
+            let name = format!("{}.{n}.{}", stem.to_string_lossy(), extension.to_string_lossy());
+            let next = first.with_file_name(name);
+            if !next.is_file() {
+                break;
+            }
+            all.push(next);
+        }
+    }
+    Ok(all)
+}
+
+impl LogStream {
+    /// Opens a log, and its later segments if there are any.
+    ///
+    /// # Errors
+    /// [`ReadError::Io`], [`ReadError::NotMcap`] and [`ReadError::NoLog`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, ReadError> {
+        let mut waiting = VecDeque::from(segments(path)?);
+        // `segments` always names the first file.
+        let current_path = waiting.pop_front().unwrap_or_default();
+        Ok(Self {
+            waiting,
+            current: Segment::open(&current_path)?,
+            current_path,
+            entry: None,
+            metadata: Vec::new(),
+            attached: Vec::new(),
+            damage: Vec::new(),
+            endings: Vec::new(),
+            ended: false,
+        })
+    }
+
+    /// The next message, or `None` at the end of the last segment. Damaged records and cut-off ends are passed
+    /// over and told by [`Self::damage`] and [`Self::endings`].
+    ///
+    /// # Errors
+    /// [`ReadError::Io`], and [`ReadError::NotMcap`] for a later segment.
+    #[expect(clippy::should_implement_trait, reason = "the message borrows from the stream")]
+    pub fn next(&mut self) -> Result<Option<RawMessage<'_>>, ReadError> {
+        while !self.ended {
+            self.entry = self.current.entries.pop_front();
+            if self.entry.is_some() {
+                break;
+            }
+            self.advance()?;
+        }
+        Ok(self.entry.as_ref().map(|e| RawMessage {
+            topic: &e.topic,
+            sequence: e.sequence,
+            log_time: e.log_time,
+            publish_time: e.publish_time,
+            data: &self.current.data[e.data.clone()],
+        }))
+    }
+
+    fn advance(&mut self) -> Result<(), ReadError> {
+        match self.current.next()? {
+            Step::Messages => {}
+            Step::Metadata(name, map) => self.metadata.push((name, map)),
+            Step::Attached(file) => self.attached.push(file),
+            Step::End(ending) => {
+                self.endings.push((self.current_path.clone(), ending));
+                self.damage.append(&mut self.current.damage);
+                match self.waiting.pop_front() {
+                    Some(path) => {
+                        self.current = Segment::open(&path)?;
+                        self.current_path = path;
+                    }
+                    None => {
+                        self.entry = None;
+                        self.ended = true;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Metadata records met so far: name and texts.
+    pub fn metadata(&self) -> &[(String, BTreeMap<String, String>)] {
+        &self.metadata
+    }
+
+    /// Attached files met so far.
+    pub fn attached(&self) -> &[AttachedFile] {
+        &self.attached
+    }
+
+    /// What could not be read in the segments that have been finished.
+    pub fn damage(&self) -> &[Damage] {
+        &self.damage
+    }
+
+    /// The segments that have been finished, and how each ended.
+    pub fn endings(&self) -> &[(PathBuf, Ending)] {
+        &self.endings
+    }
+
+    /// The file being read.
+    pub fn path(&self) -> &Path {
+        &self.current_path
+    }
+}
