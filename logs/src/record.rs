@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::mapping::{MapError, Mapping, Source, resolve};
+
 /// A named signal over the time axis of its [`Record`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Signal {
@@ -206,6 +208,30 @@ impl Record {
         }
     }
 
+    /// The record with its signals renamed; those that no mapping names keep their names.
+    ///
+    /// # Errors
+    /// [`MapError`] when a mapping does not fit.
+    pub fn mapped(self, mappings: &[Mapping]) -> Result<Self, MapError> {
+        if mappings.is_empty() {
+            return Ok(self);
+        }
+        let sources: Vec<Source> = self
+            .signals
+            .iter()
+            .map(|s| Source { name: s.name.clone(), unit: Some(s.unit.clone()) })
+            .collect();
+        let signals = resolve(&sources, mappings, true, &self.origin)?
+            .into_iter()
+            .map(|chosen| Signal {
+                unit: chosen.unit.si_symbol(),
+                values: self.signals[chosen.source].values.iter().map(|v| chosen.convert(*v)).collect(),
+                name: chosen.name,
+            })
+            .collect();
+        Ok(Self { signals, ..self })
+    }
+
     /// Gives a record that counts samples its clock: point n is at n times `period_s`.
     pub fn with_sample_period(mut self, period_s: f64) -> Self {
         if self.time_unit == "samples" {
@@ -252,6 +278,15 @@ mod tests {
         assert_eq!(part.signal("roll").unwrap().values, [2.0, 3.0]);
         assert!(record().between(7.0, 3.0).is_empty());
         assert_eq!(record().duration(), 1.5);
+    }
+
+    #[test]
+    fn mappings_rename_what_is_there() {
+        let maps: Vec<Mapping> =
+            ["pitch=-/imu.pitch", "heel=roll[deg]"].iter().map(|m| m.parse().unwrap()).collect();
+        let mapped = record().mapped(&maps).unwrap();
+        assert_eq!(mapped.names(), ["pitch", "heel"]);
+        assert_eq!(mapped.signal("heel").unwrap().values[1], 2f64 * (std::f64::consts::PI / 180.0));
     }
 
     #[test]
