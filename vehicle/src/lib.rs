@@ -1,1 +1,34 @@
 //! What is simulated: state-space models, effects, sensors and vehicle files.
+//!
+//! A [`Vehicle`] is read from a vehicle file (`docs/vehicle-file.md`) or built in; a [`Simulator`] flies it.
+//!
+//! ```
+//! use whirlstand_vehicle::{Simulator, Vehicle};
+//!
+//! let vehicle = Vehicle::builtin("quadrotor").unwrap();
+//! let mut simulator = Simulator::new(&vehicle, 0.005, 1).unwrap();
+//! for _ in 0..200 {
+//!     simulator.step(&[1.0, 0.0]);
+//! }
+//! let roll = simulator.state()[vehicle.state_index("roll").unwrap()];
+//! assert!(roll < 0.0);
+//! let measured = simulator.measure();
+//! assert!((measured[0] - roll).abs() < 0.01);
+//! ```
+
+mod builtin;
+mod discretise;
+mod effects;
+mod error;
+mod file;
+mod model;
+mod random;
+mod simulator;
+
+pub use builtin::builtin_names;
+pub use discretise::{DiscretiseError, discretise, matrix_exponential};
+pub use effects::{Effect, FieldValue, Kind, Matrix, Need, Parameter, Place, PlaceKind, SPECS, Scale, Spec};
+pub use error::{EffectError, FileError, SimulatorError, VehicleError};
+pub use model::{Engine, Input, Output, SignalUnit, State, Vehicle, Vibration};
+pub use random::Stream;
+pub use simulator::Simulator;

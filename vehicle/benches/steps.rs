@@ -1,0 +1,2 @@
+//! How long a step takes: `cargo bench -p whirlstand-vehicle`.
+fn main() {}

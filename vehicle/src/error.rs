@@ -1,0 +1,122 @@
+//! What can be wrong with a vehicle, told in full sentences.
+
+use std::path::PathBuf;
+
+/// Why a vehicle cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum VehicleError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The text is not a vehicle file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// Neither a built-in vehicle nor a file.
+    #[error(
+        "there is no vehicle '{name}'{nearest}: built in are {known}; a path to a vehicle file (.toml) can be given too"
+    )]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// The nearest built-in name, as a question, or nothing.
+        nearest: String,
+        /// The built-in names.
+        known: String,
+    },
+    /// An effect does not fit the vehicle.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+}
+
+/// What is wrong in a vehicle file, and where.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{file}{}: {}{reason}", line.map(|l| format!(", line {l}")).unwrap_or_default(), field_prefix(field))]
+pub struct FileError {
+    /// The file, or what the text came from.
+    pub file: String,
+    /// Line, from 1, where it is known.
+    pub line: Option<usize>,
+    /// The field, for example `outputs[2].noise`; empty for the file as a whole.
+    pub field: String,
+    /// What was expected, what was found and what to do.
+    pub reason: String,
+}
+
+fn field_prefix(field: &str) -> String {
+    if field.is_empty() { String::new() } else { format!("{field}: ") }
+}
+
+/// What is wrong with an effect.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EffectError {
+    /// Name of the effect.
+    pub effect: String,
+    /// Its place, as written.
+    pub place: String,
+    /// The key that is wrong, if it is one.
+    pub field: Option<String>,
+    /// What was expected, what was found and what to do.
+    pub reason: String,
+}
+
+impl std::error::Error for EffectError {}
+
+impl std::fmt::Display for EffectError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "effect {}", self.effect)?;
+        if !self.place.is_empty() {
+            write!(f, " at '{}'", self.place)?;
+        }
+        match self.field.as_deref() {
+            // The reason quotes the key itself.
+            Some(field) if !self.reason.starts_with('\'') && !self.reason.starts_with("there is no") => {
+                write!(f, ": {field} {}", self.reason)
+            }
+            _ => write!(f, ": {}", self.reason),
+        }
+    }
+}
+
+/// Why a simulation cannot be set up.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulatorError {
+    /// The sample period is not a positive, finite number.
+    #[error("the sample period must be a positive number of seconds, but is {0}")]
+    Period(f64),
+    /// The matrix exponential over one period is not finite.
+    #[error(
+        "'{vehicle}' cannot be simulated with a period of {period_s} s: its fastest mode grows beyond any number"
+    )]
+    NotFinite {
+        /// The vehicle.
+        vehicle: String,
+        /// The period.
+        period_s: f64,
+    },
+    /// An effect does not fit the vehicle.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+}
+
+/// `; did you mean 'x'?`, or nothing when no candidate is near.
+pub(crate) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> String {
+    let best = candidates
+        .map(|c| (strsim::damerau_levenshtein(&name.to_lowercase(), &c.to_lowercase()), c))
+        .min_by_key(|(distance, _)| *distance);
+    match best {
+        Some((distance, candidate)) if distance <= 1 + name.chars().count().max(candidate.len()) / 3 => {
+            format!(" (did you mean '{candidate}'?)")
+        }
+        _ => String::new(),
+    }
+}
+
+/// `a, b, c`.
+pub(crate) fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    names.collect::<Vec<_>>().join(", ")
+}

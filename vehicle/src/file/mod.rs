@@ -1,0 +1,5 @@
+//! Vehicle files: TOML in the user's units, described in `docs/vehicle-file.md`.
+
+mod read;
+mod table;
+mod write;

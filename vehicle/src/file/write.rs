@@ -1,0 +1,174 @@
+//! From [`Vehicle`] to text.
+
+use std::fmt::Write as _;
+
+use nalgebra::DMatrix;
+
+use crate::effects::Effect;
+use crate::model::{SignalUnit, Vehicle};
+
+impl Vehicle {
+    /// The vehicle as the text of a vehicle file, which reads back as the same vehicle.
+    ///
+    /// When nothing but added effects distinguishes the vehicle from the file it was read from, the text is that
+    /// file, comments and all, with the effects appended.
+    pub fn to_toml(&self) -> String {
+        self.appended().unwrap_or_else(|| self.rendered())
+    }
+
+    fn appended(&self) -> Option<String> {
+        let read = Self::parse(&self.source_text, &self.name).ok()?;
+        let added = self.effects.strip_prefix(read.effects.as_slice())?;
+        let same = Self { effects: self.effects.clone(), folder: self.folder.clone(), ..read };
+        if same != *self {
+            return None;
+        }
+        let mut text = self.source_text.clone();
+        // A file that gives effects as one array cannot be continued by appending tables.
+        push_effects(&mut text, added);
+        let whole = Self::parse(&text, &self.name).ok()?;
+        (whole.effects == self.effects).then_some(text)
+    }
+
+    fn rendered(&self) -> String {
+        let mut text = String::new();
+        let states: Vec<_> = self.states.iter().map(|s| s.unit.clone()).collect();
+        let inputs: Vec<_> = self.inputs.iter().map(|s| s.unit.clone()).collect();
+        let outputs: Vec<_> = self.outputs.iter().map(|s| s.unit.clone()).collect();
+        push(&mut text, &format!("name = {}", quoted(&self.name)));
+        if !self.description.is_empty() {
+            push(&mut text, &format!("description = {}", quoted(&self.description)));
+        }
+        push_matrix(&mut text, "A", &self.a, &states, &states);
+        push_matrix(&mut text, "B", &self.b, &states, &inputs);
+        if !self.outputs_name_states() {
+            push_matrix(&mut text, "C", &self.c, &outputs, &states);
+        }
+        if self.d.iter().any(|v| *v != 0.0) {
+            push_matrix(&mut text, "D", &self.d, &outputs, &inputs);
+        }
+        for state in &self.states {
+            push(&mut text, "\n[[states]]");
+            push(
+                &mut text,
+                &format!("name = {}\nunit = {}", quoted(&state.name), quoted(&state.unit.to_string())),
+            );
+        }
+        for input in &self.inputs {
+            push(&mut text, "\n[[inputs]]");
+            push(
+                &mut text,
+                &format!("name = {}\nunit = {}", quoted(&input.name), quoted(&input.unit.to_string())),
+            );
+            for (key, value) in
+                [("lower", input.lower), ("upper", input.upper), ("rate_limit", input.rate_limit)]
+            {
+                if value.is_finite() {
+                    push(&mut text, &format!("{key} = {}", number(value, input.unit.factor())));
+                }
+            }
+        }
+        for output in &self.outputs {
+            let factor = output.unit.factor();
+            push(&mut text, "\n[[outputs]]");
+            push(
+                &mut text,
+                &format!("name = {}\nunit = {}", quoted(&output.name), quoted(&output.unit.to_string())),
+            );
+            let values =
+                [("noise", output.noise), ("bias", output.bias), ("quantization", output.quantization)];
+            for (key, value) in values {
+                if value != 0.0 {
+                    push(&mut text, &format!("{key} = {}", number(value, factor)));
+                }
+            }
+            if output.every != 1 {
+                push(&mut text, &format!("every = {}", output.every));
+            }
+            if let Some(v) = &output.vibration {
+                let harmonics = v.harmonics.iter().map(|h| format!("{h:?}")).collect::<Vec<_>>().join(", ");
+                push(
+                    &mut text,
+                    &format!(
+                        "vibration = {{ frequency_hz = {:?}, phase_rad = {:?}, harmonics = [{harmonics}], off = {}, on = {}, flying = {} }}",
+                        v.frequency_hz,
+                        v.phase_rad,
+                        number(v.off, factor),
+                        number(v.on, factor),
+                        number(v.flying, factor)
+                    ),
+                );
+            }
+        }
+        push_effects(&mut text, &self.effects);
+        text
+    }
+
+    fn outputs_name_states(&self) -> bool {
+        self.outputs.iter().enumerate().all(|(i, output)| {
+            self.state_index(&output.name).is_some_and(|j| {
+                self.states[j].unit.dimension() == output.unit.dimension()
+                    && (0..self.states.len()).all(|k| self.c[(i, k)] == f64::from(u8::from(k == j)))
+            })
+        })
+    }
+}
+
+fn push(text: &mut String, line: &str) {
+    text.push_str(line);
+    text.push('\n');
+}
+
+fn push_matrix(
+    text: &mut String,
+    name: &str,
+    matrix: &DMatrix<f64>,
+    rows: &[SignalUnit],
+    columns: &[SignalUnit],
+) {
+    push(text, &format!("{name} = ["));
+    for i in 0..matrix.nrows() {
+        let entries = (0..matrix.ncols())
+            .map(|j| number(matrix[(i, j)], rows[i].factor() / columns[j].factor()))
+            .collect::<Vec<_>>();
+        push(text, &format!("    [{}],", entries.join(", ")));
+    }
+    push(text, "]");
+}
+
+fn push_effects(text: &mut String, effects: &[Effect]) {
+    for effect in effects {
+        if !text.ends_with('\n') && !text.is_empty() {
+            text.push('\n');
+        }
+        push(text, "\n[[effects]]");
+        push(text, &format!("effect = {}\nwhere = {}", quoted(effect.kind().name()), quoted(effect.place())));
+        for (name, value) in effect.parameters() {
+            push(text, &format!("{name} = {value:?}"));
+        }
+        if let (Some((name, _)), Some(value)) = (effect.kind().spec().text, effect.text()) {
+            push(text, &format!("{name} = {}", quoted(value)));
+        }
+    }
+}
+
+/// The shortest number that reads back, times the factor, as `si`; else all digits of the quotient.
+fn number(si: f64, factor: f64) -> String {
+    let exact = si / factor;
+    let mut text = String::with_capacity(24);
+    for digits in 0..17 {
+        text.clear();
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{exact:.digits$e}");
+        if let Ok(short) = text.parse::<f64>()
+            && short * factor == si
+        {
+            return format!("{short:?}");
+        }
+    }
+    format!("{exact:?}")
+}
+
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.into()).to_string()
+}

@@ -1,0 +1,296 @@
+//! The vehicle: signals, matrices and effects, in SI.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use nalgebra::DMatrix;
+use whirlstand_msgs::units::{Dimension, Unit, UnitError};
+
+use crate::effects::{Effect, Place};
+use crate::error::{EffectError, VehicleError};
+
+/// A unit with the text it was declared by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SignalUnit {
+    text: String,
+    unit: Unit,
+}
+
+impl SignalUnit {
+    /// What kind of quantity it measures.
+    pub fn dimension(&self) -> Dimension {
+        self.unit.dimension()
+    }
+
+    /// How many SI units one of it is.
+    pub fn factor(&self) -> f64 {
+        self.unit.factor()
+    }
+
+    /// The unit itself.
+    pub fn unit(&self) -> &Unit {
+        &self.unit
+    }
+
+    /// Symbol of the SI unit in which values are held in memory; empty for a pure number.
+    pub fn si_symbol(&self) -> String {
+        self.unit.si_symbol()
+    }
+}
+
+impl Default for SignalUnit {
+    fn default() -> Self {
+        Self { text: "1".into(), unit: Unit::ONE }
+    }
+}
+
+impl FromStr for SignalUnit {
+    type Err = UnitError;
+
+    fn from_str(text: &str) -> Result<Self, UnitError> {
+        let unit: Unit = text.parse()?;
+        if unit.to_si(0.0) != 0.0 {
+            return Err(UnitError::Offset { symbol: text.into(), text: "a linear model".into() });
+        }
+        Ok(Self { text: text.into(), unit })
+    }
+}
+
+impl fmt::Display for SignalUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+/// A state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// Name, unique among states.
+    pub name: String,
+    /// Unit declared in the file; values in memory are in SI.
+    pub unit: SignalUnit,
+}
+
+/// An input, with the limits of the vehicle's own actuators.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Input {
+    /// Name, unique among inputs.
+    pub name: String,
+    /// Unit declared in the file; values in memory are in SI.
+    pub unit: SignalUnit,
+    /// Lower limit, SI; minus infinity for none.
+    pub lower: f64,
+    /// Upper limit, SI; infinity for none.
+    pub upper: f64,
+    /// Largest change per second, SI; infinity for none.
+    pub rate_limit: f64,
+}
+
+impl Input {
+    /// The value of rest, and of a failsafe: zero, or the limit nearest to it.
+    pub fn neutral(&self) -> f64 {
+        0f64.max(self.lower).min(self.upper)
+    }
+}
+
+/// What the engine does; vibration follows it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Engine {
+    /// Standing still.
+    Off,
+    /// Running, on the ground.
+    On,
+    /// Running, in flight.
+    #[default]
+    Flying,
+}
+
+/// Vibration that reaches a sensor: a tone and its harmonics, as strong as the engine makes it.
+///
+/// The output gets the sum over h of `amplitude * harmonics[h-1] * sin(h (2 pi frequency_hz t + phase_rad))`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Vibration {
+    /// Frequency of the first harmonic, Hz.
+    pub frequency_hz: f64,
+    /// Phase of the first harmonic at the record's start, rad.
+    pub phase_rad: f64,
+    /// Amplitudes of the harmonics relative to the amplitude below, the first one first.
+    pub harmonics: Vec<f64>,
+    /// Amplitude with the engine off, SI.
+    pub off: f64,
+    /// Amplitude with the engine on, on the ground, SI.
+    pub on: f64,
+    /// Amplitude in flight, SI.
+    pub flying: f64,
+}
+
+impl Vibration {
+    /// The amplitude that belongs to the engine's state, SI.
+    pub fn amplitude(&self, engine: Engine) -> f64 {
+        match engine {
+            Engine::Off => self.off,
+            Engine::On => self.on,
+            Engine::Flying => self.flying,
+        }
+    }
+}
+
+/// An output, with its sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Output {
+    /// Name, unique among outputs.
+    pub name: String,
+    /// Unit declared in the file; values in memory are in SI.
+    pub unit: SignalUnit,
+    /// Standard deviation of the sensor's white noise, SI.
+    pub noise: f64,
+    /// Constant error of the sensor, SI.
+    pub bias: f64,
+    /// Step to which the sensor rounds, SI; 0 for none.
+    pub quantization: f64,
+    /// The sensor delivers a new value every so many steps.
+    pub every: u32,
+    /// Vibration that reaches the sensor.
+    pub vibration: Option<Vibration>,
+}
+
+/// A vehicle: dx/dt = A x + B u, y = C x + D u, its sensors, and effects on all of these. In memory everything is
+/// in SI.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Vehicle {
+    /// Name; the file's stem when the file gives none.
+    pub name: String,
+    /// One line for lists.
+    pub description: String,
+    /// States, in the order of `a`.
+    pub states: Vec<State>,
+    /// Inputs, in the order of the columns of `b`.
+    pub inputs: Vec<Input>,
+    /// Outputs, in the order of the rows of `c`.
+    pub outputs: Vec<Output>,
+    /// States by states.
+    pub a: DMatrix<f64>,
+    /// States by inputs.
+    pub b: DMatrix<f64>,
+    /// Outputs by states.
+    pub c: DMatrix<f64>,
+    /// Outputs by inputs.
+    pub d: DMatrix<f64>,
+    /// Effects on the model; [`Vehicle::add_effect`] adds one.
+    pub effects: Vec<Effect>,
+    /// The file's text as it was read; empty for a vehicle that was not read.
+    pub source_text: String,
+    /// Folder against which paths in the file are resolved; `None` for built-in vehicles and texts.
+    pub folder: Option<PathBuf>,
+}
+
+impl Vehicle {
+    /// Reads a vehicle file.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is not a valid vehicle file; the message names line, field and reason.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, VehicleError> {
+        let path = path.as_ref();
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| VehicleError::Read { file: path.into(), source })?;
+        let mut vehicle = Self::parse(&text, &path.display().to_string())?;
+        vehicle.folder = path.parent().map(Into::into);
+        Ok(vehicle)
+    }
+
+    /// A vehicle by built-in name, or by path (anything that ends in `.toml` or contains a path separator).
+    ///
+    /// # Errors
+    /// As [`Vehicle::load`]; [`VehicleError::Unknown`] for a name that is not built in and no file.
+    pub fn find(name_or_path: &str) -> Result<Self, VehicleError> {
+        Self::find_from(name_or_path, None)
+    }
+
+    /// As [`Vehicle::find`], with relative paths taken from `folder`.
+    ///
+    /// # Errors
+    /// As [`Vehicle::find`].
+    pub fn find_from(name_or_path: &str, folder: Option<&Path>) -> Result<Self, VehicleError> {
+        let path = folder.unwrap_or(Path::new("")).join(name_or_path);
+        let is_path = name_or_path.ends_with(".toml") || name_or_path.contains(std::path::MAIN_SEPARATOR);
+        if is_path || path.is_file() && crate::builtin::text(name_or_path).is_none() {
+            return Self::load(path);
+        }
+        Self::builtin(name_or_path)
+    }
+
+    /// Index of the state of that name.
+    pub fn state_index(&self, name: &str) -> Option<usize> {
+        self.states.iter().position(|s| s.name == name)
+    }
+
+    /// Index of the input of that name.
+    pub fn input_index(&self, name: &str) -> Option<usize> {
+        self.inputs.iter().position(|s| s.name == name)
+    }
+
+    /// Index of the output of that name.
+    pub fn output_index(&self, name: &str) -> Option<usize> {
+        self.outputs.iter().position(|s| s.name == name)
+    }
+
+    /// Adds an effect.
+    ///
+    /// # Errors
+    /// When its place does not exist here, its units do not fit, or the vehicle of a mode transition cannot be
+    /// found or has other states or inputs.
+    pub fn add_effect(&mut self, effect: Effect) -> Result<(), EffectError> {
+        self.check_effect(&effect)?;
+        self.effects.push(effect.confirmed());
+        Ok(())
+    }
+
+    pub(crate) fn check_effect(&self, effect: &Effect) -> Result<Place, EffectError> {
+        let place = effect.resolve(self)?;
+        if effect.kind() == crate::effects::Kind::ModeTransition {
+            self.successor(effect)?;
+        }
+        Ok(place)
+    }
+
+    /// A and B of the vehicle that a mode transition leads to, in the order of this vehicle's states and inputs.
+    ///
+    /// # Errors
+    /// When the vehicle cannot be found, or lacks one of the states or inputs, or has more.
+    pub(crate) fn successor(&self, effect: &Effect) -> Result<(DMatrix<f64>, DMatrix<f64>), EffectError> {
+        let fail = |reason: String| EffectError {
+            effect: effect.kind().name().into(),
+            place: effect.place().into(),
+            field: Some("to".into()),
+            reason,
+        };
+        let to = effect.text().unwrap_or_default();
+        let next = Self::find_from(to, self.folder.as_deref()).map_err(|e| fail(format!("is wrong: {e}")))?;
+        let order = |what: &str, own: Vec<&str>, other: Vec<&str>| {
+            if own.len() != other.len() {
+                let list = |names: &[&str]| crate::error::list(names.iter().copied());
+                let (own, other) = (list(&own), list(&other));
+                return Err(fail(format!("'{to}' has other {what}s: it has {other}, but {own} are needed")));
+            }
+            own.iter()
+                .map(|name| {
+                    other
+                        .iter()
+                        .position(|n| n == name)
+                        .ok_or_else(|| fail(format!("'{to}' has no {what} '{name}', which this vehicle has")))
+                })
+                .collect::<Result<Vec<_>, _>>()
+        };
+        let names = |v: &'_ Self| v.states.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
+        let input_names = |v: &'_ Self| v.inputs.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
+        fn refs(names: &[String]) -> Vec<&str> {
+            names.iter().map(String::as_str).collect()
+        }
+        let states = order("state", refs(&names(self)), refs(&names(&next)))?;
+        let inputs = order("input", refs(&input_names(self)), refs(&input_names(&next)))?;
+        let a = DMatrix::from_fn(states.len(), states.len(), |i, j| next.a[(states[i], states[j])]);
+        let b = DMatrix::from_fn(states.len(), inputs.len(), |i, j| next.b[(states[i], inputs[j])]);
+        Ok((a, b))
+    }
+}

@@ -1,0 +1,288 @@
+//! The linear part of a vehicle with its linear effects, as one augmented state-space system.
+//!
+//! z = [x; actuator lags and modes; sensor lags; oscillators], driven by v, the inputs behind their delays. All
+//! linear effects become entries of A, B, C, D, so that the matrix exponential treats them exactly.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{DMatrix, RowDVector};
+
+use crate::effects::{Effect, Kind, Matrix, Place};
+use crate::error::SimulatorError;
+use crate::model::Vehicle;
+
+/// A signal as a linear form in z and v.
+#[derive(Debug, Clone)]
+pub struct Form {
+    pub z: RowDVector<f64>,
+    pub v: RowDVector<f64>,
+}
+
+/// A sparse [`Form`], for evaluation.
+#[derive(Debug, Clone)]
+pub struct Row {
+    z: Vec<(usize, f64)>,
+    v: Vec<(usize, f64)>,
+}
+
+impl Row {
+    pub fn new(form: &Form) -> Self {
+        let sparse =
+            |row: &RowDVector<f64>| row.iter().copied().enumerate().filter(|(_, v)| *v != 0.0).collect();
+        Self { z: sparse(&form.z), v: sparse(&form.v) }
+    }
+
+    #[inline]
+    pub fn value(&self, z: &[f64], v: &[f64]) -> f64 {
+        let dot = |terms: &[(usize, f64)], x: &[f64]| terms.iter().map(|(i, c)| c * x[*i]).sum::<f64>();
+        dot(&self.z, z) + if self.v.is_empty() { 0.0 } else { dot(&self.v, v) }
+    }
+}
+
+/// A filter state and what it settles to: `gain` times a signal.
+#[derive(Debug, Clone)]
+pub struct Rest {
+    pub state: usize,
+    pub gain: f64,
+    pub signal: Row,
+}
+
+/// A sine on a state's derivative: z[sine] = amplitude sin(omega t + phase), z[sine + 1] the cosine.
+#[derive(Debug, Clone)]
+pub struct Oscillator {
+    pub state: usize,
+    pub sine: usize,
+    pub frequency_hz: f64,
+    pub phase_rad: f64,
+    pub amplitude: f64,
+}
+
+/// The augmented system.
+#[derive(Debug, Clone)]
+pub struct System {
+    /// Number of the vehicle's own states, which come first in z.
+    pub n: usize,
+    /// A and B over z and v, before and after each mode transition.
+    pub stages: Vec<(DMatrix<f64>, DMatrix<f64>)>,
+    /// Times of the mode transitions, ascending, s.
+    pub transitions_s: Vec<f64>,
+    /// Outputs without and with the sensors' lags.
+    pub outputs: Vec<(Row, Row)>,
+    /// What filter states settle to, in an order in which each depends only on those before.
+    pub rests: Vec<Rest>,
+    pub oscillators: Vec<Oscillator>,
+}
+
+/// Grows with every filter; v does not.
+struct Builder {
+    nz: usize,
+    m: usize,
+    /// dz/dt of the filter states, by state.
+    filters: Vec<(usize, Form)>,
+    rests: Vec<(usize, f64, Form)>,
+}
+
+impl Builder {
+    fn zero(&self) -> Form {
+        Form { z: RowDVector::zeros(self.nz), v: RowDVector::zeros(self.m) }
+    }
+
+    fn state(&self, index: usize) -> Form {
+        let mut form = self.zero();
+        form.z[index] = 1.0;
+        form
+    }
+
+    fn add_state(&mut self) -> usize {
+        self.nz += 1;
+        self.nz - 1
+    }
+
+    /// The signal behind a first-order lag.
+    fn lag(&mut self, signal: Form, time_constant_s: f64) -> Form {
+        if time_constant_s == 0.0 {
+            return signal;
+        }
+        let s = self.add_state();
+        let mut derivative = self.grown(&signal);
+        derivative.z[s] -= 1.0;
+        derivative.z /= time_constant_s;
+        derivative.v /= time_constant_s;
+        self.filters.push((s, derivative));
+        self.rests.push((s, 1.0, signal));
+        self.state(s)
+    }
+
+    /// The signal behind gain w^2 / (s^2 + 2 z w s + w^2).
+    fn mode(&mut self, signal: Form, effect: &Effect) -> Form {
+        let w = TAU * effect.get("frequency_hz");
+        let (damping, gain) = (effect.get("damping_ratio"), effect.get("gain"));
+        // The second state is the velocity over w, which keeps the entries of one size.
+        let position = self.add_state();
+        let velocity = self.add_state();
+        let mut velocity_form = self.state(velocity);
+        velocity_form.z *= w;
+        let mut acceleration = self.grown(&signal);
+        acceleration.z *= w * gain;
+        acceleration.v *= w * gain;
+        acceleration.z[position] -= w;
+        acceleration.z[velocity] -= 2.0 * damping * w;
+        self.filters.push((position, velocity_form));
+        self.filters.push((velocity, acceleration));
+        self.rests.push((position, gain, signal));
+        self.rests.push((velocity, 0.0, self.zero()));
+        self.state(position)
+    }
+
+    fn grown(&self, form: &Form) -> Form {
+        Form { z: form.z.clone().resize_horizontally(self.nz, 0.0), v: form.v.clone() }
+    }
+
+    /// Sum of coefficient times form.
+    fn combine<'a>(&self, terms: impl Iterator<Item = (f64, &'a Form)>) -> Form {
+        let mut sum = self.zero();
+        for (coefficient, form) in terms.filter(|(c, _)| *c != 0.0) {
+            let form = self.grown(form);
+            sum.z += form.z * coefficient;
+            sum.v += form.v * coefficient;
+        }
+        sum
+    }
+}
+
+impl System {
+    /// Compiles `vehicle` with its effects, whose places are given beside them.
+    pub fn new(vehicle: &Vehicle, effects: &[(Effect, Place)]) -> Result<Self, SimulatorError> {
+        let (n, m) = vehicle.b.shape();
+        let mut changed = vehicle.clone();
+        for (effect, place) in effects {
+            if let Place::Entry(matrix, i, j) = *place {
+                let matrix = match matrix {
+                    Matrix::A => &mut changed.a,
+                    Matrix::B => &mut changed.b,
+                    Matrix::C => &mut changed.c,
+                    Matrix::D => &mut changed.d,
+                };
+                let entry = &mut matrix[(i, j)];
+                *entry =
+                    effect.parameter("value").unwrap_or(*entry * effect.parameter("factor").unwrap_or(1.0));
+            }
+        }
+
+        let mut builder = Builder { nz: n, m, filters: Vec::new(), rests: Vec::new() };
+        let signals = actuators(&mut builder, effects);
+        let of = |kind: Kind| effects.iter().filter(move |(e, _)| e.kind() == kind);
+        let mut outputs = Vec::new();
+        for i in 0..vehicle.outputs.len() {
+            let mut ideal = builder.combine((0..m).map(|j| (changed.d[(i, j)], &signals[j])));
+            for k in 0..n {
+                ideal.z[k] += changed.c[(i, k)];
+            }
+            let mut lagged = ideal.clone();
+            for (effect, _) in of(Kind::SensorLag).filter(|(_, p)| *p == Place::Output(i)) {
+                lagged = builder.lag(lagged, effect.get("time_constant_s"));
+            }
+            outputs.push((ideal, lagged));
+        }
+        let mut oscillators = Vec::new();
+        for (effect, place) in of(Kind::PeriodicDisturbance) {
+            let Place::State(state) = *place else { continue };
+            let sine = builder.add_state();
+            builder.add_state();
+            oscillators.push(Oscillator {
+                state,
+                sine,
+                frequency_hz: effect.get("frequency_hz"),
+                phase_rad: effect.get("phase_rad"),
+                amplitude: effect.get("amplitude"),
+            });
+        }
+
+        let mut transitions: Vec<&Effect> = of(Kind::ModeTransition).map(|(e, _)| e).collect();
+        transitions.sort_by(|a, b| a.get("at_s").total_cmp(&b.get("at_s")));
+        let mut models = vec![(changed.a.clone(), changed.b.clone())];
+        for effect in &transitions {
+            models.push(vehicle.successor(effect)?);
+        }
+        let stages = models.iter().map(|(a, b)| stage(&builder, &oscillators, &signals, a, b)).collect();
+        let row = |form: &Form| Row::new(&builder.grown(form));
+        Ok(Self {
+            n,
+            stages,
+            transitions_s: transitions.iter().map(|e| e.get("at_s")).collect(),
+            outputs: outputs.iter().map(|(ideal, lagged)| (row(ideal), row(lagged))).collect(),
+            rests: builder
+                .rests
+                .iter()
+                .map(|(state, gain, signal)| Rest { state: *state, gain: *gain, signal: row(signal) })
+                .collect(),
+            oscillators,
+        })
+    }
+
+    /// Number of augmented states.
+    pub fn size(&self) -> usize {
+        self.stages[0].0.nrows()
+    }
+}
+
+/// The signals that drive B: v coupled, then through lags and modes.
+fn actuators(builder: &mut Builder, effects: &[(Effect, Place)]) -> Vec<Form> {
+    let m = builder.m;
+    let mut signals: Vec<Form> = (0..m)
+        .map(|i| {
+            let mut form = builder.zero();
+            form.v[i] = 1.0;
+            form
+        })
+        .collect();
+    for (effect, place) in effects {
+        if let Place::InputPair(from, onto) = *place {
+            signals[onto].v[from] += effect.get("coefficient");
+        }
+    }
+    for kind in [Kind::ActuatorLag, Kind::UnmodelledMode] {
+        for (i, signal) in signals.iter_mut().enumerate() {
+            for (effect, _) in effects.iter().filter(|(e, p)| e.kind() == kind && *p == Place::Input(i)) {
+                let before = std::mem::replace(signal, builder.zero());
+                *signal = match kind {
+                    Kind::ActuatorLag => builder.lag(before, effect.get("time_constant_s")),
+                    _ => builder.mode(before, effect),
+                };
+            }
+        }
+    }
+    signals
+}
+
+fn stage(
+    builder: &Builder,
+    oscillators: &[Oscillator],
+    signals: &[Form],
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+) -> (DMatrix<f64>, DMatrix<f64>) {
+    let (n, m) = b.shape();
+    let mut az = DMatrix::zeros(builder.nz, builder.nz);
+    let mut bz = DMatrix::zeros(builder.nz, m);
+    az.view_mut((0, 0), (n, n)).copy_from(a);
+    for i in 0..n {
+        let drive = builder.combine((0..m).map(|j| (b[(i, j)], &signals[j])));
+        for k in 0..builder.nz {
+            az[(i, k)] += drive.z[k];
+        }
+        bz.row_mut(i).copy_from(&drive.v);
+    }
+    for (state, derivative) in &builder.filters {
+        let derivative = builder.grown(derivative);
+        az.row_mut(*state).copy_from(&derivative.z);
+        bz.row_mut(*state).copy_from(&derivative.v);
+    }
+    for o in oscillators {
+        let w = TAU * o.frequency_hz;
+        az[(o.state, o.sine)] += 1.0;
+        az[(o.sine, o.sine + 1)] = w;
+        az[(o.sine + 1, o.sine)] = -w;
+    }
+    (az, bz)
+}

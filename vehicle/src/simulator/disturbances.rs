@@ -1,0 +1,196 @@
+//! What is added to the states' derivatives: steps, pulses, sines, turbulence, and what comes from outside.
+
+use std::f64::consts::TAU;
+
+use super::compile::Oscillator;
+use super::inputs::split;
+use super::schedule::{Moment, reached};
+use crate::effects::{Effect, Kind, Place};
+use crate::random::Stream;
+
+/// A constant from one moment to another.
+#[derive(Debug, Clone)]
+struct Pulse {
+    state: usize,
+    magnitude: f64,
+    from: Moment,
+    until: Moment,
+}
+
+/// First-order shaped noise: d' = -w d + std sqrt(2 w) white, w = 2 pi bandwidth, begun in its stationary state.
+///
+/// Sampled exactly once a period and held, so that what is published is what acts. Its spectrum is that of the
+/// longitudinal Dryden gust (MIL-F-8785C).
+#[derive(Debug, Clone)]
+pub struct Turbulence {
+    decay: f64,
+    kick: f64,
+    value: f64,
+    stream: Stream,
+}
+
+impl Turbulence {
+    pub fn new(std: f64, bandwidth_hz: f64, period_s: f64, mut stream: Stream) -> Self {
+        let decay = libm::exp(-TAU * bandwidth_hz * period_s);
+        let kick = std * libm::sqrt(-libm::expm1(-2.0 * TAU * bandwidth_hz * period_s));
+        Self { decay, kick, value: std * stream.normal(), stream }
+    }
+
+    pub fn value(&self) -> f64 {
+        self.value
+    }
+
+    pub fn advance(&mut self) {
+        self.value = self.decay * self.value + self.kick * self.stream.normal();
+    }
+}
+
+/// All disturbances of a vehicle.
+#[derive(Debug, Clone)]
+pub struct Disturbances {
+    period_s: f64,
+    pulses: Vec<Pulse>,
+    turbulence: Vec<(usize, Turbulence)>,
+    oscillators: Vec<Oscillator>,
+    external: Vec<f64>,
+    /// What acts at the beginning of the present step, sines included.
+    acting: Vec<f64>,
+}
+
+impl Disturbances {
+    /// `seed` is `None` for a simulation without randomness.
+    pub fn new(
+        effects: &[(Effect, Place)],
+        oscillators: Vec<Oscillator>,
+        n: usize,
+        period_s: f64,
+        seed: Option<u64>,
+    ) -> Self {
+        let mut pulses = Vec::new();
+        let mut turbulence = Vec::new();
+        for (index, (effect, place)) in effects.iter().enumerate() {
+            let Place::State(state) = *place else { continue };
+            match (effect.kind(), seed) {
+                (Kind::StepDisturbance | Kind::PulseDisturbance, _) => {
+                    let at_s = effect.get("at_s");
+                    let until = effect.parameter("duration_s").map(|d| split(at_s + d, period_s));
+                    pulses.push(Pulse {
+                        state,
+                        magnitude: effect.get("magnitude"),
+                        from: split(at_s, period_s),
+                        until: until.unwrap_or((u64::MAX, 0.0)),
+                    });
+                }
+                (Kind::Turbulence, Some(seed)) => {
+                    let stream = Stream::new(seed, &consumer(effects, index));
+                    let (std, bandwidth) = (effect.get("std"), effect.get("bandwidth_hz"));
+                    turbulence.push((state, Turbulence::new(std, bandwidth, period_s, stream)));
+                }
+                _ => {}
+            }
+        }
+        let zeros = vec![0.0; n];
+        let mut all =
+            Self { period_s, pulses, turbulence, oscillators, external: zeros.clone(), acting: zeros };
+        all.refresh(0);
+        all
+    }
+
+    /// Offsets inside their steps at which something begins or ends.
+    pub fn events(&self) -> Vec<Moment> {
+        self.pulses.iter().flat_map(|p| [p.from, p.until]).filter(|m| m.0 < u64::MAX).collect()
+    }
+
+    /// The constant part over the segment that begins at this offset.
+    pub fn held(&self, step: u64, start_s: f64, out: &mut [f64]) {
+        out.copy_from_slice(&self.external);
+        for pulse in &self.pulses {
+            let reached = |moment| reached(moment, step, start_s, self.period_s);
+            if reached(pulse.from) && !reached(pulse.until) {
+                out[pulse.state] += pulse.magnitude;
+            }
+        }
+        for (state, turbulence) in &self.turbulence {
+            out[*state] += turbulence.value();
+        }
+    }
+
+    /// Sets the oscillators' states for the beginning of a step, from the time itself, so that no error builds up.
+    pub fn set_oscillators(&self, step: u64, z: &mut [f64]) {
+        for o in &self.oscillators {
+            let (sine, cosine) = self.phase(o, step);
+            z[o.sine] = o.amplitude * sine;
+            z[o.sine + 1] = o.amplitude * cosine;
+        }
+    }
+
+    fn phase(&self, o: &Oscillator, step: u64) -> (f64, f64) {
+        let turns = o.frequency_hz * (step as f64 * self.period_s);
+        libm::sincos(TAU * (turns - turns.floor()) + o.phase_rad)
+    }
+
+    /// Goes on to the next step.
+    pub fn advance(&mut self, next: u64) {
+        for (_, turbulence) in &mut self.turbulence {
+            turbulence.advance();
+        }
+        self.refresh(next);
+    }
+
+    /// Sets what is added from outside, from now on.
+    pub fn set_external(&mut self, step: u64, external: &[f64]) {
+        self.external.copy_from_slice(external);
+        self.refresh(step);
+    }
+
+    fn refresh(&mut self, step: u64) {
+        let mut acting = std::mem::take(&mut self.acting);
+        self.held(step, 0.0, &mut acting);
+        for o in &self.oscillators {
+            acting[o.state] += o.amplitude * self.phase(o, step).0;
+        }
+        self.acting = acting;
+    }
+
+    /// What acts at the beginning of the present step.
+    pub fn acting(&self) -> &[f64] {
+        &self.acting
+    }
+}
+
+/// The name of an effect's random stream: effect, place, and which of its like it is.
+pub fn consumer(effects: &[(Effect, Place)], index: usize) -> String {
+    let (effect, _) = &effects[index];
+    let same = |(e, _): &&(Effect, Place)| e.kind() == effect.kind() && e.place() == effect.place();
+    format!("{}/{}/{}", effect.kind(), effect.place(), effects[..index].iter().filter(same).count())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn turbulence_has_its_std_and_correlation() {
+        let (std, bandwidth, period) = (2.0, 0.5, 0.01);
+        let mut turbulence = Turbulence::new(std, bandwidth, period, Stream::new(3, "test"));
+        let n = 400_000;
+        let values: Vec<f64> = (0..n)
+            .map(|_| {
+                turbulence.advance();
+                turbulence.value()
+            })
+            .collect();
+        let covariance = |lag: usize| {
+            values.iter().zip(&values[lag..]).map(|(a, b)| a * b).sum::<f64>() / (n - lag) as f64
+        };
+        // Correlation time 1/w = 0.318 s: about 6,300 independent samples, so 5 standard errors are 9 %.
+        for lag in [0, 10, 32, 64] {
+            let expected = std * std * (-TAU * bandwidth * period * lag as f64).exp();
+            assert!(
+                (covariance(lag) - expected).abs() < 0.09 * std * std,
+                "{lag}: {} {expected}",
+                covariance(lag)
+            );
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! What happens to an input before it reaches the linear model: limits, static nonlinearities, delay.
+
+use crate::effects::{Effect, Kind};
+
+/// A rate limit on a sampled signal.
+///
+/// Within a period the limited signal is a ramp that may end in the target. What acts over the period is taken to
+/// be the ramp's mean, which has the ramp's integral.
+#[derive(Debug, Clone)]
+pub struct RateLimit {
+    /// Largest move in one period.
+    step: f64,
+    position: f64,
+}
+
+impl RateLimit {
+    pub fn new(limit_per_s: f64, period_s: f64, start: f64) -> Self {
+        Self { step: limit_per_s * period_s, position: start }
+    }
+
+    pub fn next(&mut self, target: f64) -> f64 {
+        let gap = target - self.position;
+        if gap.abs() > self.step {
+            let from = self.position;
+            self.position += self.step.copysign(gap);
+            return 0.5 * (from + self.position);
+        }
+        self.position = target;
+        if self.step == 0.0 || gap == 0.0 {
+            return target;
+        }
+        // The ramp takes abs(gap) / step of the period, during which the signal is off by gap / 2 on average.
+        target - 0.5 * gap * (gap.abs() / self.step)
+    }
+}
+
+/// The play operator: the output follows only when the input pushes against one end of the gap.
+#[derive(Debug, Clone)]
+pub struct Backlash {
+    half: f64,
+    position: f64,
+}
+
+impl Backlash {
+    pub fn new(width: f64, start: f64) -> Self {
+        Self { half: 0.5 * width, position: start }
+    }
+
+    pub fn next(&mut self, u: f64) -> f64 {
+        self.position = self.position.max(u - self.half).min(u + self.half);
+        self.position
+    }
+}
+
+/// sign(u) max(abs(u) - width, 0).
+pub fn dead_zone(u: f64, width: f64) -> f64 {
+    (u.abs() - width).max(0.0).copysign(u)
+}
+
+/// A link between command and model.
+#[derive(Debug, Clone)]
+enum Link {
+    Gain(f64),
+    Drift(f64),
+    Bias(f64),
+    DeadZone(f64),
+    Saturation(f64, f64),
+    Rate(RateLimit),
+    Backlash(Backlash),
+}
+
+/// The static effects on one input, in the simulator's order.
+#[derive(Debug, Clone, Default)]
+pub struct Chain(Vec<Link>);
+
+/// The order in which the effects on an input act.
+const ORDER: [Kind; 7] = [
+    Kind::InputGain,
+    Kind::GainDrift,
+    Kind::InputBias,
+    Kind::DeadZone,
+    Kind::InputSaturation,
+    Kind::RateLimit,
+    Kind::Backlash,
+];
+
+impl Chain {
+    /// `effects` are those at this input; rate limit and backlash start from rest at `neutral`.
+    pub fn new<'a>(effects: impl Iterator<Item = &'a Effect> + Clone, neutral: f64, period_s: f64) -> Self {
+        let mut links = Vec::new();
+        let mut rest = neutral;
+        for kind in ORDER {
+            for effect in effects.clone().filter(|e| e.kind() == kind) {
+                let mut link = match kind {
+                    Kind::InputGain => Link::Gain(effect.get("factor")),
+                    Kind::GainDrift => Link::Drift(effect.get("rate_per_s")),
+                    Kind::InputBias => Link::Bias(effect.get("offset")),
+                    Kind::DeadZone => Link::DeadZone(effect.get("width")),
+                    Kind::InputSaturation => Link::Saturation(effect.get("lower"), effect.get("upper")),
+                    Kind::RateLimit => Link::Rate(RateLimit::new(effect.get("limit_per_s"), period_s, rest)),
+                    _ => Link::Backlash(Backlash::new(effect.get("width"), rest)),
+                };
+                rest = link.next(rest, 0.0);
+                links.push(link);
+            }
+        }
+        Self(links)
+    }
+
+    /// The signal behind all links for command `u` at time `t`.
+    pub fn next(&mut self, u: f64, t: f64) -> f64 {
+        self.0.iter_mut().fold(u, |u, link| link.next(u, t))
+    }
+}
+
+impl Link {
+    fn next(&mut self, u: f64, t: f64) -> f64 {
+        match self {
+            Self::Gain(factor) => *factor * u,
+            Self::Drift(rate) => u * (1.0 + *rate * t),
+            Self::Bias(offset) => u + *offset,
+            Self::DeadZone(width) => dead_zone(u, *width),
+            Self::Saturation(lower, upper) => u.max(*lower).min(*upper),
+            Self::Rate(limit) => limit.next(u),
+            Self::Backlash(play) => play.next(u),
+        }
+    }
+}
+
+/// A pure delay of a sampled-and-held signal by any time, whole periods and a fraction.
+#[derive(Debug, Clone)]
+pub struct Delay {
+    /// Offset in the period at which the signal changes.
+    pub fraction_s: f64,
+    ring: Vec<f64>,
+    newest: usize,
+}
+
+impl Delay {
+    pub fn new(delay_s: f64, period_s: f64, rest: f64) -> Self {
+        let (whole, fraction_s) = split(delay_s, period_s);
+        // Bounded by the table: 60 s.
+        Self { fraction_s, ring: vec![rest; whole as usize + 2], newest: 0 }
+    }
+
+    /// Takes the value of this period.
+    pub fn push(&mut self, value: f64) {
+        self.newest = if self.newest + 1 == self.ring.len() { 0 } else { self.newest + 1 };
+        self.ring[self.newest] = value;
+    }
+
+    /// What acts from `fraction_s` on.
+    pub fn newer(&self) -> f64 {
+        // The oldest entry but one: the ring holds two more than the whole periods of delay.
+        self.ring[(self.newest + 2) % self.ring.len()]
+    }
+
+    /// What acts before `fraction_s`.
+    pub fn older(&self) -> f64 {
+        self.ring[(self.newest + 1) % self.ring.len()]
+    }
+}
+
+/// Fractions of a period below this are rounding, not time.
+pub const TIME_TOLERANCE: f64 = 1e-9;
+
+/// A time as whole periods and a rest, which is 0 where only rounding keeps the time from a whole number.
+pub fn split(time_s: f64, period_s: f64) -> (u64, f64) {
+    let periods = (time_s / period_s + TIME_TOLERANCE).floor().max(0.0);
+    let rest = time_s - periods * period_s;
+    let rest = if rest <= TIME_TOLERANCE * period_s { 0.0 } else { rest };
+    (periods as u64, rest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dead_zone_is_its_definition() {
+        for (u, expected) in [(0.5, 0.3), (-0.5, -0.3), (0.1, 0.0), (-0.2, 0.0)] {
+            assert!((dead_zone(u, 0.2) - expected).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn backlash_closes_a_loop_of_its_width() {
+        let mut play = Backlash::new(0.4, 0.0);
+        let path = [0.1, 0.5, 1.0, 0.8, 0.5, -1.0, -0.7, 0.0];
+        let expected = [0.0, 0.3, 0.8, 0.8, 0.7, -0.8, -0.8, -0.2];
+        for (u, y) in path.into_iter().zip(expected) {
+            assert!((play.next(u) - y).abs() < 1e-15, "{u}");
+        }
+    }
+
+    #[test]
+    fn rate_limit_keeps_the_ramps_integral() {
+        // To 1 at 4 per second in periods of 0.1: the integral over 0.5 s is 0.5 - 1/8.
+        let mut limit = RateLimit::new(4.0, 0.1, 0.0);
+        let sum: f64 = (0..5).map(|_| 0.1 * limit.next(1.0)).sum();
+        assert!((sum - 0.375).abs() < 1e-15);
+        // It never moves faster than the limit, and stops where it is told.
+        assert_eq!(limit.next(1.0), 1.0);
+        let mut held = RateLimit::new(0.0, 0.1, 0.3);
+        assert_eq!(held.next(5.0), 0.3);
+        assert_eq!(held.next(0.3), 0.3);
+    }
+
+    #[test]
+    fn delay_returns_what_was_pushed_so_many_periods_ago() {
+        for whole in 0..5 {
+            let mut delay = Delay::new(f64::from(whole) * 0.1 + 0.03, 0.1, -1.0);
+            assert!((delay.fraction_s - 0.03).abs() < 1e-15);
+            for k in 0..20 {
+                delay.push(f64::from(k));
+                let at = |k: i32| if k < 0 { -1.0 } else { f64::from(k) };
+                assert_eq!(delay.newer(), at(k - whole));
+                assert_eq!(delay.older(), at(k - whole - 1));
+            }
+        }
+        assert_eq!(Delay::new(0.3, 0.1, 0.0).fraction_s, 0.0);
+    }
+
+    #[test]
+    fn chain_acts_in_its_own_order() {
+        let effect = |kind, parameters: &[(&str, f64)]| Effect::new(kind, "u", parameters).unwrap();
+        let effects = [
+            effect(Kind::InputSaturation, &[("lower", -1.0), ("upper", 1.0)]),
+            effect(Kind::DeadZone, &[("width", 0.1)]),
+            effect(Kind::InputBias, &[("offset", 0.2)]),
+            effect(Kind::GainDrift, &[("rate_per_s", -0.01)]),
+            effect(Kind::InputGain, &[("factor", 0.5)]),
+        ];
+        let mut chain = Chain::new(effects.iter(), 0.0, 0.01);
+        let expected = 0.5 * 0.9 * 1.2 + 0.2 - 0.1;
+        assert!((chain.next(1.2, 10.0) - expected).abs() < 1e-15);
+        assert_eq!(chain.next(100.0, 10.0), 1.0);
+    }
+}

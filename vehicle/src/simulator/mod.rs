@@ -1,0 +1,414 @@
+//! The simulator: a vehicle in motion, one step a period.
+//!
+//! In which order effects act, whatever their order in the file (those of one kind in the file's order):
+//!
+//! 1. Command: a value that is not a number is replaced by the last one; then the vehicle's own limits and rate limit.
+//! 2. Input, sample by sample: `input_gain`, `gain_drift`, `input_bias`, `dead_zone`, `input_saturation`,
+//!    `rate_limit`, `backlash`; then `input_delay`, which may be any fraction of a period.
+//! 3. Linear dynamics, solved exactly by the matrix exponential: `input_coupling`, `actuator_lag`,
+//!    `unmodelled_mode`, then dx/dt = A x + B u with `parameter_change` and `mode_transition`; disturbances
+//!    are added to dx/dt, their edges inside a step where they lie; the `sensor_lag`.
+//! 4. Nonlinear dynamics around them: `quadratic_drag`, `cubic_stiffness`, `coulomb_friction`.
+//! 5. Sensor: `sensor_lag`, `sensor_delay` (on the motion: C x + D u), `misalignment`, `sensor_scale`, bias
+//!    (declared and `sensor_bias`), `sensor_drift`, vibration (declared and effect), noise (declared and effect),
+//!    rounding (declared, then `quantization`), `output_saturation`, `dropouts`, `outliers`.
+//!
+//! Time t counts from the simulator's start. Before it, commands were neutral and filters at rest.
+//! A `parameter_change` is one of the vehicle itself, not of the one that a `mode_transition` leads to.
+
+mod compile;
+mod disturbances;
+mod inputs;
+mod kernel;
+mod nonlinear;
+mod schedule;
+mod sensors;
+
+use nalgebra::DMatrix;
+
+use self::compile::{Rest, System};
+use self::disturbances::Disturbances;
+use self::inputs::{Chain, Delay, RateLimit};
+use self::kernel::Kernel;
+use self::nonlinear::Nonlinear;
+use self::schedule::Schedule;
+use self::sensors::Sensors;
+use crate::discretise::discretise;
+use crate::effects::{Effect, Place};
+use crate::error::SimulatorError;
+use crate::model::{Engine, Vehicle};
+
+/// Beyond this a state has lost all meaning; it is held there and [`Simulator::diverged`] tells.
+const LARGEST: f64 = 1e12;
+
+/// A vehicle in motion: deterministic, and without allocation once it is made.
+///
+/// At step k, [`apply`](Self::apply) the command, [`measure`](Self::measure), then
+/// [`advance`](Self::advance) to step k + 1; [`step`](Self::step) is `apply` and `advance` in one.
+#[derive(Debug, Clone)]
+pub struct Simulator {
+    n: usize,
+    m: usize,
+    period_s: f64,
+    step: u64,
+    /// The vehicle's states, those of filters and oscillators, and padding.
+    z: Vec<f64>,
+    scratch: Vec<f64>,
+    /// The input that acts on the linear model, then what is added to each state's derivative.
+    drive: Vec<f64>,
+    applied: Vec<f64>,
+    limits: Vec<Limit>,
+    /// How many entries of `drive` are in use by the plain plant: without disturbance the inputs alone.
+    driven: usize,
+    plant: Plant,
+    disturbances: Disturbances,
+    sensors: Sensors,
+    engine: Engine,
+    diverged: bool,
+}
+
+#[derive(Debug, Clone)]
+struct Limit {
+    lower: f64,
+    upper: f64,
+    rate: Option<RateLimit>,
+}
+
+#[derive(Debug, Clone)]
+enum Plant {
+    /// No effect on the motion: one matrix product a step.
+    Plain(Kernel),
+    Extended(Box<Extended>),
+}
+
+#[derive(Debug, Clone)]
+struct Extended {
+    chains: Vec<Chain>,
+    delays: Vec<Delay>,
+    schedule: Schedule,
+    nonlinear: Option<Nonlinear>,
+    rests: Vec<Rest>,
+}
+
+impl Simulator {
+    /// A simulator of `vehicle` with the given sample period; `seed` determines all that is random.
+    ///
+    /// # Errors
+    /// When the period is not positive, an effect does not fit the vehicle, or the model overflows in one period.
+    pub fn new(vehicle: &Vehicle, period_s: f64, seed: u64) -> Result<Self, SimulatorError> {
+        Self::build(vehicle, period_s, Some(seed))
+    }
+
+    /// A simulator of what is to be expected: without noise, dropouts, outliers and turbulence, without rounding, and
+    /// with every output fresh at every step. Biases, scales, lags, delays and vibrations stay.
+    ///
+    /// # Errors
+    /// As [`Simulator::new`].
+    pub fn expected(vehicle: &Vehicle, period_s: f64) -> Result<Self, SimulatorError> {
+        Self::build(vehicle, period_s, None)
+    }
+
+    fn build(vehicle: &Vehicle, period_s: f64, seed: Option<u64>) -> Result<Self, SimulatorError> {
+        if !(period_s.is_finite() && period_s > 0.0) {
+            return Err(SimulatorError::Period(period_s));
+        }
+        let effects = vehicle
+            .effects
+            .iter()
+            .map(|e| Ok((e.clone(), e.resolve(vehicle)?)))
+            .collect::<Result<Vec<(Effect, Place)>, SimulatorError>>()?;
+        let not_finite = || SimulatorError::NotFinite { vehicle: vehicle.name.clone(), period_s };
+        let system = System::new(vehicle, &effects)?;
+        let (n, m) = vehicle.b.shape();
+        let padded = Kernel::padded(system.size());
+        let sensors = Sensors::new(vehicle, &system, &effects, period_s, seed);
+        let disturbances = Disturbances::new(&effects, system.oscillators.clone(), n, period_s, seed);
+
+        let acts_on_motion = |(e, p): &(Effect, Place)| {
+            !matches!(p, Place::Output(_) | Place::OutputPair(..))
+                || e.kind() == crate::effects::Kind::SensorLag
+        };
+        let neutral: Vec<f64> = vehicle.inputs.iter().map(crate::model::Input::neutral).collect();
+        let plant = if effects.iter().any(acts_on_motion) || sensors.has_delay() {
+            let extended = Extended::new(&effects, &system, &neutral, period_s, &sensors, &disturbances);
+            Plant::Extended(Box::new(extended.map_err(|e| match e {
+                SimulatorError::NotFinite { .. } => not_finite(),
+                other => other,
+            })?))
+        } else {
+            let mut inputs = DMatrix::zeros(n, m + n);
+            inputs.view_mut((0, 0), (n, m)).copy_from(&vehicle.b);
+            inputs.view_mut((0, m), (n, n)).fill_with_identity();
+            let (phi, gamma) = discretise(&vehicle.a, &inputs, period_s).map_err(|_| not_finite())?;
+            Plant::Plain(Kernel::new(&phi, &gamma))
+        };
+        let limits = vehicle
+            .inputs
+            .iter()
+            .map(|input| Limit {
+                lower: input.lower,
+                upper: input.upper,
+                rate: input
+                    .rate_limit
+                    .is_finite()
+                    .then(|| RateLimit::new(input.rate_limit, period_s, input.neutral())),
+            })
+            .collect();
+        let mut simulator = Self {
+            n,
+            m,
+            period_s,
+            step: 0,
+            z: vec![0.0; padded],
+            scratch: vec![0.0; padded],
+            drive: vec![0.0; m + n],
+            applied: neutral,
+            limits,
+            driven: m,
+            plant,
+            disturbances,
+            sensors,
+            engine: Engine::default(),
+            diverged: false,
+        };
+        simulator.rest();
+        Ok(simulator)
+    }
+
+    /// Sets inputs to their resting values and filters to where those lead.
+    fn rest(&mut self) {
+        match &mut self.plant {
+            Plant::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
+            Plant::Extended(extended) => {
+                for (value, delay) in self.drive.iter_mut().zip(&extended.delays) {
+                    *value = delay.newer();
+                }
+                for rest in &extended.rests {
+                    self.z[rest.state] = rest.gain * rest.signal.value(&self.z, &self.drive);
+                }
+                self.disturbances.set_oscillators(self.step, &mut self.z);
+            }
+        }
+        self.sensors.fill_past(&self.z, &self.drive);
+    }
+
+    /// The vehicle's states, in its order, SI.
+    pub fn state(&self) -> &[f64] {
+        &self.z[..self.n]
+    }
+
+    /// Puts the vehicle into a state; sensors with lag or delay have seen nothing else.
+    ///
+    /// # Panics
+    /// When `state` is not as long as the vehicle has states.
+    pub fn set_state(&mut self, state: &[f64]) {
+        self.z[..self.n].copy_from_slice(state);
+        self.diverged = false;
+        if let Plant::Extended(extended) = &self.plant {
+            for rest in extended.rests.iter().filter(|r| r.gain != 0.0) {
+                // Actuator filters depend on no state of the vehicle; only a sensor's lag changes here at rest.
+                self.z[rest.state] = rest.gain * rest.signal.value(&self.z, &self.drive);
+            }
+        }
+        self.sensors.fill_past(&self.z, &self.drive);
+    }
+
+    /// Sets the command of this step; to be called at most once a step. A value that is not a number is replaced by
+    /// the one before, an infinite one by the limit.
+    ///
+    /// # Panics
+    /// When `u` is not as long as the vehicle has inputs.
+    #[inline]
+    pub fn apply(&mut self, u: &[f64]) {
+        assert_eq!(u.len(), self.m, "one value for each input");
+        for ((applied, limit), &u) in self.applied.iter_mut().zip(&mut self.limits).zip(u) {
+            let wanted = if u.is_nan() { *applied } else { u.max(limit.lower).min(limit.upper) };
+            *applied = match &mut limit.rate {
+                None => wanted,
+                Some(rate) => rate.next(wanted),
+            };
+        }
+        match &mut self.plant {
+            Plant::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
+            Plant::Extended(extended) => {
+                let t = self.step as f64 * self.period_s;
+                let links = extended.chains.iter_mut().zip(&mut extended.delays);
+                for (((chain, delay), drive), applied) in links.zip(&mut self.drive).zip(&self.applied) {
+                    delay.push(chain.next(*applied, t));
+                    *drive = if delay.fraction_s > 0.0 { delay.older() } else { delay.newer() };
+                }
+            }
+        }
+    }
+
+    /// Goes on to the next step under the input in force.
+    #[inline]
+    pub fn advance(&mut self) {
+        match &mut self.plant {
+            Plant::Plain(kernel) => {
+                kernel.advance(&mut self.z, &self.drive[..self.driven], &mut self.scratch);
+                self.step += 1;
+            }
+            Plant::Extended(_) => self.advance_extended(),
+        }
+    }
+
+    /// [`apply`](Self::apply), then [`advance`](Self::advance).
+    ///
+    /// # Panics
+    /// When `u` is not as long as the vehicle has inputs.
+    #[inline]
+    pub fn step(&mut self, u: &[f64]) {
+        self.apply(u);
+        self.advance();
+    }
+
+    fn advance_extended(&mut self) {
+        let Plant::Extended(extended) = &mut self.plant else { return };
+        let Extended { delays, schedule, nonlinear, .. } = &mut **extended;
+        let (step, period_s) = (self.step, self.period_s);
+        self.disturbances.set_oscillators(step, &mut self.z);
+        for segment in schedule.segments(step) {
+            let (v, held) = self.drive.split_at_mut(self.m);
+            for (value, delay) in v.iter_mut().zip(&*delays) {
+                let changed = schedule::reached((0, delay.fraction_s), 0, segment.start_s, period_s);
+                *value = if changed { delay.newer() } else { delay.older() };
+            }
+            self.disturbances.held(step, segment.start_s, held);
+            self.sensors.remember(segment.start_s, &self.z, v);
+            match nonlinear {
+                Some(nonlinear) => nonlinear.advance(segment, &mut self.z, &self.drive),
+                None => segment.levels[0].advance(&mut self.z, &self.drive, &mut self.scratch),
+            }
+        }
+        for value in &mut self.z {
+            if value.is_nan() || value.abs() > LARGEST {
+                self.diverged = true;
+                *value = if value.is_nan() { 0.0 } else { LARGEST.copysign(*value) };
+            }
+        }
+        self.step += 1;
+        self.disturbances.advance(self.step);
+    }
+
+    /// Measures at the present step: SI values in the order of the outputs. A stale output repeats its last value;
+    /// [`fresh`](Self::fresh) tells. A second call at the same step returns the same.
+    pub fn measure(&mut self) -> &[f64] {
+        self.sensors.measure(self.step, self.engine, &self.z, &self.drive)
+    }
+
+    /// Which outputs were new in the last [`measure`](Self::measure).
+    pub fn fresh(&self) -> &[bool] {
+        self.sensors.fresh()
+    }
+
+    /// C x + D u without any sensor, into `out`.
+    pub fn ideal_outputs(&self, out: &mut [f64]) {
+        self.sensors.ideal(&self.z, &self.drive, out);
+    }
+
+    /// The command in force, within the vehicle's own limits and before any effect.
+    pub fn applied(&self) -> &[f64] {
+        &self.applied
+    }
+
+    /// True when a command in force stands at one of the vehicle's limits.
+    pub fn saturated(&self) -> bool {
+        self.applied.iter().zip(&self.limits).any(|(u, limit)| *u <= limit.lower || *u >= limit.upper)
+    }
+
+    /// What is added to each state's derivative from outside, from now on, beside the vehicle's own disturbances.
+    ///
+    /// # Panics
+    /// When `derivative` is not as long as the vehicle has states.
+    pub fn disturb(&mut self, derivative: &[f64]) {
+        self.disturbances.set_external(self.step, derivative);
+        self.drive[self.m..].copy_from_slice(derivative);
+        self.driven = if derivative.iter().all(|d| *d == 0.0) { self.m } else { self.m + self.n };
+    }
+
+    /// What is added to each state's derivative at the present step, by effects and from outside.
+    pub fn disturbance(&self) -> &[f64] {
+        self.disturbances.acting()
+    }
+
+    /// What the engine does.
+    pub fn engine(&self) -> Engine {
+        self.engine
+    }
+
+    /// Starts or stops the engine; declared vibrations follow.
+    pub fn set_engine(&mut self, engine: Engine) {
+        self.engine = engine;
+    }
+
+    /// The present step, from 0.
+    pub fn step_index(&self) -> u64 {
+        self.step
+    }
+
+    /// Time since the start, s.
+    pub fn time_s(&self) -> f64 {
+        self.step as f64 * self.period_s
+    }
+
+    /// The sample period, s.
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// True when a state has grown beyond any meaning.
+    pub fn diverged(&self) -> bool {
+        self.diverged || self.state().iter().any(|x| !(x.abs() < LARGEST))
+    }
+
+    /// Runs a whole record: for each row of `inputs` (steps x inputs, row after row) the outputs measured at that
+    /// step go into the same row of `outputs` (steps x outputs).
+    ///
+    /// # Panics
+    /// When the two have not the same number of whole rows.
+    pub fn run(&mut self, inputs: &[f64], outputs: &mut [f64]) {
+        let p = self.sensors.fresh().len();
+        assert_eq!(inputs.len() * p, outputs.len() * self.m, "a row of outputs for each row of inputs");
+        for (u, y) in inputs.chunks_exact(self.m).zip(outputs.chunks_exact_mut(p)) {
+            self.apply(u);
+            y.copy_from_slice(self.measure());
+            self.advance();
+        }
+    }
+}
+
+impl Extended {
+    fn new(
+        effects: &[(Effect, Place)],
+        system: &System,
+        neutral: &[f64],
+        period_s: f64,
+        sensors: &Sensors,
+        disturbances: &Disturbances,
+    ) -> Result<Self, SimulatorError> {
+        let (mut chains, mut delays) = (Vec::new(), Vec::new());
+        for (i, &neutral) in neutral.iter().enumerate() {
+            let own = effects.iter().filter(move |(_, p)| *p == Place::Input(i)).map(|(e, _)| e);
+            let mut chain = Chain::new(own.clone(), neutral, period_s);
+            let delay_s = own
+                .filter(|e| e.kind() == crate::effects::Kind::InputDelay)
+                .map(|e| e.get("delay_s"))
+                .sum::<f64>();
+            delays.push(Delay::new(delay_s, period_s, chain.clone().next(neutral, 0.0)));
+            chains.push(std::mem::take(&mut chain));
+        }
+        let cuts: Vec<f64> =
+            delays.iter().map(|d| d.fraction_s).filter(|f| *f > 0.0).chain(sensors.cuts_s()).collect();
+        let padded = Kernel::padded(system.size());
+        let poles = system
+            .stages
+            .iter()
+            .flat_map(|(a, _)| a.complex_eigenvalues().iter().map(|p| p.norm()).collect::<Vec<_>>());
+        let fastest = poles.fold(0.0, f64::max);
+        let nonlinear = Nonlinear::new(effects, system.n, neutral.len(), padded, fastest);
+        let levels = if nonlinear.is_some() { nonlinear::LEVELS } else { 1 };
+        let schedule = Schedule::new(system, period_s, &cuts, &disturbances.events(), levels)?;
+        Ok(Self { chains, delays, schedule, nonlinear, rests: system.rests.clone() })
+    }
+}
