@@ -120,9 +120,20 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
     // Singular values come sorted, so the first `rank` columns span the range of B.
     let range = u.columns(0, rank).into_owned();
     let annihilator = null_space(&range.transpose(), n - rank);
-    let mut vectors = Eigenvectors::new(a, &annihilator, &poles)?;
-    let sweeps = vectors.improve(if rank > 1 { 100 } else { 0 });
-    let x = vectors.real();
+    // The determinant has local maxima; a few starts, and the best conditioned result of them, avoid the poor ones.
+    let starts = if rank > 1 && rank < n { 4 } else { 1 };
+    let mut vectors = Eigenvectors::new(a, &annihilator, &poles);
+    let mut best: Option<(f64, DMatrix<f64>)> = None;
+    let mut sweeps = 0;
+    for start in 0..starts {
+        vectors.start(start);
+        sweeps += vectors.improve(if rank > 1 { 200 } else { 0 });
+        let condition = vectors.condition();
+        if best.as_ref().is_none_or(|(least, _)| condition < *least) {
+            best = Some((condition, vectors.x.clone()));
+        }
+    }
+    let Some((condition, x)) = best else { return Err(PlaceError::Defective) };
     let lambda = real_modal(&poles);
     // A_c X = X Lambda, solved transposed.
     let closed =
@@ -133,7 +144,7 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
         return Err(PlaceError::Defective);
     }
     let placed = eigenvalues(&(a - b * &gain))?;
-    Ok(Placement { gain, poles: placed, condition: vectors.condition(), sweeps })
+    Ok(Placement { gain, poles: placed, condition, sweeps })
 }
 
 /// Real poles in order, then pairs, positive imaginary part first; the pairs made exact.
@@ -250,8 +261,8 @@ struct Eigenvectors {
 }
 
 impl Eigenvectors {
-    /// Starts from the vectors of each space nearest to not lying in the others' span, found greedily.
-    fn new(a: &DMatrix<f64>, annihilator: &DMatrix<f64>, poles: &[C64]) -> Result<Self, PlaceError> {
+    /// The spaces of eigenvectors that feedback can give; none chosen yet.
+    fn new(a: &DMatrix<f64>, annihilator: &DMatrix<f64>, poles: &[C64]) -> Self {
         let n = a.nrows();
         let rank = n - annihilator.ncols();
         let projected = annihilator.transpose();
@@ -268,25 +279,27 @@ impl Eigenvectors {
                 null_space(&(complex(&shifted) - imaginary), rank)
             })
             .collect();
-        let mut this = Self { poles: poles.to_vec(), spaces, x: DMatrix::zeros(n, n) };
-        // A fixed generic combination in each space starts the search; the sweeps do the rest.
+        Self { poles: poles.to_vec(), spaces, x: DMatrix::zeros(n, n) }
+    }
+
+    /// A fixed generic combination in each space, another for every `start`.
+    fn start(&mut self, start: usize) {
         let mut j = 0;
-        while j < n {
-            let space = &this.spaces[j];
+        while j < self.poles.len() {
+            let space = &self.spaces[j];
             let w = DVector::from_fn(space.ncols(), |i, _| {
-                let t = (i * 7 + j * 13 + 3) as f64;
+                let t = (i * 7 + j * 13 + start * 29 + 3) as f64;
                 C64::new((t * 0.731).sin() + 0.5, (t * 1.317).cos())
             });
-            if poles[j].im == 0.0 {
-                let v = (space * w).map(|v| v.re);
-                this.set(j, &v);
+            let v = space * w;
+            if self.poles[j].im == 0.0 {
+                self.set(j, &v.map(|v| v.re));
                 j += 1;
             } else {
-                this.set_pair(j, &(space * w));
+                self.set_pair(j, &v);
                 j += 2;
             }
         }
-        Ok(this)
     }
 
     fn set(&mut self, j: usize, v: &DVector<f64>) {
@@ -301,10 +314,6 @@ impl Eigenvectors {
         let v = v * C64::new(std::f64::consts::SQRT_2 / v.norm(), 0.0);
         self.x.set_column(j, &v.map(|c| c.re));
         self.x.set_column(j + 1, &v.map(|c| c.im));
-    }
-
-    fn real(&self) -> DMatrix<f64> {
-        self.x.clone()
     }
 
     /// Condition number of the matrix of unit eigenvectors.
@@ -328,7 +337,7 @@ impl Eigenvectors {
         s.max() / s.min()
     }
 
-    /// Raises the determinant until a sweep gains less than a thousandth, at most `limit` sweeps; returns their number.
+    /// Raises the determinant until sweeps gain nothing to speak of, at most `limit` sweeps; returns their number.
     fn improve(&mut self, limit: usize) -> usize {
         let n = self.poles.len();
         if n < 2 {
@@ -351,7 +360,7 @@ impl Eigenvectors {
                 self.update_complex(j);
             }
             let after = self.log_determinant();
-            if sweep >= 3 && after - before < 1e-3 {
+            if sweep >= reals.max(3) && after - before < 1e-5 {
                 return sweep;
             }
             before = after;
