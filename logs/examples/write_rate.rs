@@ -1,4 +1,4 @@
-//! How fast a log is written, on one core: `cargo run --release -p whirlstand-logs --example write_rate [steps]`.
+//! How fast a log is written, read and compared, on one core: `cargo run --release -p whirlstand-logs --example write_rate [steps]`.
 //!
 //! Each step has the recorder's four messages (Truth, Imu, Estimate, Command) with noise in every used value, so
 //! that compression has the work that it has on a bench.
@@ -72,6 +72,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         read,
         steps,
         4.0 * read as f64 / start.elapsed().as_secs_f64()
+    );
+    let start = Instant::now();
+    let same = whirlstand_logs::diff(&path, &path)?.identical;
+    println!(
+        "diff: identical {same}, {:.0} messages/s",
+        written.messages as f64 / start.elapsed().as_secs_f64()
     );
     Ok(())
 }

@@ -1,0 +1,233 @@
+//! What is in a log, without its samples.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::bench_info::BenchInfo;
+use crate::diff::remarks;
+use crate::fields::sequence;
+use crate::log::Log;
+use crate::read::{AnyReadError, Kind, kind, read};
+use crate::record::Record;
+use crate::sampling::{Gap, Sampling};
+use crate::segment::{Damage, Ending};
+
+/// What a log holds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LogInfo {
+    /// Schema of this structure as JSON.
+    pub schema: &'static str,
+    /// The log.
+    pub path: PathBuf,
+    /// `mcap`, `ulog` or `csv`.
+    pub kind: &'static str,
+    /// Time from the first sample to the last, s (samples for a record that does not know its clock).
+    pub duration: f64,
+    /// The files of an MCAP log.
+    pub files: Vec<FileInfo>,
+    /// The bench that recorded it.
+    pub bench: Option<BenchInfo>,
+    /// Files inside it: name and size in bytes.
+    pub attached: Vec<(String, u64)>,
+    /// Topics of an MCAP log, by name.
+    pub topics: Vec<TopicInfo>,
+    /// Signals of any other log, in file order.
+    pub signals: Vec<SignalSummary>,
+    /// How the time axis of any other log is sampled.
+    pub sampling: Option<Sampling>,
+    /// What could not be read.
+    pub damage: Vec<Damage>,
+    /// Sentences on what a reader should know: cut-off files, damage.
+    pub remarks: Vec<String>,
+}
+
+/// A file of a log.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct FileInfo {
+    /// The file.
+    pub path: PathBuf,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// How it ends.
+    pub ending: Ending,
+}
+
+/// A topic of an MCAP log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TopicInfo {
+    /// Its name.
+    pub name: String,
+    /// The type of its messages.
+    pub message_type: String,
+    /// How they are written, for example `cdr`.
+    pub encoding: String,
+    /// How many there are.
+    pub messages: u64,
+    /// Log time of the first, s.
+    pub from: f64,
+    /// Log time of the last, s.
+    pub to: f64,
+    /// Messages per second, from the median interval.
+    pub rate_hz: Option<f64>,
+    /// Messages that their sequence numbers show to be missing.
+    pub lost: u64,
+    /// Intervals longer than 1.5 times the median one: number.
+    pub gaps: usize,
+    /// The longest of them.
+    pub longest_gap: Option<Gap>,
+}
+
+/// A signal of a CSV or a ULog.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SignalSummary {
+    /// Its name.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+    /// Points with a value.
+    pub values: usize,
+    /// Points without one.
+    pub missing: usize,
+    /// Least value.
+    pub min: Option<f64>,
+    /// Greatest value.
+    pub max: Option<f64>,
+    /// Mean.
+    pub mean: Option<f64>,
+    /// Standard deviation.
+    pub std: Option<f64>,
+}
+
+/// Looks through a log of any known kind.
+///
+/// # Errors
+/// [`AnyReadError`].
+pub fn info(path: impl AsRef<Path>) -> Result<LogInfo, AnyReadError> {
+    let path = path.as_ref();
+    match kind(path).map_err(|source| AnyReadError::Io { path: path.into(), source })? {
+        Kind::Mcap => mcap_info(path),
+        Kind::Ulog => Ok(record_info(path, "ulog", &read(path, &[])?)),
+        Kind::Csv => Ok(record_info(path, "csv", &read(path, &[])?)),
+    }
+}
+
+fn empty(path: &Path, kind: &'static str) -> LogInfo {
+    LogInfo {
+        schema: "whirlstand.log_info.v1",
+        path: path.into(),
+        kind,
+        duration: 0.0,
+        files: Vec::new(),
+        bench: None,
+        attached: Vec::new(),
+        topics: Vec::new(),
+        signals: Vec::new(),
+        sampling: None,
+        damage: Vec::new(),
+        remarks: Vec::new(),
+    }
+}
+
+/// A topic while its messages are counted.
+#[derive(Default)]
+struct Counting {
+    message_type: String,
+    encoding: String,
+    times: Vec<u64>,
+    last_sequence: Option<u64>,
+    lost: u64,
+}
+
+fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
+    let log = Log::open(path)?;
+    let mut stream = log.stream()?;
+    let mut topics: BTreeMap<String, Counting> = BTreeMap::new();
+    while let Some(message) = stream.next()? {
+        if !topics.contains_key(&message.topic.name) {
+            let counting = Counting {
+                message_type: message.topic.schema_name.clone(),
+                encoding: message.topic.message_encoding.clone(),
+                ..Counting::default()
+            };
+            topics.insert(message.topic.name.clone(), counting);
+        }
+        if let Some(counting) = topics.get_mut(&message.topic.name) {
+            let sequence = sequence(&message);
+            // A publisher that was restarted counts from 0 again: that is no loss. Nor is it when several
+            // publishers share a topic, as all nodes share /health.
+            if let Some(last) = counting.last_sequence
+                && sequence > last + 1
+                && message.topic.name != "/health"
+            {
+                counting.lost += sequence - last - 1;
+            }
+            counting.last_sequence = Some(sequence);
+            counting.times.push(message.log_time);
+        }
+    }
+    let bounds = topics.values().flat_map(|t| t.times.iter()).fold(None, |bounds, t| match bounds {
+        None => Some((*t, *t)),
+        Some((from, to)) => Some((t.min(&from).to_owned(), t.max(&to).to_owned())),
+    });
+    let files = stream.endings().iter().map(|(path, ending)| FileInfo {
+        path: path.clone(),
+        bytes: std::fs::metadata(path).map_or(0, |m| m.len()),
+        ending: *ending,
+    });
+    Ok(LogInfo {
+        duration: bounds.map_or(0.0, |(from, to): (u64, u64)| (to - from) as f64 / 1e9),
+        files: files.collect(),
+        bench: log.info().cloned(),
+        attached: stream.attached().iter().map(|f| (f.name.clone(), f.data.len() as u64)).collect(),
+        topics: topics.into_iter().map(|(name, counting)| counting.result(name)).collect(),
+        damage: stream.damage().to_vec(),
+        remarks: remarks(&stream),
+        ..empty(path, "mcap")
+    })
+}
+
+impl Counting {
+    fn result(mut self, name: String) -> TopicInfo {
+        self.times.sort_unstable();
+        let seconds: Vec<f64> = self.times.iter().map(|ns| *ns as f64 / 1e9).collect();
+        let sampling = Sampling::of(&seconds);
+        TopicInfo {
+            name,
+            message_type: self.message_type,
+            encoding: self.encoding,
+            messages: self.times.len() as u64,
+            from: seconds.first().copied().unwrap_or_default(),
+            to: seconds.last().copied().unwrap_or_default(),
+            rate_hz: sampling.rate().filter(|rate| rate.is_finite()),
+            lost: self.lost,
+            gaps: sampling.gaps.len(),
+            longest_gap: sampling.gaps.into_iter().max_by(|a, b| (a.to - a.from).total_cmp(&(b.to - b.from))),
+        }
+    }
+}
+
+fn record_info(path: &Path, kind: &'static str, record: &Record) -> LogInfo {
+    let signals = record.signals().iter().map(|signal| {
+        let values: Vec<f64> = signal.values.iter().copied().filter(|v| !v.is_nan()).collect();
+        let count = values.len() as f64;
+        let mean = (!values.is_empty()).then(|| values.iter().sum::<f64>() / count);
+        SignalSummary {
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            values: values.len(),
+            missing: record.len() - values.len(),
+            min: values.iter().copied().reduce(f64::min),
+            max: values.iter().copied().reduce(f64::max),
+            mean,
+            std: mean.map(|m| (values.iter().map(|v| (v - m).powi(2)).sum::<f64>() / count).sqrt()),
+        }
+    });
+    LogInfo {
+        duration: record.duration(),
+        signals: signals.collect(),
+        sampling: Some(Sampling::of(&record.time)),
+        ..empty(path, kind)
+    }
+}

@@ -1,0 +1,167 @@
+//! How evenly a signal was sampled, and where it was not.
+
+use std::ops::Range;
+
+use serde::Serialize;
+
+use crate::record::{MissingSignal, Record};
+
+/// An interval longer than this many median intervals is a gap.
+const GAP: f64 = 1.5;
+
+/// Intervals that deviate from the median by more than this share make sampling uneven.
+const UNEVEN: f64 = 0.01;
+
+/// How a time axis is sampled.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sampling {
+    /// Number of points.
+    pub points: usize,
+    /// Median interval, in the unit of the axis; `None` for fewer than two points.
+    pub period: Option<f64>,
+    /// Shortest interval.
+    pub shortest: Option<f64>,
+    /// Longest interval.
+    pub longest: Option<f64>,
+    /// Standard deviation of the intervals that are not gaps, relative to the median.
+    pub jitter: Option<f64>,
+    /// Some interval that is not a gap is more than 1 % off the median.
+    pub uneven: bool,
+    /// Intervals longer than 1.5 times the median.
+    pub gaps: Vec<Gap>,
+}
+
+/// A time without samples.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gap {
+    /// Index of the last point before it.
+    pub after: usize,
+    /// Time of that point.
+    pub from: f64,
+    /// Time of the first point after it.
+    pub to: f64,
+    /// Samples that the median interval would have put there.
+    pub missing: u64,
+}
+
+impl Sampling {
+    /// Looks at an increasing time axis.
+    pub fn of(time: &[f64]) -> Self {
+        let intervals: Vec<f64> = time.windows(2).map(|t| t[1] - t[0]).collect();
+        let Some(median) = median(&intervals) else {
+            let none = None;
+            return Self {
+                points: time.len(),
+                period: none,
+                shortest: none,
+                longest: none,
+                jitter: none,
+                uneven: false,
+                gaps: Vec::new(),
+            };
+        };
+        let regular: Vec<f64> = intervals.iter().copied().filter(|dt| *dt <= GAP * median).collect();
+        let variance =
+            regular.iter().map(|dt| (dt - median).powi(2)).sum::<f64>() / regular.len().max(1) as f64;
+        let gaps = intervals
+            .iter()
+            .enumerate()
+            .filter(|(_, dt)| **dt > GAP * median)
+            .map(|(after, dt)| Gap {
+                after,
+                from: time[after],
+                to: time[after + 1],
+                missing: ((dt / median).round() as u64).saturating_sub(1),
+            })
+            .collect();
+        Self {
+            points: time.len(),
+            period: Some(median),
+            shortest: intervals.iter().copied().reduce(f64::min),
+            longest: intervals.iter().copied().reduce(f64::max),
+            jitter: Some(variance.sqrt() / median),
+            uneven: regular.iter().any(|dt| (dt - median).abs() > UNEVEN * median),
+            gaps,
+        }
+    }
+
+    /// Samples per unit of time.
+    pub fn rate(&self) -> Option<f64> {
+        self.period.map(|period| 1.0 / period)
+    }
+}
+
+/// Median; of an even number the upper of the two in the middle.
+fn median(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    let middle = sorted.len() / 2;
+    (!sorted.is_empty()).then(|| *sorted.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// The parts of a record in which all of `signals` have values and time has no gap, as ranges of its points.
+///
+/// # Errors
+/// [`MissingSignal`] when the record does not have one of them.
+pub fn unbroken(record: &Record, signals: &[&str]) -> Result<Vec<Range<usize>>, MissingSignal> {
+    let columns = signals.iter().map(|name| record.signal(name)).collect::<Result<Vec<_>, _>>()?;
+    let gaps: Vec<usize> = Sampling::of(&record.time).gaps.iter().map(|g| g.after).collect();
+    let mut parts = Vec::new();
+    let mut start = None;
+    for i in 0..record.len() {
+        if columns.iter().any(|s| s.values[i].is_nan()) {
+            parts.extend(start.take().map(|s| s..i));
+            continue;
+        }
+        let begin = *start.get_or_insert(i);
+        if gaps.binary_search(&i).is_ok() {
+            parts.push(begin..i + 1);
+            start = None;
+        }
+    }
+    parts.extend(start.map(|s| s..record.len()));
+    Ok(parts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_even_axis_has_a_rate_and_no_gap() {
+        let s = Sampling::of(&(0..100).map(|k| f64::from(k) * 0.01).collect::<Vec<_>>());
+        assert!((s.rate().unwrap() - 100.0).abs() < 1e-6);
+        assert!(!s.uneven && s.gaps.is_empty());
+        assert!(s.jitter.unwrap() < 1e-9);
+    }
+
+    #[test]
+    fn gaps_and_uneven_sampling_are_found() {
+        let mut time: Vec<f64> = (0..50).map(|k| f64::from(k) * 0.01).collect();
+        time.extend((54..100).map(|k| f64::from(k) * 0.01));
+        time[20] += 0.002;
+        let s = Sampling::of(&time);
+        assert!(s.uneven);
+        assert_eq!(s.gaps.len(), 1);
+        assert_eq!((s.gaps[0].after, s.gaps[0].missing), (49, 4));
+        assert!((s.longest.unwrap() - 0.05).abs() < 1e-12);
+    }
+
+    #[test]
+    fn too_few_points_say_nothing() {
+        for time in [&[][..], &[1.0]] {
+            let s = Sampling::of(time);
+            assert_eq!((s.period, s.gaps.len()), (None, 0));
+        }
+    }
+
+    #[test]
+    fn unbroken_parts_end_at_gaps_in_time_and_in_values() {
+        let mut record = Record::new("x", vec![0.0, 1.0, 2.0, 3.0, 7.0, 8.0, 9.0]).unwrap();
+        let nan = f64::NAN;
+        record.push("a", "", vec![nan, 1.0, 1.0, 1.0, 1.0, nan, 1.0]).unwrap();
+        record.push("b", "", vec![1.0; 7]).unwrap();
+        assert_eq!(unbroken(&record, &["a", "b"]).unwrap(), [1..4, 4..5, 6..7]);
+        assert_eq!(unbroken(&record, &["b"]).unwrap(), [0..4, 4..7]);
+        assert!(unbroken(&record, &["c"]).is_err());
+    }
+}
