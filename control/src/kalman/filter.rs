@@ -19,12 +19,7 @@ const SETTLED: f64 = 1e-9;
 pub struct KalmanFilter {
     states: usize,
     outputs: usize,
-    f: DMatrix<f64>,
-    g: DMatrix<f64>,
-    h: DMatrix<f64>,
-    d: DMatrix<f64>,
-    q: DMatrix<f64>,
-    variance: Vec<f64>,
+    model: FilterModel,
     x: Vec<f64>,
     scratch: Vec<f64>,
     innovation: Vec<f64>,
@@ -37,6 +32,23 @@ pub struct KalmanFilter {
     nis: f64,
     dof: u32,
     started: bool,
+}
+
+/// The model of a [`KalmanFilter`] with n states, m inputs and p outputs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilterModel {
+    /// State transition F, n x n.
+    pub f: DMatrix<f64>,
+    /// Input matrix G, n x m.
+    pub g: DMatrix<f64>,
+    /// Output matrix H, p x n.
+    pub h: DMatrix<f64>,
+    /// Feed-through D, p x m.
+    pub d: DMatrix<f64>,
+    /// Covariance of the process noise over one step, n x n, positive semidefinite.
+    pub q: DMatrix<f64>,
+    /// Variances of the p measurements, positive.
+    pub variance: Vec<f64>,
 }
 
 /// What a step needs once the covariance repeats.
@@ -72,16 +84,9 @@ enum Search {
 }
 
 impl KalmanFilter {
-    /// A filter with n states, m inputs and p outputs: F n x n, G n x m, H p x n, D p x m, Q n x n positive
-    /// semidefinite, `variance` of the p measurements (positive), `initial` standard deviation of the n states
-    /// about zero.
-    pub fn new(
-        (f, g, h, d): (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, DMatrix<f64>),
-        q: DMatrix<f64>,
-        variance: Vec<f64>,
-        initial: &[f64],
-    ) -> Self {
-        let (states, outputs) = (f.nrows(), h.nrows());
+    /// A filter that starts from zero with the given standard deviations of the n states.
+    pub fn new(model: FilterModel, initial: &[f64]) -> Self {
+        let (states, outputs) = (model.f.nrows(), model.h.nrows());
         let p = DMatrix::from_fn(states, states, |i, j| if i == j { initial[i] * initial[i] } else { 0.0 });
         let phase = Phase {
             mask: 0,
@@ -93,12 +98,7 @@ impl KalmanFilter {
         Self {
             states,
             outputs,
-            f,
-            g,
-            h,
-            d,
-            q,
-            variance,
+            model,
             x: vec![0.0; states],
             scratch: vec![0.0; states],
             innovation: vec![0.0; outputs],
@@ -111,6 +111,11 @@ impl KalmanFilter {
             dof: 0,
             started: false,
         }
+    }
+
+    /// The model it runs on.
+    pub fn model(&self) -> &FilterModel {
+        &self.model
     }
 
     /// Estimated state.
@@ -166,8 +171,8 @@ impl KalmanFilter {
         }
         if self.started {
             self.scratch.fill(0.0);
-            add_product(&mut self.scratch, self.f.as_slice(), &self.x);
-            add_product(&mut self.scratch, self.g.as_slice(), u_before);
+            add_product(&mut self.scratch, self.model.f.as_slice(), &self.x);
+            add_product(&mut self.scratch, self.model.g.as_slice(), u_before);
             std::mem::swap(&mut self.x, &mut self.scratch);
         }
         if let Search::Kept { period, next } = self.pattern.state {
@@ -182,12 +187,12 @@ impl KalmanFilter {
             self.pattern.count = 0;
         }
         if self.started {
-            self.work.gemm(1.0, &self.f, &self.p, 0.0);
-            self.p.copy_from(&self.q);
+            self.work.gemm(1.0, &self.model.f, &self.p, 0.0);
+            self.p.copy_from(&self.model.q);
             // F P F' + Q.
             for j in 0..self.states {
                 for k in 0..self.states {
-                    let factor = self.f[(j, k)];
+                    let factor = self.model.f[(j, k)];
                     if factor != 0.0 {
                         for i in 0..self.states {
                             self.p[(i, j)] += self.work[(i, k)] * factor;
@@ -220,15 +225,15 @@ impl KalmanFilter {
                 continue;
             }
             // k = P h' / s; scratch holds it.
-            let mut s = self.variance[i];
+            let mut s = self.model.variance[i];
             for r in 0..n {
-                let v: f64 = (0..n).map(|c| self.p[(r, c)] * self.h[(i, c)]).sum();
+                let v: f64 = (0..n).map(|c| self.p[(r, c)] * self.model.h[(i, c)]).sum();
                 self.scratch[r] = v;
-                s += self.h[(i, r)] * v;
+                s += self.model.h[(i, r)] * v;
             }
             // The innovation left after the measurements before: row i of (I - H K).
             for j in 0..=i {
-                let through: f64 = (0..n).map(|r| self.h[(i, r)] * phase.gain[(r, j)]).sum();
+                let through: f64 = (0..n).map(|r| self.model.h[(i, r)] * phase.gain[(r, j)]).sum();
                 phase.whitening[(i, j)] = f64::from(u8::from(i == j)) - through;
             }
             for r in 0..n {
@@ -243,16 +248,16 @@ impl KalmanFilter {
             }
             // Joseph: T = (I - k h) P, then P = T (I - k h)' + r k k'.
             for c in 0..n {
-                let hp: f64 = (0..n).map(|r| self.h[(i, r)] * self.p[(r, c)]).sum();
+                let hp: f64 = (0..n).map(|r| self.model.h[(i, r)] * self.p[(r, c)]).sum();
                 for r in 0..n {
                     self.work[(r, c)] = self.p[(r, c)] - self.scratch[r] * hp;
                 }
             }
             for r in 0..n {
-                let th: f64 = (0..n).map(|c| self.work[(r, c)] * self.h[(i, c)]).sum();
+                let th: f64 = (0..n).map(|c| self.work[(r, c)] * self.model.h[(i, c)]).sum();
                 for c in 0..=r {
                     let v = self.work[(r, c)] - th * self.scratch[c]
-                        + self.variance[i] * self.scratch[r] * self.scratch[c];
+                        + self.model.variance[i] * self.scratch[r] * self.scratch[c];
                     self.p[(r, c)] = v;
                     self.p[(c, r)] = v;
                 }
@@ -270,8 +275,8 @@ impl KalmanFilter {
             // What is left out may be NaN, which no zero gain would stop.
             *v = if mask >> i & 1 == 1 { y[i] } else { 0.0 };
         }
-        subtract_product(&mut self.innovation, self.h.as_slice(), &self.x);
-        subtract_product(&mut self.innovation, self.d.as_slice(), u_now);
+        subtract_product(&mut self.innovation, self.model.h.as_slice(), &self.x);
+        subtract_product(&mut self.innovation, self.model.d.as_slice(), u_now);
         add_product(&mut self.x, phase.gain.as_slice(), &self.innovation);
         let mut nis = 0.0;
         for i in 0..self.outputs {

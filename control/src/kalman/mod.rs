@@ -6,13 +6,13 @@
 //!   angles. It trusts no force model, and no input.
 //! - [`EstimatorKind::Model`] predicts with the discretised vehicle and the inputs that act on it.
 //!
-//! A bias of an output is estimated only where kinematics alone make it observable: that of a rate or speed
-//! whose integral (angle, position) is measured as well. The bias of an angle can be told from a constant
-//! disturbance only by trusting the force model to its last digit, so it is estimated only when asked for, and
-//! refused when even that does not make it observable.
+//! By default a bias is estimated for gyros only, where kinematics alone make it observable: the angle is measured
+//! as well, and its slope is the rate. The bias of an angle can be told from a constant disturbance only by
+//! trusting the force model to its last digit, so it is estimated only when asked for; a set of biases that the
+//! outputs cannot tell apart is refused.
 
 mod filter;
 mod model;
 
-pub use filter::KalmanFilter;
+pub use filter::{FilterModel, KalmanFilter};
 pub use model::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, Sensors};

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::filter::KalmanFilter;
+use super::filter::{FilterModel, KalmanFilter};
 use crate::linalg::{discretise, expm, symmetric_part};
 use crate::options::{Selector, Weights};
 use crate::plant::Plant;
@@ -42,13 +42,13 @@ pub struct EstimatorOptions {
     /// Density of the white noise on the derivative of each state, SI units times sqrt(s), by state. Default:
     /// zero for kinematic rows; else the state's scale per sqrt(s), thrice that for the kinematic filter.
     pub process_noise: Option<Weights>,
-    /// Outputs whose bias is estimated. Default: rates and speeds whose integral is measured as well.
+    /// Outputs whose bias is estimated. Default: gyros, that is rates whose angle is measured as well.
     pub bias: Option<Vec<Selector>>,
     /// Standard deviation of these biases at the start, SI units. Default: ten times the output's noise.
     pub bias_std: Option<f64>,
     /// Random walk of these biases, SI units per sqrt(s). Default: a hundredth of the output's noise.
     pub bias_walk: Option<f64>,
-    /// Outputs used. Default: all for the model; for the kinematic filter, all but rates whose angle is measured.
+    /// Outputs used. Default: all for the model; all but gyros for the kinematic filter, as in the paper.
     pub outputs: Option<Vec<Selector>>,
 }
 
@@ -100,22 +100,23 @@ impl Estimator {
         check(plant, sensors)?;
         let kinematics = plant.kinematic_rows();
         let shows: Vec<Option<usize>> = (0..p).map(|i| shown_state(sensors, i)).collect();
-        let integral_measured = |i: usize| {
+        // A gyro: it shows a rate that the inputs drive and whose angle is measured too. Speeds are driven by angles.
+        let gyro = |i: usize| {
             shows[i].is_some_and(|j| {
-                (0..n).any(|k| kinematics[k].is_some_and(|(d, _)| d == j) && shows.contains(&Some(k)))
+                let driven = plant.b().row(j).iter().any(|v| *v != 0.0);
+                let integral =
+                    |k: usize| kinematics[k].is_some_and(|(d, _)| d == j) && shows.contains(&Some(k));
+                driven && (0..n).any(integral)
             })
         };
         let used = match &options.outputs {
             Some(list) => select("outputs", list, &sensors.names)?,
-            None if options.kind == EstimatorKind::Kinematic => {
-                // A speed is a measurement of its own right (GPS); a gyro is what the paper's vehicles lacked.
-                (0..p).filter(|&i| !integral_measured(i)).collect()
-            }
+            None if options.kind == EstimatorKind::Kinematic => (0..p).filter(|&i| !gyro(i)).collect(),
             None => (0..p).collect(),
         };
         let biased = match &options.bias {
             Some(list) => select("bias", list, &sensors.names)?,
-            None => used.iter().copied().filter(|&i| integral_measured(i)).collect(),
+            None => used.iter().copied().filter(|&i| gyro(i)).collect(),
         };
         let a = match options.kind {
             EstimatorKind::Model => plant.a().clone(),
@@ -157,7 +158,7 @@ impl Estimator {
         check_observable(plant, sensors, &f, &h, &used, &biased)?;
         let variance = sensors.std.iter().map(|s| s * s).collect();
         Ok(Self {
-            filter: KalmanFilter::new((f, g, h, d), q, variance, &initial),
+            filter: KalmanFilter::new(FilterModel { f, g, h, d, q, variance }, &initial),
             states: n,
             used: used_mask,
             bias_state,

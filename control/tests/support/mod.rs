@@ -42,7 +42,7 @@ pub fn random_system(k: usize) -> RandomSystem {
     let mut poles = Vec::new();
     while poles.len() < n {
         let (re, im) = (-2.0 + g.uniform(), 1.5 + g.uniform());
-        if k % 3 == 0 && poles.len() + 2 <= n {
+        if k.is_multiple_of(3) && poles.len() + 2 <= n {
             poles.extend([Complex::new(re, im), Complex::new(re, -im)]);
         } else {
             poles.push(Complex::new(re - 0.3 * poles.len() as f64, 0.0));

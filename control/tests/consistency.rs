@@ -1,0 +1,117 @@
+//! Consistency of the filters: NEES and NIS inside their chi-square bounds (Bar-Shalom, Li and Kirubarajan 2001,
+//! section 5.4), over Monte Carlo trials with fixed seeds.
+
+mod support;
+
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use support::{VEHICLES, plant};
+use whirlstand_control::{Estimator, EstimatorKind, EstimatorOptions, Plant, Sensors};
+
+const TRIALS: u64 = 100;
+const STEPS: usize = 400;
+
+/// All states measured, at the noise that the built-in vehicles declare.
+fn sensors(plant: &Plant) -> Sensors {
+    let n = plant.state_count();
+    let degree = std::f64::consts::PI / 180.0;
+    let std = [0.08 * degree, 0.4 * degree, 0.08 * degree, 0.4 * degree, 0.03, 0.03, 0.05, 0.05];
+    Sensors {
+        c: DMatrix::identity(n, n),
+        d: DMatrix::zeros(n, plant.input_count()),
+        std: std[..n].to_vec(),
+        names: plant.state_names().to_vec(),
+    }
+}
+
+/// Bounds of the mean of `count` chi-square variables of `dof` degrees of freedom each, at 99.9 %
+/// (Wilson and Hilferty).
+fn bounds(dof: f64, count: f64) -> (f64, f64) {
+    let k = dof * count;
+    let quantile = |z: f64| k * (1.0 - 2.0 / (9.0 * k) + z * (2.0 / (9.0 * k)).sqrt()).powi(3) / count;
+    (quantile(-3.29), quantile(3.29))
+}
+
+struct Means {
+    nees: f64,
+    nis: f64,
+    dof: f64,
+    states: f64,
+}
+
+/// Runs the filter's own model as the truth and averages over trials the NEES and NIS of the last step, at which
+/// trials are independent of each other.
+fn trials(plant: &Plant, options: &EstimatorOptions, pattern: impl Fn(usize) -> u64) -> Means {
+    let sensors = sensors(plant);
+    let mut means = Means { nees: 0.0, nis: 0.0, dof: 0.0, states: 0.0 };
+    for seed in 0..TRIALS {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = |count: usize| DVector::from_fn(count, |_, _| StandardNormal.sample(&mut rng));
+        let mut estimator = Estimator::new(plant, &sensors, options).expect("the sensors show every state");
+        let model = estimator.filter().model();
+        let size = model.f.nrows();
+        let noise = model.q.clone().symmetric_eigen();
+        let root =
+            &noise.eigenvectors * DMatrix::from_diagonal(&noise.eigenvalues.map(|v| v.max(0.0).sqrt()));
+        let start = estimator.filter().covariance().map(|v| v.sqrt());
+        let (f, g, h) = (model.f.clone(), model.g.clone(), model.h.clone());
+        let mut x = start * normal(size);
+        let mut before = [0.0, 0.0];
+        for k in 0..STEPS {
+            let now = [10.0 * (0.02 * k as f64).sin(), 5.0 * (0.03 * k as f64).cos()];
+            if k > 0 {
+                x = &f * x + &g * DVector::from_column_slice(&before) + &root * normal(size);
+            }
+            let noise = normal(sensors.std.len());
+            let y = &h * &x + DVector::from_fn(sensors.std.len(), |i, _| sensors.std[i] * noise[i]);
+            estimator.step(y.as_slice(), pattern(k), &before, &now);
+            before = now;
+        }
+        let error = DVector::from_column_slice(estimator.filter().x()) - &x;
+        let covariance = estimator.filter().covariance().clone().cholesky().expect("positive definite");
+        means.nees += error.dot(&covariance.solve(&error)) / TRIALS as f64;
+        means.nis += estimator.nis() / TRIALS as f64;
+        means.dof = f64::from(estimator.dof());
+        means.states = size as f64;
+    }
+    means
+}
+
+fn check(name: &str, means: &Means) {
+    let (low, high) = bounds(means.states, TRIALS as f64);
+    println!("{name}: NEES {:.3} in [{low:.3}, {high:.3}]", means.nees);
+    assert!(means.nees > low && means.nees < high, "{name}: NEES {} outside [{low}, {high}]", means.nees);
+    let (low, high) = bounds(means.dof, TRIALS as f64);
+    println!("{name}: NIS {:.3} in [{low:.3}, {high:.3}], {} degrees of freedom", means.nis, means.dof);
+    assert!(means.nis > low && means.nis < high, "{name}: NIS {} outside [{low}, {high}]", means.nis);
+}
+
+#[test]
+fn model_based_filter_is_consistent_on_every_vehicle() {
+    for name in VEHICLES {
+        let means = trials(&plant(name), &EstimatorOptions::default(), |_| u64::MAX);
+        check(name, &means);
+    }
+}
+
+#[test]
+fn kinematic_filter_is_consistent_on_every_vehicle() {
+    let options = EstimatorOptions { kind: EstimatorKind::Kinematic, ..EstimatorOptions::default() };
+    for name in VEHICLES {
+        check(name, &trials(&plant(name), &options, |_| u64::MAX));
+    }
+}
+
+#[test]
+fn dividers_and_dropouts_do_not_break_consistency() {
+    let plant = plant("helicopter-hover");
+    // Attitude and rates always, speeds every fourth step, positions every tenth.
+    let divided = |k: usize| {
+        0b1111 | if k % 4 == 0 { 0b11_0000 } else { 0 } | if k % 10 == 9 { 0b1100_0000 } else { 0 }
+    };
+    check("dividers", &trials(&plant, &EstimatorOptions::default(), divided));
+    let dropouts = move |k: usize| if (k * 7919) % 31 < 4 && k != STEPS - 1 { 0 } else { divided(k) };
+    check("dividers and dropouts", &trials(&plant, &EstimatorOptions::default(), dropouts));
+}
