@@ -1,5 +1,14 @@
 //! What data says: compare, identify, diagnose and report.
 
+pub mod compare;
 pub mod metrics;
+pub mod report;
+pub mod run;
 pub mod spectrum;
 mod stats;
+pub mod summary;
+pub mod units;
+
+pub use compare::{CompareError, CompareOptions, Comparison, compare};
+pub use run::{Run, RunError};
+pub use summary::{Figure, RunSummary, Summary};

@@ -26,7 +26,11 @@ pub fn mean(values: &[f64]) -> f64 {
 
 /// Root of the mean square; 0 for an empty slice.
 pub fn rms(values: &[f64]) -> f64 {
-    if values.is_empty() { 0.0 } else { (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt() }
+    if values.is_empty() {
+        0.0
+    } else {
+        (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+    }
 }
 
 /// Pearson's correlation of two equally long slices; 0 when either is constant.

@@ -89,10 +89,14 @@ mod tests {
             // The derivative vanishes where tan(wd t) = sqrt(1 - z^2) / z.
             let s = (1.0 - z * z).sqrt();
             let at = (s / z).atan() / (w * s);
-            assert!((r.peak_after_s - at).abs() < 1.1e-3 && (r.peak - impulse(z, w, at)).abs() < 1e-6, "{r:?}");
+            assert!(
+                (r.peak_after_s - at).abs() < 1.1e-3 && (r.peak - impulse(z, w, at)).abs() < 1e-6,
+                "{r:?}"
+            );
             let band = 0.05 * impulse(z, w, at);
-            let back =
-                (0..600_000).rev().find(|&i| impulse(z, w, i as f64 * 1e-5).abs() > band).unwrap() as f64 * 1e-5;
+            let back = (0..600_000).rev().find(|&i| impulse(z, w, i as f64 * 1e-5).abs() > band).unwrap()
+                as f64
+                * 1e-5;
             assert!((r.recovery_s.unwrap() - back).abs() < 2e-3, "{r:?} {back}");
             assert!((r.baseline - 0.4).abs() < 1e-12);
         }

@@ -1,13 +1,20 @@
-//! Control figures of a run: step responses, recovery from disturbances, effort. See `docs/metrics.md`.
+//! Control figures of a run: step responses, recovery from disturbances, effort, consistency of the estimator,
+//! timing. See `docs/metrics.md`.
 
 mod disturbance;
 mod effort;
+mod estimator;
+mod events;
 mod step;
+mod timing;
 pub(crate) mod window;
 
 pub use disturbance::{Recovery, recovery};
 pub use effort::{Effort, effort};
+pub use estimator::{Consistency, StateError, consistency};
+pub use events::{DisturbanceEvent, disturbance_events, setpoint_steps};
 pub use step::{StepResponse, step_response};
+pub use timing::{Latency, NodeTiming, Timing, latency, timing};
 
 /// Integral of `f(y)` over `t` by the trapezium rule.
 pub fn integral(t: &[f64], y: &[f64], f: impl Fn(f64) -> f64) -> f64 {

@@ -91,8 +91,11 @@ mod tests {
     fn sampled(z: f64, w: f64, size: f64, offset: f64, noise_std: f64) -> (Vec<f64>, Vec<f64>) {
         let t: Vec<f64> = (0..12_000).map(|i| i as f64 * 1e-3).collect();
         let e = noise(t.len(), 7);
-        let y =
-            t.iter().zip(&e).map(|(&t, e)| offset + size * second_order(z, w, t - 1.0) + noise_std * e).collect();
+        let y = t
+            .iter()
+            .zip(&e)
+            .map(|(&t, e)| offset + size * second_order(z, w, t - 1.0) + noise_std * e)
+            .collect();
         (t, y)
     }
 
@@ -103,7 +106,11 @@ mod tests {
                 let (t, y) = sampled(z, w, size, 2.0, 0.0);
                 let r = step_response(&t, &y, 1.0, 12.0, 2.0 + size).unwrap();
                 let overshoot = 100.0 * (-std::f64::consts::PI * z / (1.0f64 - z * z).sqrt()).exp();
-                assert!((r.overshoot_percent - overshoot).abs() < 0.01, "{z}: {} {overshoot}", r.overshoot_percent);
+                assert!(
+                    (r.overshoot_percent - overshoot).abs() < 0.01,
+                    "{z}: {} {overshoot}",
+                    r.overshoot_percent
+                );
                 // Rise and settling of the closed form, by bisection and by search on a grid of 10 us.
                 let fine = |i: usize| second_order(z, w, i as f64 * 1e-5);
                 let first = |level: f64| (0..).find(|&i| fine(i) >= level).unwrap() as f64 * 1e-5;

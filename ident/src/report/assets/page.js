@@ -1,0 +1,88 @@
+"use strict";
+(() => {
+  const { columns, plots } = JSON.parse(document.getElementById("data").textContent);
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  const config = { responsive: true, displaylogo: false, displayModeBar: "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "hoverClosestCartesian", "hoverCompareCartesian", "toggleSpikelines"] };
+
+  function line(trace) {
+    const own = colour("v" + (trace.variant % 6));
+    switch (trace.look) {
+      case "second": return { color: own, width: 1.5, dash: "5px,3px" };
+      case "sensor": return { color: colour("sensor"), width: 0.9 };
+      case "wanted": return { color: colour("wanted"), width: 1.3, dash: "6px,4px", shape: "hv" };
+      case "limit": return { color: colour("soft"), width: 1.1, dash: "dot" };
+      default: return { color: own, width: 1.9 };
+    }
+  }
+
+  function drawn(trace) {
+    const common = { name: trace.name, x: columns[trace.x], y: columns[trace.y],
+      visible: trace.hidden ? "legendonly" : true, hovertemplate: "%{y:.5~g}" };
+    if (trace.look === "bars") {
+      return { ...common, type: "bar", marker: { color: colour("v" + (trace.variant % 6)) }, opacity: 0.85 };
+    }
+    if (trace.look === "points") {
+      return { ...common, type: "scatter", mode: "markers", marker: { color: colour("v" + (trace.variant % 6)), size: 5 } };
+    }
+    return { ...common, type: "scatter", mode: "lines", line: line(trace), connectgaps: false,
+      opacity: trace.look === "sensor" ? 0.75 : 1 };
+  }
+
+  function layout(plot) {
+    const axis = { gridcolor: colour("grid"), linecolor: colour("line"), zerolinecolor: colour("line"),
+      tickcolor: colour("line"), ticks: "outside", ticklen: 4, automargin: true, exponentformat: "power" };
+    const shapes = [], annotations = [];
+    for (const span of plot.spans) {
+      const mark = span.until <= span.from;
+      const line = { width: mark ? 1.4 : 0, color: colour(span.kind === "disturbance" ? "disturbance-line" : "soft"), dash: "dot" };
+      shapes.push({ type: mark ? "line" : "rect", xref: "x", yref: "paper", x0: span.from, x1: span.until, y0: 0, y1: 1,
+        line, fillcolor: colour(span.kind), layer: "below" });
+      if (span.text) {
+        annotations.push({ x: plot.log_x ? Math.log10(span.from) : span.from, xref: "x", y: 1, yref: "paper", yanchor: "bottom",
+          xanchor: "left", text: span.text, showarrow: false, font: { size: 11, color: colour("soft") } });
+      }
+    }
+    for (const [x, y, text] of plot.notes) {
+      annotations.push({ x: plot.log_x ? Math.log10(x) : x, y: plot.log_y ? Math.log10(y) : y, text, showarrow: true,
+        arrowhead: 0, arrowwidth: 1, arrowcolor: colour("soft"), ax: 0, ay: -22, font: { size: 11, color: colour("ink") } });
+    }
+    return {
+      font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("ink") },
+      paper_bgcolor: colour("card"), plot_bgcolor: colour("card"),
+      margin: { l: 56, r: 12, t: 34, b: 40 }, height: plot.height,
+      xaxis: { ...axis, title: { text: plot.x, standoff: 6 }, type: plot.log_x ? "log" : "linear", zeroline: false,
+        hoverformat: ".4~g" },
+      yaxis: { ...axis, type: plot.log_y ? "log" : "linear", zeroline: !plot.log_y, fixedrange: false },
+      legend: { orientation: "h", x: 1, xanchor: "right", y: 1.0, yanchor: "bottom", font: { size: 12 }, bgcolor: "rgba(0,0,0,0)" },
+      showlegend: plot.traces.length > 1, hovermode: "x unified", bargap: 0.08,
+      hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"), font: { color: colour("ink") } },
+      shapes, annotations,
+    };
+  }
+
+  let following = false;
+  function link(plot, element) {
+    element.on("plotly_relayout", (event) => {
+      if (following || !plot.group) return;
+      const change = {};
+      if ("xaxis.range[0]" in event) change["xaxis.range"] = [event["xaxis.range[0]"], event["xaxis.range[1]"]];
+      else if ("xaxis.range" in event) change["xaxis.range"] = event["xaxis.range"];
+      else if (event["xaxis.autorange"]) change["xaxis.autorange"] = true;
+      else return;
+      following = true;
+      const others = plots.filter((p) => p !== plot && p.group === plot.group)
+        .map((p) => Plotly.relayout("plot-" + p.id, change));
+      Promise.all(others).finally(() => { following = false; });
+    });
+  }
+
+  const draw = (act) => plots.forEach((plot) => act("plot-" + plot.id, plot.traces.map(drawn), layout(plot), config));
+  for (const plot of plots) {
+    Plotly.newPlot("plot-" + plot.id, plot.traces.map(drawn), layout(plot), config)
+      .then((element) => link(plot, element));
+  }
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  dark.addEventListener("change", () => draw(Plotly.react));
+  window.addEventListener("beforeprint", () => plots.forEach((plot) => Plotly.Plots.resize("plot-" + plot.id)));
+})();

@@ -1,0 +1,61 @@
+//! Values as an engineer reads them: angles in degrees, three or four digits.
+
+/// The unit in which values with the given SI unit are shown, and how many of it one SI unit is.
+fn display(si: &str) -> (String, f64) {
+    let degree = 180.0 / std::f64::consts::PI;
+    match si.strip_prefix("rad") {
+        Some(rest) if rest.is_empty() || rest.starts_with(['/', '*', ' ', '·', '^']) => {
+            let power = if rest.starts_with('^') { return (si.into(), 1.0) } else { degree };
+            (format!("deg{rest}"), power)
+        }
+        _ => (si.into(), 1.0),
+    }
+}
+
+/// Unit in which values with the SI unit `si` are shown.
+pub fn shown_unit(si: &str) -> String {
+    display(si).0
+}
+
+/// How many shown units one SI unit is.
+pub fn shown_factor(si: &str) -> f64 {
+    display(si).1
+}
+
+/// A value with four significant digits and its unit.
+pub fn shown(value: f64, si: &str) -> String {
+    let (unit, factor) = display(si);
+    let number = number(value * factor);
+    if unit.is_empty() { number } else { format!("{number} {unit}") }
+}
+
+/// A number with about three significant digits.
+pub fn number(v: f64) -> String {
+    let size = v.abs();
+    if v == 0.0 {
+        "0".into()
+    } else if !v.is_finite() {
+        "-".into()
+    } else if !(1e-4..1e6).contains(&size) {
+        format!("{v:.2e}")
+    } else {
+        let decimals = (2 - size.log10().floor() as i32).max(0) as usize;
+        format!("{v:.decimals$}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_are_shown_in_degrees() {
+        assert_eq!(shown(std::f64::consts::PI, "rad"), "180 deg");
+        assert_eq!(shown(0.01, "rad/s"), "0.573 deg/s");
+        assert_eq!(shown(-1.234_56, "m"), "-1.23 m");
+        assert_eq!(shown(0.0, ""), "0");
+        assert_eq!(shown(1234.5, "m/s"), "1234 m/s");
+        assert_eq!(shown_unit("radian"), "radian");
+        assert_eq!(number(2.5e-7), "2.50e-7");
+    }
+}
