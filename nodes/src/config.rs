@@ -7,6 +7,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_bus::{Transport, ZenohConfig};
+use whirlstand_control::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selector, SmcOptions, Weights};
+pub use whirlstand_control::{EstimatorKind, EstimatorOptions as EstimatorConfig};
 use whirlstand_vehicle::Effect;
 
 /// Everything that a node needs to know about its bench.
@@ -131,29 +133,6 @@ pub enum Engine {
     Flying,
 }
 
-/// Options of the estimator.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct EstimatorConfig {
-    /// Which filter runs.
-    pub kind: EstimatorKind,
-    /// Estimate constant biases of attitude and rates as well.
-    pub bias: bool,
-    /// Standard deviation of the process noise by state name, SI units per square root of a second; a state
-    /// left out takes the filter's default.
-    pub process_noise: BTreeMap<String, f64>,
-}
-
-/// Which filter the estimator runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum EstimatorKind {
-    /// Integrates rates from attitude alone, without the vehicle's model.
-    Kinematic,
-    /// Uses the vehicle's model and its inputs.
-    Model,
-}
-
 /// Options of the controller. Options of other laws than `law` are allowed and unused, so that variants of a
 /// launch file can change the law alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -161,30 +140,42 @@ pub enum EstimatorKind {
 pub struct ControllerConfig {
     /// The law.
     pub law: LawKind,
-    /// LQR and sliding surface: weight of a state by name (diagonal of Q); others keep the default.
+    /// LQR: diagonal of Q; SMC: diagonal of the weight that shapes the surface.
     #[serde(default)]
-    pub q: BTreeMap<String, f64>,
-    /// LQR: weight of an input by name (diagonal of R); others keep the default.
+    pub q: Option<Weights>,
+    /// LQR: diagonal of R.
     #[serde(default)]
-    pub r: BTreeMap<String, f64>,
-    /// Outputs whose tracking error is integrated.
-    #[serde(default)]
-    pub integral: Vec<String>,
-    /// PPC: continuous-time closed-loop poles, `[real, imaginary]`, 1/s, conjugates both given.
+    pub r: Option<Weights>,
+    /// PPC: closed-loop poles; SMC: poles on the surface. Continuous time, `[real, imaginary]`, 1/s.
     #[serde(default)]
     pub poles: Option<Vec<[f64; 2]>>,
-    /// PPC without `poles`: all poles at least this fast, rad/s.
+    /// PPC: smallest natural frequency of the default poles, rad/s.
     #[serde(default)]
     pub bandwidth: Option<f64>,
-    /// SMC: half-width of the boundary layer, in units of the sliding variable.
+    /// PPC: smallest damping ratio of the default poles.
     #[serde(default)]
-    pub boundary_layer: Option<f64>,
-    /// SMC: gain of the switching term.
+    pub damping: Option<f64>,
+    /// SMC: exponential part of the reaching law, 1/s.
     #[serde(default)]
-    pub gain: Option<f64>,
-    /// SMC: super-twisting instead of a boundary layer.
+    pub reaching_rate: Option<f64>,
+    /// SMC: switching gain of each surface, in units of the inputs.
+    #[serde(default)]
+    pub switching_gain: Option<Weights>,
+    /// SMC: half-width of the boundary layer, in input units times s.
+    #[serde(default)]
+    pub boundary_layer: Option<Weights>,
+    /// SMC: super-twisting in place of the constant-plus-proportional reaching law.
     #[serde(default)]
     pub super_twisting: bool,
+    /// States whose error is integrated.
+    #[serde(default)]
+    pub integral: Vec<Selector>,
+    /// LQR: weight of each integral.
+    #[serde(default)]
+    pub integral_q: Option<Vec<f64>>,
+    /// What integrators do at the input limits.
+    #[serde(default)]
+    pub anti_windup: AntiWindup,
     /// Listen on topic `pilot` for setpoints from outside; the newest one replaces the profile.
     #[serde(default)]
     pub pilot: bool,
@@ -253,9 +244,57 @@ impl Default for PlantConfig {
     }
 }
 
-impl Default for EstimatorConfig {
-    fn default() -> Self {
-        Self { kind: EstimatorKind::Model, bias: false, process_noise: BTreeMap::new() }
+impl ControllerConfig {
+    /// A law with its default options.
+    pub fn new(law: LawKind) -> Self {
+        Self {
+            law,
+            q: None,
+            r: None,
+            poles: None,
+            bandwidth: None,
+            damping: None,
+            reaching_rate: None,
+            switching_gain: None,
+            boundary_layer: None,
+            super_twisting: false,
+            integral: Vec::new(),
+            integral_q: None,
+            anti_windup: AntiWindup::default(),
+            pilot: false,
+        }
+    }
+
+    /// The options of the law that are its own; `None` for `manual`, which has none.
+    pub fn options(&self) -> Option<LawOptions> {
+        let (integral, anti_windup) = (self.integral.clone(), self.anti_windup);
+        Some(match self.law {
+            LawKind::Manual => return None,
+            LawKind::Lqr => LawOptions::Lqr(LqrOptions {
+                q: self.q.clone(),
+                r: self.r.clone(),
+                integral,
+                integral_q: self.integral_q.clone(),
+                anti_windup,
+            }),
+            LawKind::Ppc => LawOptions::Ppc(PpcOptions {
+                poles: self.poles.clone(),
+                bandwidth: self.bandwidth,
+                damping: self.damping,
+                integral,
+                anti_windup,
+            }),
+            LawKind::Smc => LawOptions::Smc(SmcOptions {
+                q: self.q.clone(),
+                poles: self.poles.clone(),
+                reaching_rate: self.reaching_rate,
+                switching_gain: self.switching_gain.clone(),
+                boundary_layer: self.boundary_layer.clone(),
+                super_twisting: self.super_twisting,
+                integral,
+                anti_windup,
+            }),
+        })
     }
 }
 
@@ -294,4 +333,14 @@ fn start_timeout() -> f64 {
 
 fn yes() -> bool {
     true
+}
+
+impl From<Engine> for whirlstand_vehicle::Engine {
+    fn from(engine: Engine) -> Self {
+        match engine {
+            Engine::Off => Self::Off,
+            Engine::On => Self::On,
+            Engine::Flying => Self::Flying,
+        }
+    }
 }

@@ -1,0 +1,51 @@
+//! Wall-clock time for what is not the loop itself: reports, latencies, time limits.
+
+use std::time::Instant;
+
+/// Reads the clock on every call, or only on every so many calls where a step takes less time than a look at
+/// the clock.
+#[derive(Debug, Clone)]
+pub struct Clock {
+    every: u32,
+    left: u32,
+    last: Instant,
+}
+
+impl Clock {
+    /// Always exact.
+    pub fn exact() -> Self {
+        Self::sampled(1)
+    }
+
+    /// Looks at the clock on every `every`th call; the other calls repeat the last time.
+    pub fn sampled(every: u32) -> Self {
+        Self { every: every.max(1), left: every.max(1), last: Instant::now() }
+    }
+
+    /// Whether every call is exact, so that differences are latencies.
+    pub fn is_exact(&self) -> bool {
+        self.every == 1
+    }
+
+    /// The time.
+    #[inline]
+    pub fn now(&mut self) -> Instant {
+        self.left -= 1;
+        if self.left == 0 {
+            self.left = self.every;
+            self.last = Instant::now();
+        }
+        self.last
+    }
+}
+
+/// What a node's turn did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Turn {
+    /// Nothing to do until a message comes or time passes.
+    Idle,
+    /// Something.
+    Worked,
+    /// The node has reached its end.
+    Ended,
+}

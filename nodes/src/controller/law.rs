@@ -1,0 +1,60 @@
+//! The control law, wired to the vehicle.
+
+use whirlstand_control::{Controller, Design};
+use whirlstand_msgs::{Estimate, MAX_INPUTS, Setpoint, flags};
+
+use crate::config::NodeConfig;
+use crate::error::NodeError;
+use crate::setup::Setup;
+
+pub(super) enum Law {
+    /// Closed loop.
+    Designed { controller: Box<Controller>, states: usize, inputs: usize },
+    /// Open loop: the stick passes through.
+    Manual,
+}
+
+impl Law {
+    pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+        let Some(options) = config.controller.options() else { return Ok(Self::Manual) };
+        let plant = setup.control_plant(config)?;
+        let what = format!("a {} controller", options.name());
+        let design = Design::new(&plant, &options).map_err(|e| setup.refuse(&what, &e))?;
+        Ok(Self::Designed {
+            controller: Box::new(Controller::new(&design)),
+            states: plant.state_count(),
+            inputs: plant.input_count(),
+        })
+    }
+
+    /// Computes the inputs for the next period; returns the command's flags.
+    pub(super) fn step(
+        &mut self,
+        estimate: &Estimate,
+        setpoint: &Setpoint,
+        u: &mut [f64; MAX_INPUTS],
+    ) -> u32 {
+        match self {
+            Self::Manual => {
+                *u = setpoint.stick;
+                flags::MANUAL
+            }
+            Self::Designed { controller, states, inputs } => {
+                let outcome = controller.step(
+                    &estimate.x[..*states],
+                    &setpoint.x[..*states],
+                    setpoint.tracked,
+                    &mut u[..*inputs],
+                );
+                if outcome.saturated { flags::SATURATED } else { 0 }
+            }
+        }
+    }
+
+    /// Back to rest, for a new run.
+    pub(super) fn reset(&mut self) {
+        if let Self::Designed { controller, .. } = self {
+            controller.reset();
+        }
+    }
+}

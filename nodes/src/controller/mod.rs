@@ -1,0 +1,168 @@
+//! The controller: estimated states in, commands out.
+//!
+//! On `Estimate` j it computes command j, which is in force over `[t_j+1, t_j+2)`; the law accounts for that
+//! period of latency with the command that it sent for j-1. It can join at any step. Steps that go back mean that
+//! the plant was restarted, and reset the law; a repeated step is answered with the same command again.
+
+mod law;
+mod profile;
+
+use std::time::Instant;
+
+use whirlstand_bus::{Bus, Publisher, Subscriber};
+use whirlstand_msgs::{Command, Estimate, Health, Message, NodeState, Setpoint};
+
+use crate::clock::{Clock, Turn};
+use crate::config::{NodeConfig, Role};
+use crate::error::NodeError;
+use crate::peers::Peers;
+use crate::ports::receive;
+use crate::process::Follower;
+use crate::setup::Setup;
+use law::Law;
+use profile::Profile;
+
+/// Queue for estimates.
+const DEPTH: usize = 64;
+
+/// Topic on which a pilot or planner outside the loop sets the reference.
+pub const PILOT_TOPIC: &str = "pilot";
+
+/// The controller as a state machine.
+pub struct Controller {
+    estimates: Subscriber<Estimate>,
+    pilot: Option<Subscriber<Setpoint>>,
+    commands: Publisher<Command>,
+    setpoints: Publisher<Setpoint>,
+    telemetry: bool,
+    always_telemetry: bool,
+    peers: Peers,
+    law: Law,
+    profile: Profile,
+    piloted: Option<Setpoint>,
+    last: Option<Command>,
+    states: usize,
+    inputs: usize,
+    steps: u64,
+    refused: u64,
+}
+
+impl Controller {
+    /// Designs the law and opens the ports.
+    ///
+    /// # Errors
+    /// [`NodeError`] for a law that cannot be designed for the vehicle, or ports that cannot be opened.
+    pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+        let profile = Profile::new(config, &setup.vehicle)?;
+        let law = Law::new(config, setup)?;
+        let listens_to = if config.peers.contains(&Role::Estimator) { vec![Role::Estimator] } else { vec![] };
+        let pilot = if config.controller.pilot { Some(bus.subscriber_on(PILOT_TOPIC, DEPTH)?) } else { None };
+        Ok(Self {
+            estimates: bus.subscriber(DEPTH)?,
+            pilot,
+            commands: bus.publisher()?,
+            setpoints: bus.publisher()?,
+            telemetry: config.telemetry,
+            always_telemetry: config.telemetry,
+            peers: Peers::open(bus, Role::Controller, listens_to)?,
+            law,
+            profile,
+            piloted: None,
+            last: None,
+            states: setup.vehicle.states.len(),
+            inputs: setup.limits.count,
+            steps: 0,
+            refused: 0,
+        })
+    }
+
+    fn answer(&mut self, estimate: &Estimate) -> Result<(), NodeError> {
+        let step = estimate.head.step;
+        if estimate.count as usize != self.states || estimate.x[..self.states].iter().any(|v| !v.is_finite())
+        {
+            self.refused += 1;
+            return Ok(());
+        }
+        match self.last {
+            Some(last) if step == last.head.step => return Ok(self.commands.send(&last)?),
+            Some(last) if step < last.head.step => {
+                tracing::warn!(step, "the plant began a new run: resetting the law");
+                self.law.reset();
+                self.profile.rewind();
+                self.last = None;
+            }
+            _ => {}
+        }
+        let tracked = self.profile.tracked();
+        let (reference, stick) = self.profile.at(step);
+        let mut setpoint = Setpoint { head: estimate.head, x: *reference, stick: *stick, tracked };
+        if let Some(piloted) = &self.piloted {
+            setpoint = Setpoint { head: estimate.head, ..*piloted };
+        }
+        let mut command = Command { head: estimate.head, count: self.inputs as u32, ..Command::zeroed() };
+        command.flags = self.law.step(estimate, &setpoint, &mut command.u);
+        self.commands.send(&command)?;
+        if self.telemetry {
+            self.setpoints.send(&setpoint)?;
+        }
+        self.last = Some(command);
+        self.steps += 1;
+        Ok(())
+    }
+
+    fn take_pilot(&mut self) -> Result<(), NodeError> {
+        let Some(pilot) = &mut self.pilot else { return Ok(()) };
+        while let Some(setpoint) = receive(pilot, &mut self.refused)? {
+            if setpoint.x.iter().chain(&setpoint.stick).all(|v| v.is_finite()) {
+                self.piloted = Some(setpoint);
+            } else {
+                self.refused += 1;
+            }
+        }
+        Ok(())
+    }
+
+    fn count(&mut self) {
+        let report = &mut self.peers.report;
+        report.head.step = self.last.map_or(0, |l| l.head.step);
+        report.steps = self.steps;
+        report.lost = self.estimates.lost();
+        report.rejected = self.refused;
+    }
+}
+
+impl Follower for Controller {
+    fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
+        let Some(estimate) = receive(&mut self.estimates, &mut self.refused)? else { return Ok(Turn::Idle) };
+        let since = clock.now();
+        self.take_pilot()?;
+        self.answer(&estimate)?;
+        if clock.is_exact() {
+            self.peers.record_latency(clock.now().saturating_duration_since(since));
+        }
+        Ok(Turn::Worked)
+    }
+
+    fn housekeeping(&mut self, now: Instant) -> Result<(), NodeError> {
+        if !self.always_telemetry && self.peers.is_due(now) {
+            self.telemetry = self.setpoints.has_subscribers()?;
+        }
+        self.count();
+        self.peers.turn(now)
+    }
+
+    fn wake_at(&self) -> Instant {
+        self.peers.due()
+    }
+
+    fn is_starting(&self) -> bool {
+        self.peers.is_starting()
+    }
+
+    fn stop(&mut self) -> Result<Health, NodeError> {
+        self.count();
+        self.peers.set_state(NodeState::Stopping);
+        self.peers.publish(Instant::now())?;
+        Ok(self.peers.report)
+    }
+}

@@ -1,0 +1,89 @@
+//! The reference and the stick over time.
+
+use whirlstand_msgs::{MAX_INPUTS, MAX_STATES};
+use whirlstand_vehicle::Vehicle;
+
+use crate::config::{NodeConfig, SignalChange};
+use crate::error::NodeError;
+use crate::setup::step_at;
+
+/// A value that changes at a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Change {
+    step: u64,
+    index: usize,
+    value: f64,
+}
+
+/// Steps of a set of signals, read forwards.
+#[derive(Debug, Clone)]
+struct Track<const N: usize> {
+    changes: Vec<Change>,
+    next: usize,
+    values: [f64; N],
+}
+
+impl<const N: usize> Track<N> {
+    fn new(field: &str, changes: &[SignalChange], period_ns: u64, names: &[&str]) -> Result<Self, NodeError> {
+        let mut list = Vec::new();
+        for change in changes {
+            for (name, &value) in &change.values {
+                let index = names.iter().position(|n| n == name).ok_or_else(|| NodeError::Config {
+                    field: format!("{field}.{name}"),
+                    value: value.to_string(),
+                    reason: format!("the vehicle has no such signal; it has {}", names.join(", ")),
+                })?;
+                list.push(Change { step: step_at(change.at_s, period_ns), index, value });
+            }
+        }
+        Ok(Self { changes: list, next: 0, values: [0.0; N] })
+    }
+
+    fn at(&mut self, step: u64) -> &[f64; N] {
+        while let Some(change) = self.changes.get(self.next).filter(|c| c.step <= step) {
+            self.values[change.index] = change.value;
+            self.next += 1;
+        }
+        &self.values
+    }
+
+    fn rewind(&mut self) {
+        self.next = 0;
+        self.values = [0.0; N];
+    }
+}
+
+/// What the run asks of the controller, step by step.
+#[derive(Debug, Clone)]
+pub(super) struct Profile {
+    reference: Track<MAX_STATES>,
+    stick: Track<MAX_INPUTS>,
+    tracked: u64,
+}
+
+impl Profile {
+    pub(super) fn new(config: &NodeConfig, vehicle: &Vehicle) -> Result<Self, NodeError> {
+        let states = vehicle.states.iter().map(|s| s.name.as_str()).collect::<Vec<_>>();
+        let inputs = vehicle.inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>();
+        let reference = Track::new("setpoint", &config.setpoint, config.period_ns, &states)?;
+        let tracked = reference.changes.iter().fold(0, |bits, c| bits | 1 << c.index);
+        let stick = Track::new("stick", &config.stick, config.period_ns, &inputs)?;
+        Ok(Self { reference, stick, tracked })
+    }
+
+    /// States that the profile ever sets, as bits.
+    pub(super) fn tracked(&self) -> u64 {
+        self.tracked
+    }
+
+    /// Reference and stick at a step that is not before the last one asked for.
+    pub(super) fn at(&mut self, step: u64) -> (&[f64; MAX_STATES], &[f64; MAX_INPUTS]) {
+        (self.reference.at(step), self.stick.at(step))
+    }
+
+    /// Begins again at step 0.
+    pub(super) fn rewind(&mut self) {
+        self.reference.rewind();
+        self.stick.rewind();
+    }
+}

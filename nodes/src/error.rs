@@ -1,0 +1,105 @@
+//! Why a node ends before its time.
+
+use crate::config::Role;
+use crate::os::RealtimeError;
+
+/// Why a node could not start or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum NodeError {
+    /// The vehicle file is wrong, or an effect does not fit it.
+    #[error("vehicle {origin}: {reason}")]
+    Vehicle {
+        /// File name or built-in name.
+        origin: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The vehicle is well-formed, but does not fit through the bus.
+    #[error("vehicle {vehicle} cannot fly on a bench: {reason}")]
+    NotOnBus {
+        /// Vehicle name.
+        vehicle: String,
+        /// What does not fit, and what would.
+        reason: String,
+    },
+    /// A value of the configuration is impossible.
+    #[error("{field} = {value} cannot be used: {reason}")]
+    Config {
+        /// Key, as in the launch file.
+        field: String,
+        /// Value.
+        value: String,
+        /// What is wrong, and what would be right.
+        reason: String,
+    },
+    /// No controller or filter can be made for this vehicle with these options.
+    #[error("{what} cannot be designed for vehicle {vehicle}: {reason}")]
+    Design {
+        /// `controller` or `estimator`, with its kind.
+        what: String,
+        /// Vehicle name.
+        vehicle: String,
+        /// What the design says.
+        reason: String,
+    },
+    /// The bus or a port cannot be opened.
+    #[error(transparent)]
+    Open(#[from] whirlstand_bus::OpenError),
+    /// A message cannot be sent.
+    #[error(transparent)]
+    Send(#[from] whirlstand_bus::SendError),
+    /// The transport failed while receiving.
+    #[error(transparent)]
+    Receive(#[from] whirlstand_bus::RecvError),
+    /// A peer was never heard.
+    #[error(
+        "the plant waited {waited_s} s for {}, which did not come; see whether they run on this bench",
+        missing.iter().map(|r| r.name()).collect::<Vec<_>>().join(" and ")
+    )]
+    PeersAbsent {
+        /// Who is missing.
+        missing: Vec<Role>,
+        /// How long it waited, s.
+        waited_s: f64,
+    },
+    /// Nobody answered the first measurement.
+    #[error(
+        "no usable command came for step 0 within {waited_s} s ({rejected} were refused): the chain from imu over \
+         estimate to command is broken"
+    )]
+    NoAnswer {
+        /// How long it waited, s.
+        waited_s: f64,
+        /// Commands that came but were refused.
+        rejected: u64,
+    },
+    /// The operating system refuses a real-time option.
+    #[error(transparent)]
+    Realtime(#[from] RealtimeError),
+    /// The launcher cannot be told, or signals cannot be caught.
+    #[error("cannot {action}: {source}")]
+    System {
+        /// What was tried.
+        action: &'static str,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// The log cannot be written.
+    #[error(transparent)]
+    Log(#[from] whirlstand_logs::WriteError),
+}
+
+impl NodeError {
+    /// Whether the user can mend it by other input: a launch file, a vehicle file, an option, a system setting.
+    pub fn is_mendable(&self) -> bool {
+        matches!(
+            self,
+            Self::Vehicle { .. }
+                | Self::NotOnBus { .. }
+                | Self::Config { .. }
+                | Self::Design { .. }
+                | Self::Open(_)
+                | Self::Realtime(_)
+        )
+    }
+}

@@ -1,0 +1,123 @@
+//! The Kalman filter, wired to the vehicle's sensors.
+
+use whirlstand_control::{Estimator, EstimatorKind, Sensors};
+use whirlstand_msgs::{Estimate, Head, Imu, MAX_INPUTS, Message, Odometry, flags};
+use whirlstand_vehicle::Output;
+
+use crate::config::NodeConfig;
+use crate::error::NodeError;
+use crate::setup::Setup;
+use crate::signals::OutputMap;
+
+/// Noise that the filter assumes of a sensor that declares none, in SI units: small against every sensor that
+/// flies, and large enough for the arithmetic.
+const LEAST_NOISE: f64 = 1e-6;
+
+/// Outputs whose bias travels in `Estimate`, in its order.
+const BIASES: [&str; 4] = ["roll", "pitch", "roll_rate", "pitch_rate"];
+
+pub(super) struct Filter {
+    estimator: Estimator,
+    new: Estimator,
+    map: OutputMap,
+    outputs: usize,
+    states: usize,
+    inputs: usize,
+    /// Output behind each of [`BIASES`].
+    biases: [Option<usize>; BIASES.len()],
+    feedthrough: bool,
+}
+
+impl Filter {
+    pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+        let vehicle = &setup.vehicle;
+        let engine = config.plant.engine.into();
+        let sensors = Sensors {
+            c: vehicle.c.clone(),
+            d: vehicle.d.clone(),
+            std: vehicle.outputs.iter().map(|o| noise(o, engine)).collect(),
+            names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
+        };
+        let what = match config.estimator.kind {
+            EstimatorKind::Kinematic => "a kinematic estimator",
+            EstimatorKind::Model => "a model-based estimator",
+        };
+        let plant = setup.control_plant(config)?;
+        let estimator =
+            Estimator::new(&plant, &sensors, &config.estimator).map_err(|e| setup.refuse(what, &e))?;
+        Ok(Self {
+            new: estimator.clone(),
+            estimator,
+            map: setup.map.clone(),
+            outputs: vehicle.outputs.len(),
+            states: vehicle.states.len(),
+            inputs: vehicle.inputs.len(),
+            biases: BIASES.map(|name| vehicle.output_index(name)),
+            feedthrough: vehicle.d.iter().any(|v| *v != 0.0),
+        })
+    }
+
+    /// Whether a measurement shows the input of the same moment.
+    pub(super) fn has_feedthrough(&self) -> bool {
+        self.feedthrough
+    }
+
+    /// Begins anew.
+    pub(super) fn restart(&mut self) {
+        self.estimator = self.new.clone();
+    }
+
+    /// A step without a measurement.
+    pub(super) fn predict(&mut self, u_before: &[f64; MAX_INPUTS]) {
+        let y = [0.0; OutputMap::MAX_OUTPUTS];
+        let u = &u_before[..self.inputs];
+        self.estimator.step(&y[..self.outputs], 0, u, u);
+    }
+
+    /// A step with a measurement; false when a value in it could not be used.
+    pub(super) fn step(
+        &mut self,
+        imu: &Imu,
+        odometry: Option<&Odometry>,
+        u_before: &[f64; MAX_INPUTS],
+        u_now: &[f64; MAX_INPUTS],
+    ) -> bool {
+        let mut y = [0.0; OutputMap::MAX_OUTPUTS];
+        let mut fresh = [false; OutputMap::MAX_OUTPUTS];
+        let (y, fresh) = (&mut y[..self.outputs], &mut fresh[..self.outputs]);
+        let clean = self.map.read(imu, odometry, y, fresh);
+        let valid = fresh.iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
+        self.estimator.step(y, valid, &u_before[..self.inputs], &u_now[..self.inputs]);
+        clean
+    }
+
+    /// What the filter believes now.
+    pub(super) fn estimate(&self, head: Head) -> Estimate {
+        let e = &self.estimator;
+        let mut estimate = Estimate {
+            head,
+            nis: e.nis(),
+            dof: e.dof(),
+            count: self.states as u32,
+            flags: if e.converged() { flags::CONVERGED } else { 0 },
+            ..Estimate::zeroed()
+        };
+        estimate.x[..self.states].copy_from_slice(e.x());
+        estimate.std[..self.states].copy_from_slice(e.std());
+        for (bias, output) in estimate.bias.iter_mut().zip(self.biases) {
+            *bias = output.map_or(0.0, |i| e.bias()[i]);
+        }
+        estimate
+    }
+}
+
+/// Standard deviation of what a sensor adds: declared noise, rounding (its step over the square root of 12) and
+/// the root mean square of the vibration.
+fn noise(output: &Output, engine: whirlstand_vehicle::Engine) -> f64 {
+    let vibration = output.vibration.as_ref().map_or(0.0, |v| {
+        let power = v.harmonics.iter().map(|h| h * h).sum::<f64>() / 2.0;
+        v.amplitude(engine).powi(2) * power
+    });
+    let variance = output.noise.powi(2) + output.quantization.powi(2) / 12.0 + vibration;
+    variance.sqrt().max(LEAST_NOISE)
+}

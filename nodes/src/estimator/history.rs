@@ -1,0 +1,41 @@
+//! Commands of the last steps, as the estimator heard them.
+
+use whirlstand_msgs::{Command, Message};
+
+/// Steps kept; more than any answer can be late without being a miss.
+const LENGTH: usize = 64;
+
+pub(super) struct History {
+    commands: [Option<Command>; LENGTH],
+    inputs: usize,
+}
+
+impl History {
+    pub(super) fn new(inputs: usize) -> Self {
+        Self { commands: [None; LENGTH], inputs }
+    }
+
+    pub(super) fn put(&mut self, command: Command) {
+        // What the plant would refuse has no effect on the vehicle either.
+        let n = self.inputs;
+        if command.count as usize != n || command.u[..n].iter().any(|v| !v.is_finite()) {
+            return;
+        }
+        let slot = &mut self.commands[command.head().step as usize % LENGTH];
+        // The plant takes the first command of a step, and so does its follower.
+        if slot.is_none_or(|c| c.head.step != command.head.step) {
+            *slot = Some(command);
+        }
+    }
+
+    pub(super) fn get(&self, step: u64) -> Option<&Command> {
+        self.commands[step as usize % LENGTH].as_ref().filter(|c| c.head.step == step)
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.commands = [None; LENGTH];
+    }
+}
+
+/// Steps without a measurement after which a filter starts anew instead of predicting through the gap.
+pub(super) const LONGEST_GAP: u64 = LENGTH as u64 / 2;

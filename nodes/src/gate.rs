@@ -1,0 +1,261 @@
+//! Which command is in force: the one rule that the plant obeys and the estimator follows.
+//!
+//! Over `[t_j, t_j+1)` command j-1 is in force. When it is not there in time, the last one is held; after a
+//! number of consecutive misses (one, when the caller says so) the inputs go to neutral, until the first
+//! command on time. Nothing that is not finite, late, early, repeated or of the wrong size gets through, and
+//! nothing leaves beyond the input limits.
+
+use whirlstand_msgs::{Command, MAX_INPUTS, flags};
+
+/// Limits of the inputs, by index.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InputLimits {
+    /// Number of inputs in use.
+    pub count: usize,
+    /// Least value.
+    pub lower: [f64; MAX_INPUTS],
+    /// Greatest value.
+    pub upper: [f64; MAX_INPUTS],
+}
+
+impl InputLimits {
+    /// What the inputs do without a command: zero, or the limit nearest to it.
+    pub fn neutral(&self) -> [f64; MAX_INPUTS] {
+        let mut u = [0.0; MAX_INPUTS];
+        self.limit(&mut u);
+        u
+    }
+
+    /// Brings `u` within the limits; true when something had to move.
+    fn limit(&self, u: &mut [f64; MAX_INPUTS]) -> bool {
+        let mut moved = false;
+        for ((value, lower), upper) in u.iter_mut().zip(self.lower).zip(self.upper).take(self.count) {
+            let limited = value.max(lower).min(upper);
+            moved |= limited != *value;
+            *value = limited;
+        }
+        moved
+    }
+}
+
+/// Why a command was refused or changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// A value is NaN or infinite; refused.
+    NotFinite,
+    /// It has another number of inputs than the vehicle; refused.
+    WrongCount,
+    /// It belongs to a step before the awaited one; refused.
+    Stale,
+    /// It belongs to a step that the plant has not reached; refused.
+    Early,
+    /// The step has its command already; refused.
+    Repeated,
+    /// A value is beyond the input limits; the limit is applied instead.
+    OutOfRange,
+}
+
+/// What goes to the inputs over one period.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Applied {
+    /// Inputs in the vehicle's order; unused ones are zero.
+    pub u: [f64; MAX_INPUTS],
+    /// [`flags::HELD`], [`flags::FAILSAFE`], [`flags::SATURATED`].
+    pub flags: u32,
+}
+
+/// Decides step by step which inputs are in force.
+#[derive(Debug, Clone)]
+pub struct Gate {
+    limits: InputLimits,
+    misses_to_failsafe: u32,
+    accepted: Option<Applied>,
+    last: Applied,
+    consecutive_misses: u32,
+    misses: u64,
+    rejected: u64,
+}
+
+impl Gate {
+    /// A gate with neutral inputs in force.
+    pub fn new(limits: InputLimits, misses_to_failsafe: u32) -> Self {
+        Self {
+            limits,
+            misses_to_failsafe: misses_to_failsafe.max(1),
+            accepted: None,
+            last: Applied { u: limits.neutral(), flags: 0 },
+            consecutive_misses: 0,
+            misses: 0,
+            rejected: 0,
+        }
+    }
+
+    /// Takes a command in, when step `awaited` is the one that counts. Every fault counts as rejected.
+    ///
+    /// # Errors
+    /// The [`Fault`]; all but [`Fault::OutOfRange`] leave the gate as it was.
+    pub fn offer(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
+        let result = self.judge(command, awaited);
+        self.rejected += u64::from(result.is_err());
+        result
+    }
+
+    fn judge(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
+        let count = self.limits.count;
+        match command.head.step.cmp(&awaited) {
+            std::cmp::Ordering::Less => return Err(Fault::Stale),
+            std::cmp::Ordering::Greater => return Err(Fault::Early),
+            std::cmp::Ordering::Equal => {}
+        }
+        if self.accepted.is_some() {
+            return Err(Fault::Repeated);
+        }
+        if command.count as usize != count {
+            return Err(Fault::WrongCount);
+        }
+        let mut u = [0.0; MAX_INPUTS];
+        u[..count].copy_from_slice(&command.u[..count]);
+        if u.iter().any(|v| !v.is_finite()) {
+            return Err(Fault::NotFinite);
+        }
+        let moved = self.limits.limit(&mut u);
+        let saturated = (0..count).any(|i| u[i] <= self.limits.lower[i] || u[i] >= self.limits.upper[i]);
+        self.accepted = Some(Applied { u, flags: if saturated { flags::SATURATED } else { 0 } });
+        if moved { Err(Fault::OutOfRange) } else { Ok(()) }
+    }
+
+    /// Whether the awaited command is there.
+    pub fn is_ready(&self) -> bool {
+        self.accepted.is_some()
+    }
+
+    /// Closes the step: the accepted command comes into force, or a miss is counted. With `failsafe_at_once`
+    /// a single miss leads to the failsafe.
+    pub fn close(&mut self, failsafe_at_once: bool) -> Applied {
+        self.last = match self.accepted.take() {
+            Some(applied) => {
+                self.consecutive_misses = 0;
+                applied
+            }
+            None => {
+                self.misses += 1;
+                self.consecutive_misses = self.consecutive_misses.saturating_add(1);
+                if failsafe_at_once || self.consecutive_misses >= self.misses_to_failsafe {
+                    Applied { u: self.limits.neutral(), flags: flags::HELD | flags::FAILSAFE }
+                } else {
+                    // A miss does not end a failsafe, only a command does.
+                    Applied { u: self.last.u, flags: self.last.flags | flags::HELD }
+                }
+            }
+        };
+        self.last
+    }
+
+    /// What is in force now.
+    pub fn applied(&self) -> Applied {
+        self.last
+    }
+
+    /// Whether the inputs are at neutral because commands failed to come.
+    pub fn in_failsafe(&self) -> bool {
+        self.last.flags & flags::FAILSAFE != 0
+    }
+
+    /// Steps without a usable command in time.
+    pub fn misses(&self) -> u64 {
+        self.misses
+    }
+
+    /// Commands with a [`Fault`].
+    pub fn rejected(&self) -> u64 {
+        self.rejected
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use whirlstand_msgs::Message;
+
+    fn limits() -> InputLimits {
+        let mut limits = InputLimits { count: 2, lower: [0.0; MAX_INPUTS], upper: [0.0; MAX_INPUTS] };
+        limits.lower[..2].copy_from_slice(&[-1.0, 0.2]);
+        limits.upper[..2].copy_from_slice(&[1.0, 0.8]);
+        limits
+    }
+
+    fn command(step: u64, a: f64, b: f64) -> Command {
+        let mut c = Command { count: 2, ..Command::zeroed() };
+        c.head.step = step;
+        c.u[..2].copy_from_slice(&[a, b]);
+        c
+    }
+
+    #[test]
+    fn a_command_on_time_is_applied_once() {
+        let mut gate = Gate::new(limits(), 3);
+        assert_eq!(gate.applied().u[..2], [0.0, 0.2], "neutral is the limit nearest to zero");
+        gate.offer(&command(4, 0.5, 0.6), 4).unwrap();
+        assert_eq!(gate.offer(&command(4, 0.1, 0.6), 4), Err(Fault::Repeated));
+        assert_eq!(gate.close(false), Applied { u: [0.5, 0.6, 0., 0., 0., 0., 0., 0.], flags: 0 });
+        assert_eq!(gate.offer(&command(4, 0.1, 0.6), 5), Err(Fault::Stale));
+        assert_eq!(gate.offer(&command(6, 0.1, 0.6), 5), Err(Fault::Early));
+        let held = gate.close(false);
+        assert_eq!((held.u[0], held.flags), (0.5, flags::HELD));
+        assert_eq!((gate.misses(), gate.rejected()), (1, 3));
+    }
+
+    #[test]
+    fn misses_lead_to_the_failsafe_and_a_command_leads_back() {
+        let mut gate = Gate::new(limits(), 3);
+        gate.offer(&command(0, 0.5, 0.6), 0).unwrap();
+        gate.close(false);
+        assert_eq!(gate.close(false).u[0], 0.5);
+        assert_eq!(gate.close(false).u[0], 0.5);
+        assert!(!gate.in_failsafe());
+        let failsafe = gate.close(false);
+        assert_eq!(failsafe.u[..2], [0.0, 0.2]);
+        assert_eq!(failsafe.flags, flags::HELD | flags::FAILSAFE);
+        assert!(gate.close(false).flags & flags::FAILSAFE != 0, "it stays until a command comes");
+        gate.offer(&command(5, 0.3, 0.6), 5).unwrap();
+        assert_eq!(gate.close(false).flags, 0);
+        gate.offer(&command(6, 0.4, 0.6), 6).unwrap();
+        gate.close(true);
+        assert!(gate.close(true).flags & flags::FAILSAFE != 0, "one lockstep timeout is enough");
+        assert!(gate.close(false).flags & flags::FAILSAFE != 0);
+    }
+
+    #[test]
+    fn what_is_not_a_command_for_this_vehicle_is_refused() {
+        let mut gate = Gate::new(limits(), 3);
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert_eq!(gate.offer(&command(0, 0.0, bad), 0), Err(Fault::NotFinite));
+        }
+        let three = Command { count: 3, ..command(0, 0.0, 0.5) };
+        assert_eq!(gate.offer(&three, 0), Err(Fault::WrongCount));
+        assert_eq!(gate.offer(&command(0, 7.0, 0.5), 0), Err(Fault::OutOfRange));
+        assert_eq!(gate.rejected(), 5);
+        let applied = gate.close(false);
+        assert_eq!((applied.u[0], applied.flags), (1.0, flags::SATURATED));
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_passes_the_limits(
+            offers in prop::collection::vec((0u64..6, 0u32..4, any::<f64>(), any::<f64>(), any::<bool>()), 1..60)
+        ) {
+            let mut gate = Gate::new(limits(), 3);
+            let mut awaited = 0;
+            for (step, count, a, b, close) in offers {
+                let _ = gate.offer(&Command { count, ..command(step, a, b) }, awaited);
+                if close {
+                    let u = gate.close(false).u;
+                    prop_assert!((-1.0..=1.0).contains(&u[0]) && (0.2..=0.8).contains(&u[1]), "{:?}", u);
+                    prop_assert!(u[2..].iter().all(|v| *v == 0.0));
+                    awaited += 1;
+                }
+            }
+        }
+    }
+}

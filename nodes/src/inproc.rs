@@ -1,0 +1,138 @@
+//! The whole bench in one thread: plant, estimator, controller and recorder take turns.
+
+use std::time::{Duration, Instant};
+
+use whirlstand_bus::Bus;
+use whirlstand_msgs::Health;
+
+use crate::clock::{Clock, Turn};
+use crate::config::{Mode, NodeConfig, Role};
+use crate::controller::Controller;
+use crate::error::NodeError;
+use crate::estimator::Estimator;
+use crate::os::{StopFlag, sleep_until};
+use crate::plant::Plant;
+use crate::process::Follower;
+use crate::recorder::Recorder;
+use crate::setup::Setup;
+
+/// Rounds between two looks at what is not the loop. Well below the recorder's window, so that the plant never
+/// has to wait for it.
+const ROUNDS_PER_LOOK: u32 = 128;
+
+/// What a bench in one thread leaves behind.
+#[derive(Debug, Clone)]
+pub struct Ended {
+    /// Steps done.
+    pub steps: u64,
+    /// Wall-clock time of the loop, without opening and closing.
+    pub wall: Duration,
+    /// Last report of each node, by role.
+    pub reports: Vec<(Role, Health)>,
+}
+
+/// A bench in one thread; [`Bench::round`] lets each node take a turn.
+pub struct Bench {
+    plant: Plant,
+    estimator: Estimator,
+    controller: Controller,
+    recorder: Option<Recorder>,
+    clock: Clock,
+    realtime: bool,
+    rounds: u32,
+}
+
+impl Bench {
+    /// Opens all nodes.
+    ///
+    /// # Errors
+    /// As for each node.
+    pub fn open(config: &NodeConfig) -> Result<Self, NodeError> {
+        let setup = Setup::new(config)?;
+        let bus = Bus::open(&Setup::bus_config(config, Role::Plant))?;
+        let realtime = config.mode == Mode::Realtime;
+        Ok(Self {
+            estimator: Estimator::open(&bus, config, &setup)?,
+            controller: Controller::open(&bus, config, &setup)?,
+            recorder: config.recorder.is_some().then(|| Recorder::open(&bus, config, &setup)).transpose()?,
+            plant: Plant::open(&bus, config, &setup)?,
+            clock: if realtime { Clock::exact() } else { Clock::sampled(1024) },
+            realtime,
+            rounds: 0,
+        })
+    }
+
+    /// A turn of each node in the order of a step. In realtime it waits for the next deadline when all is done.
+    ///
+    /// # Errors
+    /// As for each node.
+    #[inline]
+    pub fn round(&mut self) -> Result<Turn, NodeError> {
+        let plant = self.plant.turn(&mut self.clock)?;
+        if plant == Turn::Ended {
+            return Ok(Turn::Ended);
+        }
+        let estimator = self.estimator.turn(&mut self.clock)?;
+        let controller = self.controller.turn(&mut self.clock)?;
+        self.rounds += 1;
+        let idle = [plant, estimator, controller].iter().all(|t| *t == Turn::Idle);
+        if idle || self.rounds >= ROUNDS_PER_LOOK {
+            self.rounds = 0;
+            self.look_around()?;
+            if let Some(deadline) = self.plant.deadline().filter(|_| idle && self.realtime) {
+                sleep_until(deadline, || true);
+                self.plant.tick(&mut self.clock)?;
+            }
+        }
+        Ok(if idle { Turn::Idle } else { Turn::Worked })
+    }
+
+    /// Runs to the end, or until `stop` asks for it.
+    ///
+    /// # Errors
+    /// As for each node.
+    pub fn run(mut self, stop: &StopFlag) -> Result<Ended, NodeError> {
+        let mut start = Instant::now();
+        loop {
+            if stop.is_set() {
+                self.plant.stop();
+            }
+            match self.round()? {
+                Turn::Ended => break,
+                Turn::Worked => {}
+                Turn::Idle if self.plant.steps_done() == 0 => start = Instant::now(),
+                Turn::Idle => {}
+            }
+        }
+        let wall = start.elapsed();
+        let mut reports = vec![
+            (Role::Plant, *self.plant.health()),
+            (Role::Estimator, self.estimator.stop()?),
+            (Role::Controller, self.controller.stop()?),
+        ];
+        if let Some(recorder) = &mut self.recorder {
+            recorder.stop(Instant::now());
+            while recorder.turn(Instant::now())? != Turn::Ended {}
+            reports.push((Role::Recorder, *recorder.health()));
+        }
+        Ok(Ended { steps: self.plant.steps_done(), wall, reports })
+    }
+
+    fn look_around(&mut self) -> Result<(), NodeError> {
+        let now = Instant::now();
+        self.estimator.housekeeping(now)?;
+        self.controller.housekeeping(now)?;
+        if let Some(recorder) = &mut self.recorder {
+            recorder.turn(now)?;
+        }
+        Ok(())
+    }
+}
+
+/// Runs a bench in this thread.
+///
+/// # Errors
+/// As for each node.
+pub fn run_inproc(config: &NodeConfig, stop: &StopFlag) -> Result<Ended, NodeError> {
+    Bench::open(config)?.run(stop)
+}

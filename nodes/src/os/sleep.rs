@@ -1,0 +1,66 @@
+//! Waking at an absolute time.
+
+use std::time::{Duration, Instant};
+
+/// A time of `CLOCK_MONOTONIC`, ns; the clock behind [`Instant`] on Linux.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct MonotonicTime(pub u64);
+
+impl MonotonicTime {
+    /// Now.
+    pub fn now() -> Self {
+        let mut t = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+        // SAFETY: `t` is a valid timespec to write to; CLOCK_MONOTONIC always exists on Linux.
+        unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut t) };
+        Self(t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64)
+    }
+
+    /// The same time as an [`Instant`], for waits that take one.
+    pub fn instant(self) -> Instant {
+        let (now, here) = (Self::now(), Instant::now());
+        if self > now {
+            here + Duration::from_nanos(self.0 - now.0)
+        } else {
+            here.checked_sub(Duration::from_nanos(now.0 - self.0)).unwrap_or(here)
+        }
+    }
+}
+
+/// Sleeps until `t` (`clock_nanosleep` with `TIMER_ABSTIME`, so that being preempted before the call cannot
+/// lengthen the sleep); returns early when a signal arrives and `interrupted` says so.
+pub fn sleep_until(t: MonotonicTime, interrupted: impl Fn() -> bool) {
+    let wake = libc::timespec {
+        tv_sec: (t.0 / 1_000_000_000) as libc::time_t,
+        tv_nsec: (t.0 % 1_000_000_000) as libc::c_long,
+    };
+    loop {
+        // SAFETY: `wake` is a valid timespec; a null remainder is allowed with TIMER_ABSTIME.
+        let status = unsafe {
+            libc::clock_nanosleep(
+                libc::CLOCK_MONOTONIC,
+                libc::TIMER_ABSTIME,
+                &raw const wake,
+                std::ptr::null_mut(),
+            )
+        };
+        if status != libc::EINTR || interrupted() {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waking_is_never_early() {
+        for wait in [0, 200_000, 2_000_000] {
+            let t = MonotonicTime(MonotonicTime::now().0 + wait);
+            let instant = t.instant();
+            sleep_until(t, || false);
+            assert!(MonotonicTime::now() >= t);
+            assert!(Instant::now() + Duration::from_micros(1) >= instant);
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! Who is on the bench: publishes this node's `Health` and hears that of the others.
+//!
+//! The handshake before step 0 rests on one rule: a node opens its `Health` subscription last. Having heard
+//! the health of X therefore means that X knows all subscriptions of this node, so that nothing X publishes
+//! from now on is lost. A node that has heard everybody it listens to says `Running`; the plant starts when
+//! all say so.
+
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use whirlstand_bus::{Bus, Publisher, RecvError, Subscriber};
+use whirlstand_msgs::{Health, Message, NodeState, latency_bucket};
+
+use crate::config::Role;
+use crate::error::NodeError;
+
+/// Wall-clock time between two reports of a node.
+pub const HEALTH_PERIOD: Duration = Duration::from_millis(100);
+
+/// Queue for health: four nodes speak ten times a second, and more often while the bench starts.
+const HEALTH_DEPTH: usize = 64;
+
+/// What was last heard of a peer.
+#[derive(Debug, Clone, Copy)]
+pub struct Heard {
+    /// State that it reported.
+    pub state: Option<NodeState>,
+    /// Last step that it did.
+    pub step: u64,
+    pid: u32,
+}
+
+/// Publishes and hears `Health`.
+pub struct Peers {
+    role: Role,
+    publisher: Publisher<Health>,
+    subscriber: Subscriber<Health>,
+    heard: [Option<Heard>; Role::ALL.len()],
+    listens_to: Vec<Role>,
+    due: Instant,
+    /// What the next report says; the owner keeps its counters up to date before each report.
+    pub report: Health,
+}
+
+impl Peers {
+    /// Joins the talk of `health`. Open every other port before.
+    ///
+    /// # Errors
+    /// The ports cannot be opened.
+    pub fn open(bus: &Bus, role: Role, listens_to: Vec<Role>) -> Result<Self, NodeError> {
+        let publisher = bus.publisher()?;
+        let subscriber = bus.subscriber(HEALTH_DEPTH)?;
+        let mut report = Health { pid: std::process::id(), ..Health::zeroed() };
+        report.set_node_name(role.name());
+        Ok(Self {
+            role,
+            publisher,
+            subscriber,
+            heard: [None; Role::ALL.len()],
+            listens_to,
+            due: Instant::now(),
+            report,
+        })
+    }
+
+    /// When the next report is due.
+    pub fn due(&self) -> Instant {
+        self.due
+    }
+
+    /// Whether a report is due.
+    pub fn is_due(&self, now: Instant) -> bool {
+        now >= self.due
+    }
+
+    /// Hears what waits, and reports when a report is due or somebody new has come.
+    ///
+    /// # Errors
+    /// The transport fails.
+    pub fn turn(&mut self, now: Instant) -> Result<(), NodeError> {
+        while let Some(health) = self.receive()? {
+            self.hear(&health);
+        }
+        self.settle();
+        if self.is_due(now) { self.publish(now) } else { Ok(()) }
+    }
+
+    /// The next report of a peer, for the recorder, which writes them all; `turn` does the same without showing.
+    ///
+    /// # Errors
+    /// The transport fails.
+    pub fn receive(&mut self) -> Result<Option<Health>, NodeError> {
+        match self.subscriber.try_recv() {
+            Ok(health) => Ok(health),
+            Err(RecvError::Refused { .. }) => {
+                self.report.rejected += 1;
+                Ok(None)
+            }
+            Err(e) => Err(e.into()),
+        }
+    }
+
+    /// Takes note of a report.
+    pub fn hear(&mut self, health: &Health) {
+        let Some(role) = Role::ALL.into_iter().find(|r| r.name() == health.node_name()) else { return };
+        if role == self.role {
+            return;
+        }
+        let heard = &mut self.heard[role as usize];
+        if heard.is_none_or(|h| h.pid != health.pid) {
+            // Somebody new waits to hear this node.
+            self.due = Instant::now();
+        }
+        *heard =
+            Some(Heard { state: NodeState::from_u32(health.state), step: health.head.step, pid: health.pid });
+    }
+
+    /// Goes from `Starting` to `Running` once everybody listened to was heard. The plant decides for itself.
+    pub fn settle(&mut self) {
+        if self.is_starting() && self.role != Role::Plant && self.all_heard() {
+            self.set_state(NodeState::Running);
+        }
+    }
+
+    /// Whether somebody listened to was not heard yet.
+    pub fn is_starting(&self) -> bool {
+        self.report.state == NodeState::Starting as u32
+    }
+
+    /// Sets the state, and has it reported at once when it changed.
+    pub fn set_state(&mut self, state: NodeState) {
+        if self.report.state != state as u32 {
+            self.report.state = state as u32;
+            self.due = Instant::now();
+        }
+    }
+
+    /// Counts an answer into the histogram.
+    pub fn record_latency(&mut self, latency: Duration) {
+        let ns = u64::try_from(latency.as_nanos()).unwrap_or(u64::MAX);
+        self.report.latency[latency_bucket(ns)] += 1;
+        self.report.latency_max_ns = self.report.latency_max_ns.max(ns);
+    }
+
+    /// Publishes the report now.
+    ///
+    /// # Errors
+    /// The transport fails.
+    pub fn publish(&mut self, now: Instant) -> Result<(), NodeError> {
+        self.due = now + HEALTH_PERIOD;
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        self.report.head.stamp_ns = u64::try_from(unix.as_nanos()).unwrap_or(u64::MAX);
+        Ok(self.publisher.send(&self.report)?)
+    }
+
+    /// What was last heard of a peer.
+    pub fn heard(&self, role: Role) -> Option<Heard> {
+        self.heard[role as usize]
+    }
+
+    /// Peers among those listened to that are not yet `Running`.
+    pub fn not_running(&self) -> impl Iterator<Item = Role> + '_ {
+        self.listens_to.iter().copied().filter(|&r| {
+            !matches!(
+                self.heard(r),
+                Some(Heard { state: Some(NodeState::Running | NodeState::Failsafe), .. })
+            )
+        })
+    }
+
+    fn all_heard(&self) -> bool {
+        self.listens_to.iter().all(|&r| self.heard(r).is_some())
+    }
+}

@@ -1,0 +1,340 @@
+//! The plant: simulates the vehicle, reads its sensors, obeys commands and sets the pace.
+//!
+//! At `t_j` the plant closes the [`Gate`] for command j-1, publishes `Truth`, `Odometry`, `Disturbance` and last
+//! `Imu`, and integrates to `t_j+1` while the others work. Step 0 is special in both modes: its inputs are
+//! neutral, and the clock of a realtime run starts when command 0 has come, so that no node's start counts as
+//! a miss.
+
+mod pace;
+mod simulation;
+
+use std::time::{Duration, Instant};
+
+use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_msgs::{Command, NodeState};
+
+use crate::clock::{Clock, Turn};
+use crate::config::{Mode, NodeConfig, Role};
+use crate::error::NodeError;
+use crate::gate::Gate;
+use crate::os::MonotonicTime;
+use crate::peers::Peers;
+use crate::ports::receive;
+use crate::setup::Setup;
+use pace::Pace;
+use simulation::Simulation;
+
+/// Queue for commands; one is awaited at a time.
+const COMMAND_DEPTH: usize = 16;
+
+/// First repetition of an unanswered step 0, and all later ones.
+const REPEAT: Duration = Duration::from_millis(200);
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    /// Waiting to hear that all peers run.
+    Joining { until: Instant },
+    /// Step 0 is out, command 0 awaited.
+    Answering { until: Instant, repeat: Instant },
+    /// In the loop.
+    Looping,
+    /// The last step is out; its command completes the log.
+    Ending { until: Instant },
+    /// Over.
+    Ended,
+}
+
+/// The plant as a state machine: [`Plant::turn`] does what can be done now.
+pub struct Plant {
+    mode: Mode,
+    period_ns: u64,
+    steps: u64,
+    lockstep_timeout: Duration,
+    start_timeout: Duration,
+    simulation: Simulation,
+    gate: Gate,
+    commands: Subscriber<Command>,
+    pace: Option<Pace>,
+    peers: Peers,
+    phase: Phase,
+    /// The step to do next.
+    step: u64,
+    /// When the last step was published.
+    published: Instant,
+    /// The awaited command has been noticed.
+    answered: bool,
+    /// Bench time 0 of a realtime run.
+    origin: MonotonicTime,
+    /// Deadlines that passed because the plant itself was not running.
+    overruns: u64,
+    refused: u64,
+    was_failsafe: bool,
+}
+
+impl Plant {
+    /// Opens the ports and prepares step 0.
+    ///
+    /// # Errors
+    /// [`NodeError`] for a vehicle or configuration that cannot run, or ports that cannot be opened.
+    pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+        let plant = &config.plant;
+        let recorder = config.recorder.is_some() && config.mode == Mode::Lockstep;
+        let pace = if recorder {
+            Some(Pace::open(bus, Duration::from_secs_f64(plant.recorder_timeout_s))?)
+        } else {
+            None
+        };
+        let commands = bus.subscriber(COMMAND_DEPTH)?;
+        let simulation = Simulation::open(bus, config, setup)?;
+        let mut listens_to = config.peers.clone();
+        if config.recorder.is_some() && !listens_to.contains(&Role::Recorder) {
+            listens_to.push(Role::Recorder);
+        }
+        let peers = Peers::open(bus, Role::Plant, listens_to)?;
+        let now = Instant::now();
+        let start_timeout = Duration::from_secs_f64(config.start_timeout_s);
+        Ok(Self {
+            mode: config.mode,
+            period_ns: config.period_ns,
+            steps: config.steps,
+            lockstep_timeout: Duration::from_secs_f64(plant.lockstep_timeout_s),
+            start_timeout,
+            simulation,
+            gate: Gate::new(setup.limits, plant.misses_to_failsafe),
+            commands,
+            pace,
+            peers,
+            phase: Phase::Joining { until: now + start_timeout },
+            step: 0,
+            published: now,
+            answered: false,
+            origin: MonotonicTime(0),
+            overruns: 0,
+            refused: 0,
+            was_failsafe: false,
+        })
+    }
+
+    /// Does what can be done now. In a realtime loop it only takes commands in; [`Plant::tick`] does the steps.
+    ///
+    /// # Errors
+    /// [`NodeError`] when the transport fails, or nobody is there at the start.
+    pub fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
+        match self.phase {
+            Phase::Looping => self.turn_in_loop(clock),
+            Phase::Joining { until } => self.join(clock, until),
+            Phase::Answering { until, repeat } => self.await_first_answer(clock, until, repeat),
+            Phase::Ending { until } => self.end(clock, until),
+            Phase::Ended => Ok(Turn::Ended),
+        }
+    }
+
+    /// When to take a turn even if no message comes.
+    pub fn wake_at(&self) -> Instant {
+        let due = self.peers.due();
+        match self.phase {
+            Phase::Looping => due.min(self.published + self.lockstep_timeout),
+            Phase::Joining { until } | Phase::Ending { until } => due.min(until),
+            Phase::Answering { until, repeat } => due.min(until).min(repeat),
+            Phase::Ended => due,
+        }
+    }
+
+    /// Deadline of the next step, in a realtime loop.
+    pub fn deadline(&self) -> Option<MonotonicTime> {
+        let in_loop = self.phase == Phase::Looping && self.mode == Mode::Realtime;
+        in_loop.then(|| MonotonicTime(self.origin.0 + self.step * self.period_ns))
+    }
+
+    /// Does the step whose deadline has come, in realtime. When the plant itself was away for whole periods,
+    /// bench time stands still for these and each counts as a miss.
+    ///
+    /// # Errors
+    /// [`NodeError`] when the transport fails.
+    pub fn tick(&mut self, clock: &mut Clock) -> Result<(), NodeError> {
+        let Some(deadline) = self.deadline() else { return Ok(()) };
+        self.take_commands(clock)?;
+        let late = MonotonicTime::now().0.saturating_sub(deadline.0) / self.period_ns;
+        if late > 0 {
+            self.overruns += late;
+            self.origin.0 += late * self.period_ns;
+        }
+        self.advance(clock, false)?;
+        if self.peers.is_due(self.published) { self.report(self.published) } else { Ok(()) }
+    }
+
+    /// Ends the run in order after the last published step.
+    pub fn stop(&mut self) {
+        self.phase = match self.phase {
+            Phase::Looping | Phase::Answering { .. } if self.step > 0 => {
+                Phase::Ending { until: self.published + self.lockstep_timeout }
+            }
+            Phase::Ending { .. } => return,
+            _ => Phase::Ended,
+        };
+    }
+
+    /// Steps done.
+    pub fn steps_done(&self) -> u64 {
+        self.step
+    }
+
+    /// What the plant reports of itself.
+    pub fn health(&mut self) -> &whirlstand_msgs::Health {
+        self.count();
+        &self.peers.report
+    }
+
+    fn join(&mut self, clock: &mut Clock, until: Instant) -> Result<Turn, NodeError> {
+        let now = clock.now();
+        self.peers.turn(now)?;
+        if self.peers.not_running().next().is_none() {
+            let now = Instant::now();
+            self.peers.set_state(NodeState::Running);
+            self.phase = Phase::Answering { until: now + self.start_timeout, repeat: now + REPEAT };
+            self.advance(clock, false)?;
+            return Ok(Turn::Worked);
+        }
+        if now < until {
+            return Ok(Turn::Idle);
+        }
+        let missing = self.peers.not_running().collect();
+        Err(NodeError::PeersAbsent { missing, waited_s: self.start_timeout.as_secs_f64() })
+    }
+
+    fn await_first_answer(
+        &mut self,
+        clock: &mut Clock,
+        until: Instant,
+        repeat: Instant,
+    ) -> Result<Turn, NodeError> {
+        self.take_commands(clock)?;
+        if self.gate.is_ready() {
+            self.phase = Phase::Looping;
+            self.origin = MonotonicTime::now();
+            if self.step == self.steps {
+                return self.begin_ending();
+            }
+            return Ok(Turn::Worked);
+        }
+        let now = clock.now();
+        if now >= until {
+            let rejected = self.gate.rejected();
+            return Err(NodeError::NoAnswer { waited_s: self.start_timeout.as_secs_f64(), rejected });
+        }
+        if now >= repeat {
+            self.simulation.repeat_measurement()?;
+            self.phase = Phase::Answering { until, repeat: now + REPEAT };
+        }
+        self.housekeeping(now)?;
+        Ok(Turn::Idle)
+    }
+
+    fn turn_in_loop(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
+        let had = self.answered;
+        self.take_commands(clock)?;
+        if self.mode == Mode::Realtime {
+            return Ok(if self.answered && !had { Turn::Worked } else { Turn::Idle });
+        }
+        let now = clock.now();
+        if !self.gate.is_ready() && now < self.published + self.lockstep_timeout {
+            self.housekeeping(now)?;
+            return Ok(Turn::Idle);
+        }
+        if let Some(pace) = &mut self.pace
+            && !pace.may_go_on(self.step, now)?
+        {
+            self.housekeeping(now)?;
+            return Ok(Turn::Idle);
+        }
+        self.advance(clock, true)?;
+        self.housekeeping(now)?;
+        Ok(Turn::Worked)
+    }
+
+    fn end(&mut self, clock: &mut Clock, until: Instant) -> Result<Turn, NodeError> {
+        self.take_commands(clock)?;
+        let now = clock.now();
+        if !self.gate.is_ready() && now < until {
+            self.housekeeping(now)?;
+            return Ok(Turn::Idle);
+        }
+        self.peers.set_state(NodeState::Stopping);
+        self.report(Instant::now())?;
+        self.phase = Phase::Ended;
+        Ok(Turn::Ended)
+    }
+
+    fn begin_ending(&mut self) -> Result<Turn, NodeError> {
+        self.phase = Phase::Ending { until: self.published + self.lockstep_timeout };
+        Ok(Turn::Worked)
+    }
+
+    fn take_commands(&mut self, clock: &mut Clock) -> Result<(), NodeError> {
+        // Before step 0 is out no command can be meant for this run.
+        let Some(awaited) = self.step.checked_sub(1) else { return Ok(()) };
+        while let Some(command) = receive(&mut self.commands, &mut self.refused)? {
+            // Faults are counted by the gate, and reported with the plant's health.
+            let _ = self.gate.offer(&command, awaited);
+        }
+        if self.gate.is_ready() && !self.answered {
+            self.answered = true;
+            if clock.is_exact() {
+                self.peers.record_latency(clock.now().saturating_duration_since(self.published));
+            }
+        }
+        Ok(())
+    }
+
+    /// Does step `self.step`.
+    fn advance(&mut self, clock: &mut Clock, failsafe_at_once: bool) -> Result<(), NodeError> {
+        let applied = if self.step == 0 { self.gate.applied() } else { self.gate.close(failsafe_at_once) };
+        self.answered = false;
+        self.simulation.publish(self.step, &applied)?;
+        self.published = clock.now();
+        self.simulation.integrate();
+        self.step += 1;
+        if self.gate.in_failsafe() != self.was_failsafe {
+            self.announce();
+        }
+        if self.step == self.steps && self.phase == Phase::Looping {
+            self.begin_ending()?;
+        }
+        Ok(())
+    }
+
+    fn announce(&mut self) {
+        self.was_failsafe = self.gate.in_failsafe();
+        let step = self.step - 1;
+        if self.was_failsafe {
+            self.peers.set_state(NodeState::Failsafe);
+            tracing::warn!(
+                step,
+                misses = self.gate.misses(),
+                "no command in time: FAILSAFE, inputs at neutral"
+            );
+        } else {
+            self.peers.set_state(NodeState::Running);
+            tracing::warn!(step, "commands are back: failsafe over");
+        }
+    }
+
+    fn housekeeping(&mut self, now: Instant) -> Result<(), NodeError> {
+        if self.peers.is_due(now) { self.report(now) } else { Ok(()) }
+    }
+
+    fn report(&mut self, now: Instant) -> Result<(), NodeError> {
+        self.count();
+        self.simulation.look_for_listeners()?;
+        self.peers.turn(now)
+    }
+
+    fn count(&mut self) {
+        let report = &mut self.peers.report;
+        report.head.step = self.step.saturating_sub(1);
+        report.steps = self.step;
+        report.deadline_misses = self.gate.misses() + self.overruns;
+        report.lost = self.commands.lost();
+        report.rejected = self.gate.rejected() + self.refused + self.simulation.refused();
+    }
+}

@@ -1,0 +1,165 @@
+//! The simulated vehicle and what it publishes.
+
+use whirlstand_bus::{Bus, Publisher, Subscriber};
+use whirlstand_msgs::{Disturbance, Head, Imu, MAX_STATES, Message, Odometry, Truth};
+use whirlstand_vehicle::Simulator;
+
+use crate::config::NodeConfig;
+use crate::error::NodeError;
+use crate::gate::Applied;
+use crate::ports::receive;
+use crate::setup::Setup;
+use crate::signals::OutputMap;
+
+/// Queue for disturbances from outside.
+const INJECT_DEPTH: usize = 16;
+
+/// Topic on which a program outside the loop pushes the vehicle.
+pub const INJECT_TOPIC: &str = "inject";
+
+pub(super) struct Simulation {
+    simulator: Simulator,
+    map: OutputMap,
+    states: usize,
+    inputs: usize,
+    outputs: usize,
+    period_ns: u64,
+    imu: Publisher<Imu>,
+    odometry: Option<Publisher<Odometry>>,
+    truth: Publisher<Truth>,
+    disturbance: Publisher<Disturbance>,
+    /// Truth and disturbance are wanted by somebody.
+    telemetry: bool,
+    always_telemetry: bool,
+    inject: Option<Subscriber<Disturbance>>,
+    injected: [f64; MAX_STATES],
+    told: Option<[f64; MAX_STATES]>,
+    last_imu: Imu,
+    refused: u64,
+}
+
+impl Simulation {
+    pub(super) fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+        let mut vehicle = setup.vehicle.clone();
+        let wrong = |reason: String| NodeError::Vehicle { origin: config.vehicle.origin.clone(), reason };
+        for effect in &config.effects {
+            vehicle.add_effect(effect.clone()).map_err(|e| wrong(e.to_string()))?;
+        }
+        let mut simulator = Simulator::new(&vehicle, Setup::period_s(config), config.seed)
+            .map_err(|e| wrong(e.to_string()))?;
+        simulator.set_engine(config.plant.engine.into());
+        let mut x = vec![0.0; vehicle.states.len()];
+        for (name, &value) in &config.plant.initial {
+            let i = vehicle.state_index(name).ok_or_else(|| NodeError::Config {
+                field: format!("plant.initial.{name}"),
+                value: value.to_string(),
+                reason: format!(
+                    "the vehicle's states are {}",
+                    vehicle.states.iter().map(|s| s.name.as_str()).collect::<Vec<_>>().join(", ")
+                ),
+            })?;
+            x[i] = value;
+        }
+        simulator.set_state(&x);
+        let inject =
+            if config.plant.inject { Some(bus.subscriber_on(INJECT_TOPIC, INJECT_DEPTH)?) } else { None };
+        let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
+        Ok(Self {
+            simulator,
+            map: setup.map.clone(),
+            states: x.len(),
+            inputs: setup.limits.count,
+            outputs: vehicle.outputs.len(),
+            period_ns: config.period_ns,
+            imu: bus.publisher()?,
+            odometry,
+            truth: bus.publisher()?,
+            disturbance: bus.publisher()?,
+            telemetry: config.telemetry,
+            always_telemetry: config.telemetry,
+            inject,
+            injected: [0.0; MAX_STATES],
+            told: None,
+            last_imu: Imu::zeroed(),
+            refused: 0,
+        })
+    }
+
+    /// Publishes what belongs to step `step`, the measurement last: it is what the others wait for.
+    pub(super) fn publish(&mut self, step: u64, applied: &Applied) -> Result<(), NodeError> {
+        let head = Head { seq: 0, step, stamp_ns: step * self.period_ns };
+        self.take_injected()?;
+        self.simulator.apply(&applied.u[..self.inputs]);
+        if self.telemetry {
+            self.publish_truth(head, applied.flags)?;
+        }
+        let mut imu = Imu { head, ..Imu::zeroed() };
+        let mut odometry = Odometry { head, ..Odometry::zeroed() };
+        let mut y = [0.0; OutputMap::MAX_OUTPUTS];
+        let y = &mut y[..self.outputs];
+        y.copy_from_slice(self.simulator.measure());
+        self.map.fill(y, self.simulator.fresh(), &mut imu, &mut odometry);
+        if let Some(publisher) = &mut self.odometry {
+            publisher.send(&odometry)?;
+        }
+        self.imu.send(&imu)?;
+        self.last_imu = imu;
+        Ok(())
+    }
+
+    /// Publishes the last measurement again, for a peer that was not there yet.
+    pub(super) fn repeat_measurement(&mut self) -> Result<(), NodeError> {
+        Ok(self.imu.send(&self.last_imu)?)
+    }
+
+    /// Advances the vehicle by one period.
+    pub(super) fn integrate(&mut self) {
+        self.simulator.advance();
+    }
+
+    /// Looks whether somebody listens to truth and disturbance, where the run itself does not need them.
+    pub(super) fn look_for_listeners(&mut self) -> Result<(), NodeError> {
+        if !self.always_telemetry {
+            self.telemetry = self.truth.has_subscribers()? || self.disturbance.has_subscribers()?;
+        }
+        Ok(())
+    }
+
+    /// Messages from outside that could not be used.
+    pub(super) fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    fn publish_truth(&mut self, head: Head, flags: u32) -> Result<(), NodeError> {
+        let mut truth =
+            Truth { head, states: self.states as u32, inputs: self.inputs as u32, flags, ..Truth::zeroed() };
+        truth.x[..self.states].copy_from_slice(self.simulator.state());
+        truth.u[..self.inputs].copy_from_slice(self.simulator.applied());
+        self.truth.send(&truth)?;
+        let mut dx = [0.0; MAX_STATES];
+        dx[..self.states].copy_from_slice(self.simulator.disturbance());
+        if self.told != Some(dx) {
+            self.told = Some(dx);
+            let message = Disturbance { head, dx, count: self.states as u32, reserved: 0 };
+            self.disturbance.send(&message)?;
+        }
+        Ok(())
+    }
+
+    fn take_injected(&mut self) -> Result<(), NodeError> {
+        let Some(inject) = &mut self.inject else { return Ok(()) };
+        let mut newest = None;
+        while let Some(d) = receive(inject, &mut self.refused)? {
+            if d.count as usize == self.states && d.dx.iter().all(|v| v.is_finite()) {
+                newest = Some(d.dx);
+            } else {
+                self.refused += 1;
+            }
+        }
+        if let Some(dx) = newest {
+            self.injected = dx;
+            self.simulator.disturb(&self.injected[..self.states]);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,30 @@
+//! Receiving without dying of a bad message.
+
+use whirlstand_bus::{RecvError, Subscriber};
+use whirlstand_msgs::Message;
+
+use crate::error::NodeError;
+
+/// The next message; one of another version or with damaged content is counted in `refused` and skipped.
+///
+/// # Errors
+/// The transport fails.
+#[inline]
+pub(crate) fn receive<M: Message>(
+    subscriber: &mut Subscriber<M>,
+    refused: &mut u64,
+) -> Result<Option<M>, NodeError> {
+    loop {
+        match subscriber.try_recv() {
+            Ok(message) => return Ok(message),
+            Err(e @ RecvError::Refused { .. }) => {
+                // The first one tells the reader what is going on, the count tells how often.
+                if *refused == 0 {
+                    tracing::warn!("{e}");
+                }
+                *refused += 1;
+            }
+            Err(e) => return Err(e.into()),
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! One node as one process: opens the bus, says that it is ready, and turns until its end.
+
+use std::time::{Duration, Instant};
+
+use whirlstand_bus::Bus;
+use whirlstand_msgs::Health;
+
+use crate::clock::{Clock, Turn};
+use crate::config::{Mode, NodeConfig, Role};
+use crate::controller::Controller;
+use crate::error::NodeError;
+use crate::estimator::Estimator;
+use crate::os::{MonotonicTime, StopFlag, apply_realtime, notify_ready, sleep_until};
+use crate::plant::Plant;
+use crate::recorder::{LOOK_PERIOD, LOOK_PERIOD_REALTIME, Recorder};
+use crate::setup::Setup;
+
+/// Answers between two looks at the clock for the node's report.
+const ANSWERS_PER_LOOK: u32 = 64;
+
+/// Runs a node until its end: the plant until the last step, the others until `SIGTERM`.
+///
+/// # Errors
+/// [`NodeError`] when the node cannot start or cannot go on.
+pub fn run_node(role: Role, config: &NodeConfig) -> Result<(), NodeError> {
+    let stop = StopFlag::on_signals()
+        .map_err(|source| NodeError::System { action: "install signal handlers", source })?;
+    run_node_until(role, config, &stop).map(drop)
+}
+
+/// As [`run_node`], with the end asked for by `stop`; returns the node's last report.
+///
+/// # Errors
+/// As [`run_node`].
+pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Result<Health, NodeError> {
+    let setup = Setup::new(config)?;
+    let bus = Bus::open(&Setup::bus_config(config, role))?;
+    match role {
+        Role::Plant => {
+            let plant = Plant::open(&bus, config, &setup)?;
+            get_ready(role, config, &bus)?;
+            run_plant(&bus, plant, stop)
+        }
+        Role::Estimator => {
+            let node = Estimator::open(&bus, config, &setup)?;
+            get_ready(role, config, &bus)?;
+            run_follower(&bus, node, stop)
+        }
+        Role::Controller => {
+            let node = Controller::open(&bus, config, &setup)?;
+            get_ready(role, config, &bus)?;
+            run_follower(&bus, node, stop)
+        }
+        Role::Recorder => {
+            let node = Recorder::open(&bus, config, &setup)?;
+            get_ready(role, config, &bus)?;
+            let pause = match config.mode {
+                Mode::Lockstep => LOOK_PERIOD,
+                Mode::Realtime => LOOK_PERIOD_REALTIME,
+            };
+            run_recorder(node, pause, stop)
+        }
+    }
+}
+
+/// A node that answers messages: the estimator and the controller.
+pub trait Follower {
+    /// Answers the next message, if one waits.
+    ///
+    /// # Errors
+    /// The transport fails.
+    fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError>;
+
+    /// Hears the others, and reports when a report is due.
+    ///
+    /// # Errors
+    /// The transport fails.
+    fn housekeeping(&mut self, now: Instant) -> Result<(), NodeError>;
+
+    /// Whether it still waits to hear its peers.
+    fn is_starting(&self) -> bool;
+
+    /// When to take a turn even if no message comes.
+    fn wake_at(&self) -> Instant;
+
+    /// Says good-bye; returns the last report.
+    ///
+    /// # Errors
+    /// The transport fails.
+    fn stop(&mut self) -> Result<Health, NodeError>;
+}
+
+/// After the ports are open, because threads of the transport must not run at the node's priority.
+fn get_ready(role: Role, config: &NodeConfig, bus: &Bus) -> Result<(), NodeError> {
+    if let Some(options) = config.realtime.get(&role) {
+        apply_realtime(options)?;
+    }
+    notify_ready(bus.locators()).map_err(|source| NodeError::System { action: "tell NOTIFY_SOCKET", source })
+}
+
+fn run_plant(bus: &Bus, mut plant: Plant, stop: &StopFlag) -> Result<Health, NodeError> {
+    let mut clock = Clock::exact();
+    loop {
+        if stop.is_set() {
+            plant.stop();
+        }
+        let turn = if let Some(deadline) = plant.deadline() {
+            // The command is awaited only to know when it came; the step is taken at the deadline.
+            bus.wait_until(deadline.instant(), || {
+                Ok::<_, NodeError>(plant.turn(&mut clock)? == Turn::Worked || stop.is_set())
+            })?;
+            sleep_until(deadline, || stop.is_set());
+            if MonotonicTime::now() >= deadline {
+                plant.tick(&mut clock)?;
+            }
+            Turn::Worked
+        } else {
+            let mut turn = Turn::Idle;
+            bus.wait_until(plant.wake_at(), || {
+                turn = plant.turn(&mut clock)?;
+                Ok::<_, NodeError>(turn != Turn::Idle || stop.is_set())
+            })?;
+            turn
+        };
+        if turn == Turn::Ended {
+            return Ok(*plant.health());
+        }
+    }
+}
+
+fn run_follower(bus: &Bus, mut node: impl Follower, stop: &StopFlag) -> Result<Health, NodeError> {
+    let mut clock = Clock::exact();
+    let mut answers = 0u32;
+    while !stop.is_set() {
+        let worked = bus.wait_until(node.wake_at(), || {
+            if node.is_starting() {
+                node.housekeeping(Instant::now())?;
+            }
+            Ok::<_, NodeError>(node.turn(&mut clock)? == Turn::Worked || stop.is_set())
+        })?;
+        answers = answers.wrapping_add(1);
+        if !worked || answers % ANSWERS_PER_LOOK == 0 || node.is_starting() {
+            node.housekeeping(Instant::now())?;
+        }
+    }
+    node.stop()
+}
+
+fn run_recorder(mut node: Recorder, pause: Duration, stop: &StopFlag) -> Result<Health, NodeError> {
+    loop {
+        let now = Instant::now();
+        if stop.is_set() {
+            node.stop(now);
+        }
+        if node.turn(now)? == Turn::Ended {
+            return Ok(*node.health());
+        }
+        let wake = MonotonicTime(MonotonicTime::now().0 + pause.as_nanos() as u64);
+        sleep_until(wake, || stop.is_set());
+    }
+}

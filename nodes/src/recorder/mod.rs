@@ -1,0 +1,237 @@
+//! The recorder: every topic into an MCAP file.
+//!
+//! It looks at its queues at a steady pace instead of being woken by every message: nobody in the loop pays a
+//! system call for it, and a lockstep plant waits when it falls behind (see [`whirlstand_msgs::Progress`]).
+//!
+//! Each file holds one uninterrupted run. A recorder that finds `log.mcap` in place was restarted and writes
+//! `log.2.mcap`, then `log.3.mcap`; so does a recorder that sees the steps go back, which means that the plant
+//! was restarted.
+
+mod segment;
+mod topic;
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use whirlstand_bus::{Bus, Publisher};
+use whirlstand_logs::{Channel, LogWriter};
+use whirlstand_msgs::{
+    Command, Disturbance, Estimate, Health, Imu, Message, NodeState, Odometry, Progress, Setpoint, Truth,
+};
+
+use crate::clock::Turn;
+use crate::config::{NodeConfig, Role};
+use crate::error::NodeError;
+use crate::peers::Peers;
+use crate::setup::Setup;
+use segment::Segments;
+use topic::Topic;
+
+/// Queue of each topic.
+pub const QUEUE_DEPTH: usize = 1024;
+
+/// Time between two looks at the queues. At 100,000 steps/s a queue takes 10 ms to fill.
+pub const LOOK_PERIOD: Duration = Duration::from_millis(1);
+
+/// Time between two looks in realtime, where messages are few and the loop must not be disturbed.
+pub const LOOK_PERIOD_REALTIME: Duration = Duration::from_millis(5);
+
+/// How long the last messages of a run may be on their way after the end was asked for.
+const LAST_MESSAGES: Duration = Duration::from_secs(2);
+
+/// The recorder as a state machine.
+pub struct Recorder {
+    segments: Segments,
+    log: Option<LogWriter>,
+    imu: Topic<Imu>,
+    odometry: Topic<Odometry>,
+    estimate: Topic<Estimate>,
+    command: Topic<Command>,
+    setpoint: Topic<Setpoint>,
+    truth: Topic<Truth>,
+    disturbance: Topic<Disturbance>,
+    health: Channel<Health>,
+    progress: Publisher<Progress>,
+    peers: Peers,
+    awaits: Vec<Role>,
+    /// Step and count that were last told to the plant.
+    told: Option<(u64, u64)>,
+    written_before: u64,
+    refused: u64,
+    stopping: Option<Instant>,
+    period_ns: u64,
+}
+
+impl Recorder {
+    /// Creates the log and opens the ports.
+    ///
+    /// # Errors
+    /// The log cannot be created, or a port cannot be opened.
+    pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+        let recorder = config.recorder.as_ref().ok_or_else(|| NodeError::Config {
+            field: "recorder".into(),
+            value: "nothing".into(),
+            reason: "a recorder needs to know where to write".into(),
+        })?;
+        let mut segments = Segments::new(config, recorder, setup);
+        let mut log = segments.next()?;
+        let listens_to: Vec<Role> = [Role::Plant, Role::Estimator, Role::Controller]
+            .into_iter()
+            .filter(|&r| r == Role::Plant || config.peers.contains(&r))
+            .collect();
+        Ok(Self {
+            imu: Topic::open(bus, &mut log)?,
+            odometry: Topic::open(bus, &mut log)?,
+            estimate: Topic::open(bus, &mut log)?,
+            command: Topic::open(bus, &mut log)?,
+            setpoint: Topic::open(bus, &mut log)?,
+            truth: Topic::open(bus, &mut log)?,
+            disturbance: Topic::open(bus, &mut log)?,
+            health: log.channel()?,
+            progress: bus.publisher()?,
+            peers: Peers::open(bus, Role::Recorder, listens_to.clone())?,
+            awaits: listens_to,
+            segments,
+            log: Some(log),
+            told: None,
+            written_before: 0,
+            refused: 0,
+            stopping: None,
+            period_ns: config.period_ns,
+        })
+    }
+
+    /// Writes what waits.
+    ///
+    /// # Errors
+    /// The log cannot be written, or the transport fails.
+    pub fn turn(&mut self, now: Instant) -> Result<Turn, NodeError> {
+        let Some(mut log) = self.log.take() else { return Ok(Turn::Ended) };
+        let before = log.messages();
+        // Truth first: what it has reached bounds how much of the other topics can be waiting.
+        for _ in 0..QUEUE_DEPTH {
+            let Some(truth) = self.truth.receive(&mut self.refused)? else { break };
+            if self.truth.step().is_some_and(|last| truth.head.step < last) {
+                log = self.begin_segment(log)?;
+            }
+            self.truth.write(&mut log, &truth)?;
+        }
+        let reached = self.truth.step();
+        self.disturbance.drain(&mut log, &mut self.refused)?;
+        self.odometry.drain(&mut log, &mut self.refused)?;
+        self.imu.drain(&mut log, &mut self.refused)?;
+        self.estimate.drain(&mut log, &mut self.refused)?;
+        self.command.drain(&mut log, &mut self.refused)?;
+        self.setpoint.drain(&mut log, &mut self.refused)?;
+        while let Some(health) = self.peers.receive()? {
+            self.peers.hear(&health);
+            log.write(&self.health, &health)?;
+        }
+        log.flush_if_due(now)?;
+        let worked = log.messages() != before;
+        self.tell(reached, self.written_before + log.messages())?;
+        self.count(log.messages());
+        self.peers.turn(now)?;
+        self.log = Some(log);
+        if let Some(until) = self.stopping
+            && (now >= until || self.has_all_of_the_run())
+        {
+            // One more look takes what came while this one was under way.
+            return if worked { Ok(Turn::Worked) } else { self.finish() };
+        }
+        Ok(if worked { Turn::Worked } else { Turn::Idle })
+    }
+
+    /// Asks for the end: what is still on its way is written first.
+    pub fn stop(&mut self, now: Instant) {
+        self.stopping.get_or_insert(now + LAST_MESSAGES);
+    }
+
+    /// Messages that never reached the log.
+    pub fn lost(&self) -> u64 {
+        self.imu.lost()
+            + self.odometry.lost()
+            + self.estimate.lost()
+            + self.command.lost()
+            + self.setpoint.lost()
+            + self.truth.lost()
+            + self.disturbance.lost()
+    }
+
+    /// Messages in the log, all files of this recorder together.
+    pub fn written(&self) -> u64 {
+        self.written_before + self.log.as_ref().map_or(0, LogWriter::messages)
+    }
+
+    /// What this node reports of itself.
+    pub fn health(&mut self) -> &Health {
+        let written = self.log.as_ref().map_or(0, LogWriter::messages);
+        self.count(written);
+        &self.peers.report
+    }
+
+    /// The files written so far.
+    pub fn paths(&self) -> &[PathBuf] {
+        self.segments.paths()
+    }
+
+    fn finish(&mut self) -> Result<Turn, NodeError> {
+        self.peers.set_state(NodeState::Stopping);
+        self.peers.publish(Instant::now())?;
+        if let Some(mut log) = self.log.take() {
+            log.write(&self.health, &self.peers.report)?;
+            self.written_before += log.finish()?.messages;
+        }
+        Ok(Turn::Ended)
+    }
+
+    /// Whether the plant has said which step was the last, and every topic has reached it.
+    fn has_all_of_the_run(&self) -> bool {
+        let Some(plant) = self.peers.heard(Role::Plant) else { return false };
+        let reached = |last: Option<u64>| last.is_some_and(|l| l >= plant.step);
+        let awaits = |role| self.awaits.contains(&role);
+        plant.state == Some(NodeState::Stopping)
+            && reached(self.imu.step())
+            && reached(self.truth.step())
+            && (!awaits(Role::Estimator) || reached(self.estimate.step()))
+            && (!awaits(Role::Controller) || reached(self.command.step()) && reached(self.setpoint.step()))
+    }
+
+    fn begin_segment(&mut self, log: LogWriter) -> Result<LogWriter, NodeError> {
+        self.written_before += log.finish()?.messages;
+        let mut log = self.segments.next()?;
+        tracing::warn!(path = %self.segments.current().display(), "the plant began a new run: next log file");
+        self.imu.move_to(&mut log)?;
+        self.odometry.move_to(&mut log)?;
+        self.estimate.move_to(&mut log)?;
+        self.command.move_to(&mut log)?;
+        self.setpoint.move_to(&mut log)?;
+        self.truth.move_to(&mut log)?;
+        self.disturbance.move_to(&mut log)?;
+        self.health = log.channel()?;
+        Ok(log)
+    }
+
+    fn tell(&mut self, reached: Option<u64>, written: u64) -> Result<(), NodeError> {
+        let step = reached.unwrap_or(0);
+        // Nothing written is news as well: it says that a recorder is there.
+        let written = if reached.is_some() { written } else { 0 };
+        if self.told.is_some_and(|told| told.0 == step) {
+            return Ok(());
+        }
+        self.told = Some((step, written));
+        let mut progress = Progress { written, lost: self.lost(), ..Progress::zeroed() };
+        progress.head.step = step;
+        progress.head.stamp_ns = step * self.period_ns;
+        Ok(self.progress.send(&progress)?)
+    }
+
+    fn count(&mut self, written: u64) {
+        let lost = self.lost();
+        let report = &mut self.peers.report;
+        report.head.step = self.truth.step().unwrap_or(0);
+        report.steps = self.written_before + written;
+        report.lost = lost;
+        report.rejected = self.refused;
+    }
+}

@@ -1,0 +1,69 @@
+//! One topic on its way into the log.
+
+use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_logs::{Channel, LogWriter};
+use whirlstand_msgs::Message;
+
+use super::QUEUE_DEPTH;
+use crate::error::NodeError;
+use crate::ports::receive;
+
+pub(super) struct Topic<M: Message> {
+    subscriber: Subscriber<M>,
+    channel: Channel<M>,
+    last: Option<M>,
+}
+
+impl<M: Message> Topic<M> {
+    pub(super) fn open(bus: &Bus, log: &mut LogWriter) -> Result<Self, NodeError> {
+        let channel = log.channel()?;
+        Ok(Self { subscriber: bus.subscriber(QUEUE_DEPTH)?, channel, last: None })
+    }
+
+    /// The next message, if one waits. A message that only repeats the one before is skipped: while a bench
+    /// starts, step 0 is repeated until everybody has heard it.
+    pub(super) fn receive(&mut self, refused: &mut u64) -> Result<Option<M>, NodeError> {
+        while let Some(message) = receive(&mut self.subscriber, refused)? {
+            let repeated = self.last.is_some_and(|mut last| {
+                last.head().step == message.head().step && {
+                    last.head_mut().seq = message.head().seq;
+                    bytemuck::bytes_of(&last) == bytemuck::bytes_of(&message)
+                }
+            });
+            if !repeated {
+                return Ok(Some(message));
+            }
+        }
+        Ok(None)
+    }
+
+    pub(super) fn write(&mut self, log: &mut LogWriter, message: &M) -> Result<(), NodeError> {
+        self.last = Some(*message);
+        Ok(log.write(&self.channel, message)?)
+    }
+
+    /// Writes what waits, at most one queue full, so that the turn ends even when the publisher is faster.
+    pub(super) fn drain(&mut self, log: &mut LogWriter, refused: &mut u64) -> Result<(), NodeError> {
+        for _ in 0..QUEUE_DEPTH {
+            let Some(message) = self.receive(refused)? else { break };
+            self.write(log, &message)?;
+        }
+        Ok(())
+    }
+
+    /// Goes on in another file.
+    pub(super) fn move_to(&mut self, log: &mut LogWriter) -> Result<(), NodeError> {
+        self.channel = log.channel()?;
+        self.last = None;
+        Ok(())
+    }
+
+    /// Step of the last message in this file.
+    pub(super) fn step(&self) -> Option<u64> {
+        self.last.map(|m| m.head().step)
+    }
+
+    pub(super) fn lost(&self) -> u64 {
+        self.subscriber.lost()
+    }
+}

@@ -1,0 +1,148 @@
+//! What every node derives from the configuration before it opens a port.
+
+use std::path::Path;
+
+use whirlstand_bus::{BusConfig, WaitStrategy};
+use whirlstand_control::Plant;
+use whirlstand_vehicle::Vehicle;
+
+use crate::config::{Mode, NodeConfig, Role, SignalChange};
+use crate::error::NodeError;
+use crate::gate::InputLimits;
+use crate::signals::{OutputMap, input_limits};
+
+/// The vehicle as the bench knows it.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// The vehicle file's vehicle, without the effects of the launch file.
+    pub vehicle: Vehicle,
+    /// Where its outputs travel.
+    pub map: OutputMap,
+    /// Limits of its inputs.
+    pub limits: InputLimits,
+}
+
+impl Setup {
+    /// Reads and checks the vehicle and the numbers of the configuration.
+    ///
+    /// # Errors
+    /// [`NodeError::Vehicle`], [`NodeError::NotOnBus`] or [`NodeError::Config`].
+    pub fn new(config: &NodeConfig) -> Result<Self, NodeError> {
+        let origin = &config.vehicle.origin;
+        let mut vehicle = Vehicle::parse(&config.vehicle.text, origin)
+            .map_err(|e| NodeError::Vehicle { origin: origin.clone(), reason: e.to_string() })?;
+        vehicle.folder = Path::new(origin).parent().map(Into::into);
+        check(config)?;
+        let map = OutputMap::new(&vehicle)?;
+        let limits = input_limits(&vehicle)?;
+        Ok(Self { vehicle, map, limits })
+    }
+
+    /// The vehicle as laws and filters see it.
+    ///
+    /// # Errors
+    /// [`NodeError::Design`] for a vehicle that cannot be controlled at this period.
+    pub fn control_plant(&self, config: &NodeConfig) -> Result<Plant, NodeError> {
+        let v = &self.vehicle;
+        let limits = v
+            .inputs
+            .iter()
+            .map(|i| whirlstand_control::InputLimits { lower: i.lower, upper: i.upper, rate: i.rate_limit })
+            .collect();
+        let states = v.states.iter().map(|s| s.name.clone()).collect();
+        let inputs = v.inputs.iter().map(|i| i.name.clone()).collect();
+        Plant::new(v.a.clone(), v.b.clone(), Self::period_s(config))
+            .and_then(|p| p.with_limits(limits))
+            .and_then(|p| p.with_names(states, inputs))
+            .map_err(|e| self.refuse("a control loop", &e))
+    }
+
+    /// A design that failed.
+    pub(crate) fn refuse(&self, what: &str, reason: &dyn std::fmt::Display) -> NodeError {
+        let vehicle = self.vehicle.name.clone();
+        NodeError::Design { what: what.into(), vehicle, reason: reason.to_string() }
+    }
+
+    /// Period of the loop, s.
+    pub fn period_s(config: &NodeConfig) -> f64 {
+        config.period_ns as f64 * 1e-9
+    }
+
+    /// How a node of this bench joins the bus.
+    pub fn bus_config(config: &NodeConfig, role: Role) -> BusConfig {
+        BusConfig {
+            bench: config.bench.clone(),
+            node: role.name().into(),
+            transport: config.transport,
+            zenoh: config.zenoh.clone(),
+            wait: match config.mode {
+                Mode::Lockstep => WaitStrategy::lockstep(),
+                Mode::Realtime => WaitStrategy::realtime(),
+            },
+        }
+    }
+}
+
+/// Step from which something that begins at `at_s` is in force: the first whose time is not before it. A time
+/// within a billionth of a period of a step belongs to that step.
+pub(crate) fn step_at(at_s: f64, period_ns: u64) -> u64 {
+    (at_s * 1e9 / period_ns as f64 - 1e-9).ceil().max(0.0) as u64
+}
+
+fn check(config: &NodeConfig) -> Result<(), NodeError> {
+    let wrong = |field: &str, value: String, reason: &str| {
+        Err(NodeError::Config { field: field.into(), value, reason: reason.into() })
+    };
+    if config.period_ns == 0 {
+        return wrong("period_ns", "0".into(), "a step must take time");
+    }
+    if config.steps == 0 {
+        return wrong("steps", "0".into(), "a run has at least one step");
+    }
+    for (field, value) in [
+        ("start_timeout_s", config.start_timeout_s),
+        ("plant.lockstep_timeout_s", config.plant.lockstep_timeout_s),
+        ("plant.recorder_timeout_s", config.plant.recorder_timeout_s),
+    ] {
+        if !(value > 0.0 && value <= 86_400.0) {
+            return wrong(field, value.to_string(), "a time limit lies between 0 and 86400 s");
+        }
+    }
+    if config.plant.misses_to_failsafe == 0 {
+        return wrong("plant.misses_to_failsafe", "0".into(), "the failsafe needs at least one miss");
+    }
+    for (field, changes) in [("setpoint", &config.setpoint), ("stick", &config.stick)] {
+        check_changes(field, changes)?;
+    }
+    Ok(())
+}
+
+fn check_changes(field: &str, changes: &[SignalChange]) -> Result<(), NodeError> {
+    let wrong = |value: String, reason: &str| {
+        Err(NodeError::Config { field: field.into(), value, reason: reason.into() })
+    };
+    let mut before = 0.0;
+    for change in changes {
+        if !change.at_s.is_finite() || change.at_s < before {
+            return wrong(format!("at_s {}", change.at_s), "times are at least 0 and do not go back");
+        }
+        before = change.at_s;
+        if let Some((name, value)) = change.values.iter().find(|(_, v)| !v.is_finite()) {
+            return wrong(format!("{name} {value}"), "values are finite");
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_fall_on_the_step_that_a_reader_expects() {
+        assert_eq!(step_at(0.0, 5_000_000), 0);
+        assert_eq!(step_at(6.0, 5_000_000), 1200);
+        assert_eq!(step_at(0.1 + 0.2, 100_000_000), 3, "rounding does not cost a step");
+        assert_eq!(step_at(0.0051, 5_000_000), 2);
+    }
+}
