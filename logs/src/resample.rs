@@ -1,0 +1,388 @@
+//! Signals with clocks of their own, brought onto one even clock.
+//!
+//! - Onto a faster clock: linear interpolation between samples.
+//! - Onto a slower clock: first a low-pass that keeps what lies above the new Nyquist frequency from folding back.
+//!   It is a windowed sinc (Kaiser, 60 dB, flat to 0.4 of the new rate), of zero phase (Oppenheim, Schafer,
+//!   Discrete-Time Signal Processing, 3rd ed., sections 4.6.1 and 7.5.3).
+//! - Control signals are held from sample to sample; onto a slower clock, each new value is the mean over its
+//!   interval, which moves the vehicle as far.
+//!
+//! Where a signal pauses for more than a few of its intervals, there is NaN, not an invention.
+
+use std::f64::consts::PI;
+use std::ops::Range;
+
+use crate::record::{Record, RecordError};
+use crate::sampling::Sampling;
+use crate::series::Series;
+
+/// Longest pause that is interpolated, in median intervals.
+const BRIDGE: f64 = 3.5;
+
+/// A clock slower than a signal by less than this does not count as slower.
+const SAME_RATE: f64 = 1.05;
+
+/// Edges of the low-pass as shares of the new rate: flat up to the first, 60 dB down from the second on.
+const PASS: f64 = 0.4;
+const STOP: f64 = 0.5;
+const ATTENUATION_DB: f64 = 60.0;
+
+/// Times so close to a sample's are the sample's, in periods of the clock.
+const TOLERANCE: f64 = 1e-6;
+
+/// An even clock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clock {
+    /// First point, s.
+    pub start: f64,
+    /// Distance of points, s.
+    pub period: f64,
+    /// Number of points.
+    pub points: usize,
+}
+
+/// Why there is no common clock.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ClockError {
+    /// The period is not a positive number.
+    #[error("a clock needs a positive period")]
+    Period,
+    /// There is no time that all signals cover, or too little to sample.
+    #[error("the signals have no time in common: {0}")]
+    NoOverlap(String),
+    /// More points than memory should be spent on.
+    #[error("{0} points are too many: choose a longer period or a shorter part of the log")]
+    TooMany(String),
+    /// The result is not a record.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+}
+
+/// More points than any log that fits in memory.
+const MOST_POINTS: f64 = 1e9;
+
+impl Clock {
+    /// The clock from `start` to `end`.
+    ///
+    /// # Errors
+    /// [`ClockError::Period`] and [`ClockError::TooMany`].
+    pub fn over(start: f64, end: f64, period: f64) -> Result<Self, ClockError> {
+        if !(period > 0.0 && period.is_finite() && start.is_finite() && end.is_finite()) {
+            return Err(ClockError::Period);
+        }
+        let points = ((end - start) / period + TOLERANCE).floor() + 1.0;
+        if points > MOST_POINTS {
+            return Err(ClockError::TooMany(format!("{points:.0}")));
+        }
+        Ok(Self { start, period, points: points.max(0.0) as usize })
+    }
+
+    /// The clock of `period` over the time that all series have in common; without a period, that of the fastest.
+    ///
+    /// # Errors
+    /// [`ClockError`].
+    pub fn common(series: &[Series], period: Option<f64>) -> Result<Self, ClockError> {
+        let ends = |s: &Series| Some((*s.time().first()?, *s.time().last()?));
+        let spans: Vec<(f64, f64)> = series.iter().filter_map(ends).collect();
+        let start = spans.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
+        let end = spans.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
+        let fastest =
+            series.iter().filter_map(|s| Sampling::of(s.time()).period).fold(f64::INFINITY, f64::min);
+        if spans.len() < series.len() || spans.is_empty() || start >= end {
+            let told: Vec<String> = series
+                .iter()
+                .map(|s| match ends(s) {
+                    Some((from, to)) => format!("{} from {from} s to {to} s", s.name),
+                    None => format!("{} has no sample", s.name),
+                })
+                .collect();
+            return Err(ClockError::NoOverlap(told.join(", ")));
+        }
+        Self::over(start, end, period.unwrap_or(fastest))
+    }
+
+    /// Time of a point.
+    pub fn at(&self, point: usize) -> f64 {
+        self.start + self.period * point as f64
+    }
+
+    /// All points.
+    pub fn times(&self) -> Vec<f64> {
+        (0..self.points).map(|k| self.at(k)).collect()
+    }
+
+    /// The points in a span of time.
+    fn within(&self, from: f64, to: f64) -> Range<usize> {
+        let first = ((from - self.start) / self.period - TOLERANCE).ceil().max(0.0) as usize;
+        let end = ((to - self.start) / self.period + TOLERANCE).floor() + 1.0;
+        let end = (end.max(0.0) as usize).min(self.points);
+        first.min(end)..end
+    }
+}
+
+/// Brings series onto one clock. Signals for which `held` says so are held, not interpolated.
+///
+/// # Errors
+/// [`ClockError::Record`] when two series have one name.
+pub fn resample(
+    origin: &str,
+    series: &[Series],
+    clock: &Clock,
+    held: impl Fn(&str) -> bool,
+) -> Result<Record, ClockError> {
+    let mut record = Record::new(origin, clock.times())?;
+    for s in series {
+        record.push(&s.name, &s.unit, onto(s, clock, held(&s.name)))?;
+    }
+    Ok(record)
+}
+
+impl Record {
+    /// The record on an even clock of `period` s. Signals for which `held` says so are held, not interpolated.
+    ///
+    /// # Errors
+    /// [`ClockError`].
+    pub fn resampled(&self, period: f64, held: impl Fn(&str) -> bool) -> Result<Self, ClockError> {
+        let (start, end) = match (self.time.first(), self.time.last()) {
+            (Some(start), Some(end)) => (*start, *end),
+            _ => return Err(ClockError::NoOverlap(format!("{} has no sample", self.origin))),
+        };
+        let mut record = resample(&self.origin, &self.to_series(), &Clock::over(start, end, period)?, held)?;
+        record.time_unit.clone_from(&self.time_unit);
+        Ok(record)
+    }
+}
+
+/// The values of a series at the points of a clock; NaN where it has none.
+pub fn onto(series: &Series, clock: &Clock, held: bool) -> Vec<f64> {
+    let mut out = vec![f64::NAN; clock.points];
+    let (time, values) = (series.time(), series.values());
+    let median = Sampling::of(time).period.unwrap_or(clock.period);
+    if held {
+        hold(time, values, median, clock, &mut out);
+        return out;
+    }
+    for part in parts(time, BRIDGE * median) {
+        let (time, values) = (&time[part.clone()], &values[part]);
+        if clock.period <= SAME_RATE * median {
+            for k in clock.within(time[0], time[time.len() - 1]) {
+                out[k] = interpolate(time, values, clock.at(k));
+            }
+        } else {
+            decimate(time, values, median, clock, &mut out);
+        }
+    }
+    out
+}
+
+/// Splits a time axis where it pauses for longer than `longest`.
+fn parts(time: &[f64], longest: f64) -> Vec<Range<usize>> {
+    let mut parts = Vec::new();
+    let mut start = 0;
+    for i in 1..time.len() {
+        if time[i] - time[i - 1] > longest {
+            parts.push(start..i);
+            start = i;
+        }
+    }
+    if start < time.len() {
+        parts.push(start..time.len());
+    }
+    parts
+}
+
+/// Linear between samples, constant beyond the ends.
+fn interpolate(time: &[f64], values: &[f64], t: f64) -> f64 {
+    let after = time.partition_point(|s| *s <= t);
+    if after == 0 {
+        return values[0];
+    }
+    if after == time.len() {
+        return values[after - 1];
+    }
+    let (t0, t1) = (time[after - 1], time[after]);
+    let share = (t - t0) / (t1 - t0);
+    values[after - 1] + share * (values[after] - values[after - 1])
+}
+
+/// The value held at each point; onto a slower clock, its mean from the point to the next.
+fn hold(time: &[f64], values: &[f64], median: f64, clock: &Clock, out: &mut [f64]) {
+    let (Some(first), Some(last)) = (time.first(), time.last()) else { return };
+    let end = last + median;
+    let slower = clock.period > SAME_RATE * median;
+    for k in clock.within(*first, end) {
+        let from = clock.at(k).max(*first);
+        let mut i = time.partition_point(|s| *s <= from + TOLERANCE * clock.period).saturating_sub(1);
+        if !slower {
+            out[k] = values[i];
+            continue;
+        }
+        let to = (from + clock.period).min(end);
+        let (mut at, mut sum) = (from, 0.0);
+        while at < to {
+            let next = time.get(i + 1).copied().unwrap_or(f64::INFINITY).min(to);
+            sum += values[i] * (next - at).max(0.0);
+            (at, i) = (next, i + 1);
+        }
+        out[k] = if to > from { sum / (to - from) } else { values[i.min(values.len() - 1)] };
+    }
+}
+
+/// Low-passes a part on a grid that divides the clock's period, then takes the clock's points.
+fn decimate(time: &[f64], values: &[f64], median: f64, clock: &Clock, out: &mut [f64]) {
+    let ratio = (clock.period / median - TOLERANCE).ceil().max(2.0) as usize;
+    let fine = clock.period / ratio as f64;
+    let points = clock.within(time[0], time[time.len() - 1]);
+    if points.is_empty() {
+        return;
+    }
+    // The fine grid reaches to both ends of the part; point k of the clock is grid point `lead + (k - first) ratio`.
+    let origin = clock.at(points.start);
+    let lead = ((origin - time[0]) / fine + TOLERANCE).floor().max(0.0) as usize;
+    let tail = ((time[time.len() - 1] - origin) / fine + TOLERANCE).floor().max(0.0) as usize;
+    let grid: Vec<f64> = (0..=lead + tail)
+        .map(|g| interpolate(time, values, origin + (g as f64 - lead as f64) * fine))
+        .collect();
+    let kernel = low_pass(ratio);
+    let half = kernel.len() as isize / 2;
+    for (n, k) in points.enumerate() {
+        let centre = (lead + n * ratio) as isize;
+        out[k] = kernel.iter().zip(-half..).map(|(h, d)| h * reflected(&grid, centre + d)).sum();
+    }
+}
+
+/// A grid value; beyond an end, mirrored through the end point, so that a slope goes on.
+fn reflected(grid: &[f64], index: isize) -> f64 {
+    let last = grid.len() as isize - 1;
+    if index < 0 {
+        2.0 * grid[0] - grid[(-index).min(last) as usize]
+    } else if index > last {
+        2.0 * grid[last as usize] - grid[(2 * last - index).max(0) as usize]
+    } else {
+        grid[index as usize]
+    }
+}
+
+/// Taps of the low-pass before one sample in `ratio` is kept. Their sum is 1.
+fn low_pass(ratio: usize) -> Vec<f64> {
+    let ratio = ratio as f64;
+    // Kaiser's formulas for length and shape.
+    let transition = 2.0 * PI * (STOP - PASS) / ratio;
+    let half = ((ATTENUATION_DB - 7.95) / (2.285 * transition) / 2.0).ceil();
+    let beta = 0.1102 * (ATTENUATION_DB - 8.7);
+    let cutoff = 0.5 * (PASS + STOP) / ratio;
+    let taps: Vec<f64> = (-(half as isize)..=half as isize)
+        .map(|n| {
+            let n = n as f64;
+            let x = 2.0 * PI * cutoff * n;
+            let sinc = if n == 0.0 { 1.0 } else { x.sin() / x };
+            sinc * bessel_i0(beta * (1.0 - (n / half).powi(2)).max(0.0).sqrt())
+        })
+        .collect();
+    let sum: f64 = taps.iter().sum();
+    taps.iter().map(|h| h / sum).collect()
+}
+
+/// Modified Bessel function of the first kind and order 0, by its power series.
+fn bessel_i0(x: f64) -> f64 {
+    let (mut term, mut sum) = (1.0, 1.0);
+    for k in 1..60 {
+        term *= (x / 2.0 / f64::from(k)).powi(2);
+        sum += term;
+        if term < 1e-17 * sum {
+            break;
+        }
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn series(rate: f64, seconds: f64, f: impl Fn(f64) -> f64) -> Series {
+        let samples = (0..=(rate * seconds) as usize).map(|k| k as f64 / rate).map(|t| (t, f(t))).collect();
+        Series::new("x", "", samples)
+    }
+
+    fn worst(values: &[f64], clock: &Clock, f: impl Fn(f64) -> f64) -> f64 {
+        values.iter().enumerate().map(|(k, v)| (v - f(clock.at(k))).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn slower_clocks_keep_what_they_can_show_and_suppress_the_rest() {
+        let clock = Clock::over(0.0, 10.0, 0.05).unwrap();
+        let kept = |t: f64| (2.0 * PI * 3.0 * t).sin();
+        let out = onto(&series(1000.0, 10.0, kept), &clock, false);
+        let inner = |v: &[f64]| v[20..181].to_vec();
+        let shifted = Clock { start: clock.at(20), ..clock };
+        assert!(worst(&inner(&out), &shifted, kept) < 2e-3, "{}", worst(&inner(&out), &shifted, kept));
+        // 17.3 Hz would fold to 2.7 Hz at 20 samples/s.
+        let out = onto(&series(1000.0, 10.0, |t| (2.0 * PI * 17.3 * t).sin()), &clock, false);
+        assert!(worst(&inner(&out), &shifted, |_| 0.0) < 2e-3);
+    }
+
+    #[test]
+    fn a_ramp_stays_a_ramp_on_any_clock() {
+        let ramp = |t: f64| 3.0 * t - 1.0;
+        for period in [0.001, 0.0037, 0.01, 0.013, 0.1] {
+            let clock = Clock::over(0.0, 5.0, period).unwrap();
+            let out = onto(&series(100.0, 5.0, ramp), &clock, false);
+            assert!(worst(&out, &clock, ramp) < 1e-9, "period {period}");
+        }
+    }
+
+    #[test]
+    fn long_pauses_stay_empty_and_short_ones_are_bridged() {
+        let samples = (0..100).filter(|k| !(20..22).contains(k) && !(50..60).contains(k));
+        let s = Series::new("x", "", samples.map(|k| (f64::from(k) * 0.01, 1.0)).collect());
+        let out = onto(&s, &Clock::over(0.0, 0.99, 0.01).unwrap(), false);
+        assert_eq!((out[21], out[49], out[60]), (1.0, 1.0, 1.0));
+        assert!(out[50..60].iter().all(|v| v.is_nan()));
+    }
+
+    #[test]
+    fn held_signals_keep_their_edges_and_their_area() {
+        let step = |t: f64| if t >= 0.503 { 1.0 } else { 0.0 };
+        let s = series(1000.0, 1.0, step);
+        let same = onto(&s, &Clock::over(0.0, 1.0, 0.001).unwrap(), true);
+        assert_eq!((same[502], same[503]), (0.0, 1.0));
+        let slow = onto(&s, &Clock::over(0.0, 0.9, 0.1).unwrap(), true);
+        assert_eq!((slow[4], slow[6]), (0.0, 1.0));
+        assert!((slow[5] - 0.97).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_common_clock_covers_what_all_signals_cover() {
+        let a = series(100.0, 2.0, |t| t);
+        let b = Series::new("b", "", (0..30).map(|k| (0.5 + f64::from(k) * 0.1, 0.0)).collect());
+        let clock = Clock::common(&[a.clone(), b.clone()], None).unwrap();
+        assert!((clock.start - 0.5).abs() < 1e-12 && (clock.period - 0.01).abs() < 1e-9);
+        assert_eq!(clock.points, 151);
+        let record = resample("x", &[a, b], &clock, |_| false).unwrap();
+        assert!(record.signals().iter().all(|s| s.values.iter().all(|v| v.is_finite())));
+        let late = Series::new("late", "", vec![(9.0, 1.0), (9.1, 1.0)]);
+        let error = Clock::common(&[series(10.0, 1.0, |t| t), late], None).unwrap_err().to_string();
+        assert_eq!(error, "the signals have no time in common: x from 0 s to 1 s, late from 9 s to 9.1 s");
+        assert_eq!(Clock::over(0.0, 1.0, 0.0), Err(ClockError::Period));
+        assert!(matches!(Clock::over(0.0, 1e12, 1e-3), Err(ClockError::TooMany(_))));
+    }
+
+    proptest! {
+        #[test]
+        fn a_constant_stays_constant(
+            steps in prop::collection::vec(0.001f64..0.02, 2..200),
+            period in 0.0005f64..0.2,
+            value in -1e3f64..1e3,
+            held in any::<bool>(),
+        ) {
+            let times = steps.iter().scan(0.0, |t, dt| { *t += dt; Some((*t, value)) }).collect();
+            let s = Series::new("x", "", times);
+            let clock = Clock::common(std::slice::from_ref(&s), Some(period)).unwrap();
+            for v in onto(&s, &clock, held) {
+                prop_assert!(v.is_nan() || (v - value).abs() <= 1e-9 * (1.0 + value.abs()));
+            }
+        }
+    }
+}
