@@ -194,9 +194,7 @@ impl Vehicle {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path)
             .map_err(|source| VehicleError::Read { file: path.into(), source })?;
-        let mut vehicle = Self::parse(&text, &path.display().to_string())?;
-        vehicle.folder = path.parent().map(Into::into);
-        Ok(vehicle)
+        Ok(Self::parse(&text, &path.display().to_string())?)
     }
 
     /// A vehicle by built-in name, or by path (anything that ends in `.toml` or contains a path separator).

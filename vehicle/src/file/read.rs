@@ -55,7 +55,7 @@ impl Vehicle {
             d,
             effects: Vec::new(),
             source_text: text.into(),
-            folder: std::path::Path::new(origin).parent().map(Into::into),
+            folder: folder_of(origin),
         };
         if let Some(effects) = file.get("effects") {
             for node in effects.array()? {
@@ -65,6 +65,11 @@ impl Vehicle {
         }
         Ok(vehicle)
     }
+}
+
+/// Where the file lies; `None` for a bare name.
+fn folder_of(origin: &str) -> Option<std::path::PathBuf> {
+    std::path::Path::new(origin).parent().filter(|p| !p.as_os_str().is_empty()).map(Into::into)
 }
 
 fn units_of(states: &[State]) -> Vec<SignalUnit> {

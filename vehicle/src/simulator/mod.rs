@@ -23,6 +23,8 @@ mod kernel;
 mod nonlinear;
 mod schedule;
 mod sensors;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::DMatrix;
 
@@ -231,7 +233,8 @@ impl Simulator {
         match &mut self.plant {
             Plant::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
             Plant::Extended(extended) => {
-                let t = self.step as f64 * self.period_s;
+                // The middle of the period: what drifts with time then has the right mean over it.
+                let t = (self.step as f64 + 0.5) * self.period_s;
                 let links = extended.chains.iter_mut().zip(&mut extended.delays);
                 for (((chain, delay), drive), applied) in links.zip(&mut self.drive).zip(&self.applied) {
                     delay.push(chain.next(*applied, t));

@@ -146,6 +146,11 @@ impl Nonlinear {
             self.inputs[self.m + f.state] += f.force;
         }
         self.lawson(levels, segment.length_s * 0.5f64.powi(level as i32), z);
+        // The second derivative of x abs(x) jumps at zero: the step that crosses it is made short.
+        let kinked = |s: &Smooth| matches!(*s, Smooth::Drag(i, _) if self.result[i] * z[i] < 0.0);
+        if level < DEEPEST_SMOOTH && self.smooth.iter().any(kinked) {
+            return false;
+        }
         self.friction.is_empty() || self.settle(&levels[0], z, level == DEEPEST)
     }
 
