@@ -11,4 +11,4 @@ pub mod units;
 
 pub use compare::{CompareError, CompareOptions, Comparison, compare};
 pub use run::{Run, RunError};
-pub use summary::{Figure, RunSummary, Summary};
+pub use summary::{Figure, RunSummary};

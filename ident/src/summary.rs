@@ -1,4 +1,4 @@
-//! The figures of a run, or of several variants of it, as data: `summary.json`.
+//! The figures of a run as data: what `summary.json` is made of.
 
 use std::collections::BTreeMap;
 
@@ -10,23 +10,8 @@ use crate::metrics::{
 };
 use crate::run::Run;
 
-/// Schema of [`Summary`].
+/// Schema of `summary.json`, which holds one [`RunSummary`] a variant.
 pub const SUMMARY_SCHEMA: &str = "whirlstand.summary.v1";
-
-/// Figures of all variants of a bench, SI throughout.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Summary {
-    /// [`SUMMARY_SCHEMA`].
-    pub schema: String,
-    /// Name of the bench.
-    pub bench: String,
-    /// Version of the program.
-    pub version: String,
-    /// The verdict in a sentence.
-    pub verdict: String,
-    /// Variants, in the order of the launch file; one for a launch file without variants.
-    pub runs: Vec<RunSummary>,
-}
 
 /// Figures of one run, SI.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -5,6 +5,8 @@ mod grid;
 mod simulate;
 mod words;
 
+pub(crate) use figures::filled;
+
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};

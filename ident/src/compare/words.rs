@@ -120,7 +120,7 @@ fn peculiarity(name: &str, o: &OutputComparison) -> Option<String> {
     ))
 }
 
-/// At most 15 lines.
+/// At most 15 lines, each ended.
 pub fn text(c: &Comparison) -> String {
     let mut lines = vec![
         c.verdict.clone(),
@@ -177,5 +177,5 @@ pub fn text(c: &Comparison) -> String {
     lines.push("the initial state is fitted, so the start of the record is not counted as an error".into());
     lines.extend(c.remarks.iter().take(15usize.saturating_sub(lines.len())).cloned());
     lines.truncate(15);
-    lines.join("\n")
+    lines.join("\n") + "\n"
 }

@@ -11,6 +11,7 @@ pub(crate) mod window;
 
 pub use disturbance::{Recovery, recovery};
 pub use effort::{Effort, effort};
+pub(crate) use estimator::nis_bounds;
 pub use estimator::{Consistency, StateError, consistency};
 pub use events::{DisturbanceEvent, disturbance_events, setpoint_steps};
 pub use step::{StepResponse, step_response};

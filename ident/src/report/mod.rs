@@ -1,7 +1,18 @@
 //! Reports: one self-contained HTML file with zoomable plots. See `docs/report.md`.
 
+mod comparison_page;
 mod decimate;
+mod figures_table;
 pub mod page;
 pub mod plot;
+mod run_page;
 
+pub use comparison_page::comparison_report;
 pub use decimate::decimate;
+pub use run_page::run_report;
+
+/// Why a report cannot be put together: what the template engine says. The template is part of the program, so
+/// this is a bug of the program.
+#[derive(Debug, thiserror::Error)]
+#[error("the report's template failed, which is a bug of this program: {0}")]
+pub struct ReportError(#[from] minijinja::Error);

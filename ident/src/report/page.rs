@@ -7,6 +7,7 @@ use minijinja::value::Serde;
 use serde::Serialize;
 use serde_json::json;
 
+use super::ReportError;
 use super::plot::{Plot, plots_json};
 
 /// How good the news is.
@@ -134,8 +135,8 @@ impl Page {
     /// The page as one HTML text that loads nothing from anywhere.
     ///
     /// # Errors
-    /// What the template engine says; the template is part of the program, so an error is a bug.
-    pub fn to_html(&self) -> Result<String, minijinja::Error> {
+    /// [`ReportError`], which would be a bug.
+    pub fn to_html(&self) -> Result<String, ReportError> {
         let mut environment = Environment::new();
         environment.add_template("page.html", TEMPLATE)?;
         let plots: Vec<Plot> = self.sections.iter().flat_map(|s| s.plots.iter().cloned()).collect();
@@ -154,7 +155,7 @@ impl Page {
                 })
             })
             .collect();
-        environment.get_template("page.html")?.render(Serde(json!({
+        let html = environment.get_template("page.html")?.render(Serde(json!({
             "kind": self.kind,
             "title": self.title,
             "verdict": self.verdict,
@@ -167,7 +168,8 @@ impl Page {
             "script": SCRIPT,
             "plotly": plotly_js(),
             "data": plots_json(&plots),
-        })))
+        })))?;
+        Ok(html)
     }
 }
 

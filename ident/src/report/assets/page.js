@@ -12,6 +12,7 @@
       case "sensor": return { color: colour("sensor"), width: 0.9 };
       case "wanted": return { color: colour("wanted"), width: 1.3, dash: "6px,4px", shape: "hv" };
       case "limit": return { color: colour("soft"), width: 1.1, dash: "dot" };
+      case "held": return { color: own, width: 1.5, shape: "hv" };
       default: return { color: own, width: 1.9 };
     }
   }
@@ -19,8 +20,8 @@
   function drawn(trace) {
     const common = { name: trace.name, x: columns[trace.x], y: columns[trace.y],
       visible: trace.hidden ? "legendonly" : true, hovertemplate: "%{y:.5~g}" };
-    if (trace.look === "bars") {
-      return { ...common, type: "bar", marker: { color: colour("v" + (trace.variant % 6)) }, opacity: 0.85 };
+    if (trace.look === "histogram") {
+      return { ...common, type: "scatter", mode: "lines", fill: "tozeroy", line: { ...line(trace), shape: "hv", width: 1.3 } };
     }
     if (trace.look === "points") {
       return { ...common, type: "scatter", mode: "markers", marker: { color: colour("v" + (trace.variant % 6)), size: 5 } };
