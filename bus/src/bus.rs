@@ -202,7 +202,8 @@ impl<M: Message> Publisher<M> {
     /// of the message travels as it is.
     ///
     /// Does not wait for subscribers. Over shared memory and in-process it neither waits nor allocates; over Zenoh
-    /// it can wait up to 1 ms once when a link becomes congested, and then drops until the link is free again.
+    /// it can wait once, up to [`WaitStrategy::congestion`], when a link becomes congested, and then drops until the
+    /// link is free again.
     ///
     /// # Errors
     /// [`SendError`] when the transport fails. The sequence number is used up all the same.

@@ -113,17 +113,31 @@ pub struct WaitStrategy {
     pub yield_for: Duration,
     /// Longest sleep before looking again even if nobody woke this node: foreign publishers wake nobody.
     pub sleep: Duration,
+    /// Over Zenoh: how long a sender waits for a link that cannot keep up. Then it drops, without waiting again
+    /// until the link can.
+    pub congestion: Duration,
 }
 
 impl WaitStrategy {
-    /// For running as fast as the processes can go: yields long enough to never sleep inside a step.
+    /// For running as fast as the processes can go: yields long enough to hardly ever sleep inside a step, and
+    /// loses nothing to a network that is slow for a moment.
     pub fn lockstep() -> Self {
-        Self { spin: 1, yield_for: Duration::from_millis(1), sleep: Duration::from_millis(1) }
+        Self {
+            spin: 1,
+            yield_for: Duration::from_millis(1),
+            sleep: Duration::from_millis(1),
+            congestion: Duration::from_millis(200),
+        }
     }
 
     /// For real time: sleeps soon, so that a node of high priority does not starve the others.
     pub fn realtime() -> Self {
-        Self { spin: 20, yield_for: Duration::from_micros(5), sleep: Duration::from_millis(1) }
+        Self {
+            spin: 20,
+            yield_for: Duration::from_micros(5),
+            sleep: Duration::from_millis(1),
+            congestion: Duration::from_millis(1),
+        }
     }
 }
 

@@ -41,6 +41,7 @@ mod lost;
 mod network;
 mod park;
 mod presence;
+pub mod ring;
 mod shared_memory;
 
 pub use bus::{Bus, Publisher, Subscriber};

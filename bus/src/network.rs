@@ -2,13 +2,14 @@
 //!
 //! A node is a peer that scouts nothing and listens on loopback, unless configured otherwise. Messages are
 //! reliable and in order on a link, and leave at once instead of being batched. When a link cannot keep up, the
-//! sender waits at most 1 ms and then drops until it can, so that a stopped or slow peer never stops the loop;
-//! what was dropped shows at the subscriber as a gap in the sequence numbers.
+//! sender waits once, at most as long as [`crate::WaitStrategy::congestion`] says, and then drops until it can, so that
+//! a stopped peer never stops the loop; what was dropped shows at the subscriber as a gap in the sequence numbers.
 
 use std::net::TcpListener;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use crossbeam_queue::ArrayQueue;
 use serde_json::{Value, json};
@@ -44,7 +45,7 @@ pub(crate) struct Member {
 
 impl Member {
     pub(crate) fn open(bus: &BusConfig) -> Result<Rc<Self>, OpenError> {
-        let settings = settings(&bus.zenoh)?;
+        let settings = settings(&bus.zenoh, bus.wait.congestion)?;
         let mut attempt = 1;
         let (session, locators) = loop {
             let mut settings = settings.clone();
@@ -197,7 +198,7 @@ impl<M: Message> Subscriber<M> {
 }
 
 /// Whirlstand's settings, with the user's file merged over them and the endpoints given in the launch file on top.
-fn settings(zenoh: &ZenohConfig) -> Result<Value, OpenError> {
+fn settings(zenoh: &ZenohConfig, congestion: Duration) -> Result<Value, OpenError> {
     let mut settings = json!({
         "mode": "peer",
         "listen": { "endpoints": ["tcp/127.0.0.1:0"] },
@@ -207,7 +208,10 @@ fn settings(zenoh: &ZenohConfig) -> Result<Value, OpenError> {
             "retry": { "period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 2 },
         },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
-        "transport": { "link": { "tx": { "queue": { "size": { "real_time": 16 } } } } },
+        "transport": { "link": { "tx": { "queue": {
+            "size": { "real_time": 16 },
+            "congestion_control": { "drop": { "wait_before_drop": congestion.as_micros() as u64 } },
+        } } } },
     });
     if let Some(path) = &zenoh.config {
         let text =

@@ -47,7 +47,7 @@ const SETTLE: Duration = Duration::from_secs(2);
 /// A message in shared memory, under its Whirlstand type name.
 #[derive(Debug, Clone, Copy)]
 #[repr(transparent)]
-struct Shared<M>(M);
+pub(crate) struct Shared<M>(pub(crate) M);
 
 // SAFETY: every Message is Pod (plain data: no pointer, no handle, no padding, valid for every bit pattern) and
 // repr(C), and its type name together with the service's schema attribute stands for one layout.

@@ -1,0 +1,109 @@
+"""The messages of a Whirlstand bench, as docs/wire-format.md lays them out.
+
+Shared memory carries the ctypes structures as they are. A network carries the schema hash (8 bytes, little-endian)
+and then postcard: every f64 as 8 bytes little-endian, every u64 and u32 as a LEB128 varint, every u8 as it is.
+"""
+
+import ctypes
+import struct
+from ctypes import c_double, c_uint8, c_uint32, c_uint64
+
+
+class SchemaMismatch(Exception):
+    """The peer runs another version of the message."""
+
+
+class Head(ctypes.Structure):
+    """Sequence number of the publisher, step of the loop, and time of that step in ns."""
+
+    _fields_ = [("seq", c_uint64), ("step", c_uint64), ("stamp_ns", c_uint64)]
+
+
+class Message(ctypes.Structure):
+    """What all messages have in common."""
+
+    TOPIC: str
+    TYPE_NAME: str
+    SCHEMA_HASH: int
+
+    @classmethod
+    def type_name(cls) -> str:
+        """The name under which iceoryx2 knows the type."""
+        return cls.TYPE_NAME
+
+    def encode(self) -> bytes:
+        """The bytes for a network."""
+        out = bytearray(struct.pack("<Q", self.SCHEMA_HASH))
+        for kind, values in _elements(self):
+            for value in values:
+                if kind is c_double:
+                    out += struct.pack("<d", value)
+                elif kind is c_uint8:
+                    out.append(value)
+                else:
+                    out += _varint(value)
+        return bytes(out)
+
+    @classmethod
+    def decode(cls, wire: bytes):
+        """The message in bytes from a network."""
+        found = struct.unpack_from("<Q", wire)[0]
+        if found != cls.SCHEMA_HASH:
+            raise SchemaMismatch(
+                f"{cls.TYPE_NAME} has schema {found:#018x} at the peer and {cls.SCHEMA_HASH:#018x} here: "
+                "both sides must run the same message version"
+            )
+        memory = bytearray()
+        at = 8
+        for kind, values in _elements(cls()):
+            for _ in values:
+                if kind is c_double:
+                    memory += wire[at : at + 8]
+                    at += 8
+                elif kind is c_uint8:
+                    memory.append(wire[at])
+                    at += 1
+                else:
+                    value, at = _read_varint(wire, at)
+                    memory += value.to_bytes(ctypes.sizeof(kind), "little")
+        if at != len(wire):
+            raise ValueError(f"{cls.TYPE_NAME}: {len(wire)} bytes received, {at} expected")
+        return cls.from_buffer_copy(memory)
+
+
+def _elements(structure):
+    """Kind and values of each field, in memory order, with the head opened up."""
+    for name, kind in structure._fields_:
+        value = getattr(structure, name)
+        if isinstance(value, ctypes.Structure):
+            yield from _elements(value)
+        elif isinstance(value, ctypes.Array):
+            yield value._type_, list(value)
+        else:
+            yield kind, [value]
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value >= 0x80:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def _read_varint(wire: bytes, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while True:
+        byte = wire[at]
+        value |= (byte & 0x7F) << shift
+        at += 1
+        shift += 7
+        if byte < 0x80:
+            return value, at
+
+
+# The layouts below are written by `WHIRLSTAND_BLESS=1 cargo test -p whirlstand-msgs --test wire_format`, and checked
+# by the same test without it. Units and meanings are in docs/wire-format.md.
+# layouts: begin
+# layouts: end
