@@ -1,8 +1,65 @@
 //! The command line, the supervisor and the launch files.
 
+mod cli;
+mod command;
+mod doctor;
+mod error;
+mod file;
+mod run;
+mod soak;
+mod style;
+mod supervisor;
+
 use std::process::ExitCode;
+
+use clap::Parser;
+use tracing_subscriber::EnvFilter;
+
+use cli::{Cli, Command};
+use error::Failure;
 
 /// Runs the `whirlstand` command.
 pub fn main() -> ExitCode {
-    ExitCode::SUCCESS
+    let cli = Cli::parse();
+    let result = start_tracing(cli.log_level.as_deref()).and_then(|()| dispatch(&cli.command));
+    result.unwrap_or_else(|failure| {
+        anstream::eprintln!("{} {failure}", style::bad("error:"));
+        failure.exit_code()
+    })
+}
+
+fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
+    match command {
+        Command::Run(args) => run::run(args),
+        Command::Node(args) => command::node::node(args),
+        Command::Design(args) => command::design::design(args),
+        Command::Simulate(args) => command::simulate::simulate(args),
+        Command::Compare(args) => command::compare::compare(args),
+        Command::Log(command) => command::log::log(command),
+        Command::Vehicle(command) => command::vehicles::vehicles(command),
+        Command::Launch(command) => command::launch_files::launch_files(command),
+        Command::Doctor(args) => doctor::doctor(args),
+        Command::Soak(args) => soak::soak(args),
+        Command::Exec(args) => command::node::exec(args),
+    }
+}
+
+/// Diagnostics go to standard error, filtered by `--log-level` or else by `RUST_LOG`; the nodes inherit the filter.
+fn start_tracing(level: Option<&str>) -> Result<(), Failure> {
+    let given = level.map(str::to_string).or_else(|| std::env::var("RUST_LOG").ok());
+    let text = given.unwrap_or_else(|| "warn".into());
+    let filter = text.parse::<EnvFilter>().map_err(|e| {
+        Failure::Mend(format!(
+            "the log level '{text}' is not understood ({e}): write error, warn, info, debug or trace"
+        ))
+    })?;
+    let colour =
+        std::io::IsTerminal::is_terminal(&std::io::stderr()) && std::env::var_os("NO_COLOR").is_none();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(colour)
+        .with_target(false)
+        .init();
+    Ok(())
 }

@@ -1,0 +1,158 @@
+//! Options of the calls that work on files: design, simulate, compare, logs, vehicles, launch files.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+/// Design a control law: gains, closed-loop poles and margins.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand design quadrotor --law smc\n  \
+    whirlstand design mine.toml --law ppc --json")]
+pub(crate) struct DesignArgs {
+    /// Built-in vehicle or path of a vehicle file.
+    pub vehicle: String,
+    /// Control law: lqr, ppc (pole placement) or smc (sliding mode).
+    #[arg(long)]
+    pub law: String,
+    /// Rate of the control loop.
+    #[arg(long, value_name = "HZ", default_value_t = 200.0)]
+    pub rate: f64,
+    /// Sets an option of [controller] as a launch file has it, for example --set boundary_layer=0.2
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Simulate a vehicle's open-loop response to recorded inputs.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  \
+    whirlstand simulate helicopter-hover --input sticks.csv --map u_roll=in_lat --map u_pitch=in_lon --output response.csv")]
+pub(crate) struct SimulateArgs {
+    /// Built-in vehicle or path of a vehicle file.
+    pub vehicle: String,
+    /// Record with the inputs: CSV (first column t in s, heads `name` or `name[unit]`), MCAP or ULog.
+    #[arg(long, value_name = "FILE")]
+    pub input: PathBuf,
+    /// CSV to write: time, inputs and outputs, in SI.
+    #[arg(long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Takes a signal from another column, for example u_roll=in_lat or roll=phi[deg]; may be repeated.
+    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+    pub map: Vec<String>,
+    /// Rate of the simulation [default: that of the record]
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<f64>,
+    /// Simulate what is random too: sensor noise, quantization, dropouts, turbulence.
+    #[arg(long)]
+    pub noise: bool,
+    /// Seed of the sensors' noise.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Hold a record against the simulation: what the simulation gets wrong.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  \
+    whirlstand compare flight.csv --vehicle helicopter-hover --map roll=phi --map u_roll=in_lat --out out/compare")]
+pub(crate) struct CompareArgs {
+    /// MCAP, CSV or PX4 ULog.
+    pub log: PathBuf,
+    /// Built-in vehicle or path of a vehicle file.
+    #[arg(long)]
+    pub vehicle: String,
+    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+    pub map: Vec<String>,
+    /// Start of the compared part, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// End of the compared part, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub until: Option<f64>,
+    /// Period of the simulation, s [default: that of the record]
+    #[arg(long, value_name = "S")]
+    pub period: Option<f64>,
+    /// How far the short predictions look ahead, s.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pub horizon: f64,
+    /// Writes the comparison as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Folder for report.html.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum LogCommand {
+    /// What a log holds: signals, units, rates, length, and the files inside it.
+    Info {
+        /// MCAP, CSV or PX4 ULog.
+        log: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Writes a log as CSV, with a unit in every column head.
+    Export {
+        /// MCAP, CSV or PX4 ULog.
+        log: PathBuf,
+        /// CSV to write; - for standard output.
+        #[arg(long, short, value_name = "FILE", default_value = "-")]
+        output: PathBuf,
+        /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+        #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+        map: Vec<String>,
+    },
+    /// Names the first message and field that differ between two logs (Health and wall-clock times aside).
+    Diff {
+        /// First log.
+        a: PathBuf,
+        /// Second log.
+        b: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum VehicleCommand {
+    /// Lists the built-in vehicles.
+    List {
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Prints a vehicle file.
+    Show {
+        /// Built-in vehicle or path.
+        vehicle: String,
+    },
+    /// Reads a vehicle file and tells what it is: states, inputs, outputs, effects, poles.
+    Check {
+        /// Built-in vehicle or path.
+        vehicle: String,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum LaunchCommand {
+    /// Lists the built-in launch files.
+    List {
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Prints a launch file.
+    Show {
+        /// Built-in launch file or path.
+        launch: String,
+    },
+}

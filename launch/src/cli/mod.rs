@@ -1,0 +1,266 @@
+//! The command line: every call, option and help text of `whirlstand`.
+
+mod files;
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use whirlstand_msgs::units::{Quantity, Unit};
+
+pub(crate) use files::{CompareArgs, DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand};
+
+/// A hardware-in-the-loop bench for small VTOL control.
+///
+/// Plant, estimator and controller run as separate processes over shared memory or a network; any of them can
+/// be replaced by one line of a launch file. Measured records are held against the simulation.
+#[derive(Debug, Parser)]
+#[command(
+    name = "whirlstand",
+    version,
+    propagate_version = true,
+    max_term_width = 110,
+    after_help = "Exit codes: 0 all well; 1 a run or an expectation failed, or two logs differ; 2 something that you can mend.\n\n\
+                  Examples:\n  \
+                  whirlstand run                                    the quadrotor under sliding-mode control\n  \
+                  whirlstand run quadrotor-compare --mode lockstep  pole placement, sliding mode and LQR side by side\n  \
+                  whirlstand launch show quadrotor > mine.toml      a launch file to start from\n  \
+                  whirlstand doctor                                 is this machine fit for real time?"
+)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+    /// What to tell on standard error: error, warn, info, debug, trace, or a filter as in RUST_LOG.
+    #[arg(long, global = true, value_name = "LEVEL")]
+    pub log_level: Option<String>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    Run(RunArgs),
+    Node(NodeArgs),
+    Design(DesignArgs),
+    Simulate(SimulateArgs),
+    Compare(CompareArgs),
+    /// Look into logs: what they hold, as CSV, and where two of them differ.
+    #[command(subcommand)]
+    Log(LogCommand),
+    /// List, show and check vehicle files.
+    #[command(subcommand)]
+    Vehicle(VehicleCommand),
+    /// List and show launch files.
+    #[command(subcommand)]
+    Launch(LaunchCommand),
+    Doctor(DoctorArgs),
+    Soak(SoakArgs),
+    #[command(hide = true)]
+    Exec(ExecArgs),
+}
+
+/// Ask for real-time options and become another program: what the launcher starts for `exec` nodes that want them.
+#[derive(Debug, Args)]
+pub(crate) struct ExecArgs {
+    /// Options as JSON.
+    #[arg(long)]
+    pub realtime: String,
+    /// Program and arguments.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, required = true)]
+    pub command: Vec<String>,
+}
+
+/// Who keeps the time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ModeArg {
+    /// The plant wakes at absolute deadlines; a late command is a miss.
+    Realtime,
+    /// The plant waits for each command: as fast as the processes can go.
+    Lockstep,
+}
+
+/// What carries the messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TransportArg {
+    /// Shared memory on one host.
+    Iceoryx2,
+    /// A network.
+    Zenoh,
+    /// All nodes in one process and one thread.
+    Inproc,
+}
+
+impl ModeArg {
+    /// The word as a launch file has it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Realtime => "realtime",
+            Self::Lockstep => "lockstep",
+        }
+    }
+}
+
+impl TransportArg {
+    /// The word as a launch file has it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Iceoryx2 => "iceoryx2",
+            Self::Zenoh => "zenoh",
+            Self::Inproc => "inproc",
+        }
+    }
+}
+
+/// Run a bench: start its nodes, watch them, and leave a log and a report.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand run\n  \
+    whirlstand run quadrotor-smc --transport zenoh --duration 20\n  \
+    whirlstand run mine.toml --set controller.law=lqr --set 'plant.initial.roll=\"10 deg\"' --out out/lqr\n\n\
+    Ctrl-C ends the run in order: the plant goes to neutral, the recorder closes the log, the report is written.")]
+pub(crate) struct RunArgs {
+    /// Built-in launch file (see `whirlstand launch list`) or a path; without it, the quadrotor under
+    /// sliding-mode control with a disturbance at 6 s.
+    pub launch: Option<String>,
+    /// Record nothing: no log, and no report of what the vehicle did.
+    #[arg(long)]
+    pub no_log: bool,
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+    /// Folder for log.mcap, summary.json and report.html [default: out/NAME-DATE-TIME]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the bench, for nodes that are started elsewhere [default: a new one for each run]
+    #[arg(long, value_name = "NAME")]
+    pub bench: Option<String>,
+    /// Print the summary as JSON on standard output instead of the verdict.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What may be changed in a launch file without editing it.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct OverrideArgs {
+    /// Who keeps the time.
+    #[arg(long)]
+    pub mode: Option<ModeArg>,
+    /// What carries the messages.
+    #[arg(long)]
+    pub transport: Option<TransportArg>,
+    /// Bench time of the run, in seconds or with a unit ("2 min").
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub duration: Option<f64>,
+    /// Seed of every random number.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Sets any key of the launch file, for example controller.law=lqr or effects.0.magnitude=3; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// Run one node: for the launcher, and by hand on another host.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example, the controller on a second host (the bench runs there as `--bench NAME`):\n  \
+    whirlstand node controller --launch quadrotor --bench lab --transport zenoh --connect tcp/192.0.2.7:7447"
+)]
+pub(crate) struct NodeArgs {
+    /// plant, estimator, controller or recorder.
+    pub kind: String,
+    /// Resolved configuration as JSON: a file, or - for standard input (what the launcher uses).
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["launch", "set", "mode", "duration", "seed"])]
+    pub config: Option<PathBuf>,
+    /// Launch file that the node is taken from [default: quadrotor]
+    #[arg(long, value_name = "LAUNCH")]
+    pub launch: Option<String>,
+    /// Name of the bench, the same for all its nodes [default: WHIRLSTAND_BENCH, or the launch file's name]
+    #[arg(long, value_name = "NAME")]
+    pub bench: Option<String>,
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+    /// Zenoh endpoint to connect to, for example tcp/192.0.2.7:7447; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Zenoh endpoint to listen on; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// Log file of a recorder.
+    #[arg(long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+/// Tell whether this machine is fit for real time, and what to change.
+#[derive(Debug, Args)]
+pub(crate) struct DoctorArgs {
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Injure every node of a bench at random times, again and again, and check that the bench survives.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  whirlstand soak --fault kill --rounds 50 --seed 1 --json soak.json")]
+pub(crate) struct SoakArgs {
+    /// Built-in launch file or path [default: quadrotor]
+    pub launch: Option<String>,
+    /// kill: SIGKILL; stop: SIGSTOP for --stop-for seconds, then SIGCONT.
+    #[arg(long, value_enum, default_value_t = FaultArg::Kill)]
+    pub fault: FaultArg,
+    /// How often each node is injured.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub rounds: u32,
+    /// Length of a stop.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pub stop_for: f64,
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+    /// Only these nodes; may be repeated [default: every node]
+    #[arg(long = "node", value_name = "NODE")]
+    pub nodes: Vec<String>,
+    /// Writes the result as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// What `soak` does to a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FaultArg {
+    /// SIGKILL.
+    Kill,
+    /// SIGSTOP, later SIGCONT.
+    Stop,
+}
+
+/// Reads a time: a number of seconds, or a quantity with a unit of time.
+fn seconds(text: &str) -> Result<f64, String> {
+    let value = match text.trim().parse::<f64>() {
+        Ok(value) => value,
+        Err(_) => {
+            let quantity: Quantity = text.parse().map_err(|e| format!("{e}"))?;
+            quantity.in_unit(&Unit::SECOND).map_err(|e| e.to_string())?
+        }
+    };
+    if value.is_finite() && value > 0.0 {
+        Ok(value)
+    } else {
+        Err(format!(
+            "'{text}' is not a positive time: write seconds, or a number with a unit as in \"2 min\""
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn durations_are_seconds_or_carry_a_unit_of_time() {
+        assert_eq!(seconds("12"), Ok(12.0));
+        assert_eq!(seconds("2 min"), Ok(120.0));
+        assert!(seconds("5 m").unwrap_err().contains("s is expected"), "{:?}", seconds("5 m"));
+        assert!(seconds("-1").is_err() && seconds("nan").is_err() && seconds("soon").is_err());
+    }
+}

@@ -1,0 +1,125 @@
+//! `whirlstand design`: gains, poles and margins of a control law.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use whirlstand_control::Design;
+use whirlstand_control::design::Pole;
+use whirlstand_nodes::setup::Setup;
+
+use super::{print, print_json};
+use crate::cli::DesignArgs;
+use crate::error::Failure;
+use crate::file::{Document, plan};
+use crate::style;
+
+/// Runs the command.
+pub(crate) fn design(args: &DesignArgs) -> Result<ExitCode, Failure> {
+    let design = designed(args)?;
+    if args.json {
+        print_json(&design)?;
+    } else {
+        print(&words(&design))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Goes the way of a launch file, so that every option means here what it means there.
+fn designed(args: &DesignArgs) -> Result<Design, Failure> {
+    let mut document = Document::parse("--law", "[controller]\n").map_err(Failure::mend)?;
+    let mut set = |option: &str, key: &str, value: toml::Value| {
+        document.set_value(format!("{option} {value}"), key, &value).map_err(Failure::mend)
+    };
+    set("VEHICLE", "vehicle", args.vehicle.as_str().into())?;
+    set("--law", "controller.law", args.law.as_str().into())?;
+    set("--rate", "rate_hz", args.rate.into())?;
+    for assignment in &args.set {
+        document.set("--set", &format!("controller.{assignment}")).map_err(Failure::mend)?;
+    }
+    let plan = plan(&document, "design", Path::new(".")).map_err(Failure::mend)?;
+    let Some(options) = plan.config.controller.options() else {
+        return Err(Failure::Mend(
+            "--law manual: there is nothing to design; lqr, ppc or smc is expected".into(),
+        ));
+    };
+    let plant =
+        Setup::new(&plan.config).and_then(|s| s.control_plant(&plan.config)).map_err(Failure::mend)?;
+    Design::new(&plant, &options)
+        .map_err(|e| Failure::Mend(format!("{} cannot be designed for {}: {e}", args.law, args.vehicle)))
+}
+
+fn words(d: &Design) -> String {
+    let (inputs, states) = (d.plant.input_names(), d.plant.state_names());
+    let mut text = format!(
+        "{} for {} states and {} inputs, sampled every {} ms, one period of latency accounted for\n",
+        style::strong(&d.law.to_uppercase()),
+        states.len(),
+        inputs.len(),
+        d.plant.period_s() * 1e3
+    );
+    text.push_str(&table("gain K in u = -K x (SI)", inputs, states, &d.linear.gain));
+    if let Some(sliding) = &d.sliding {
+        let mut columns = states.to_vec();
+        columns.extend(d.integral.iter().map(|&i| format!("int {}", states[i])));
+        text.push_str(&table("sliding surface", inputs, &columns, &sliding.surface));
+        text.push_str(&format!("\n{}\n  {}\n", style::strong("reaching"), sliding.reaching));
+        let held = inputs.iter().zip(&sliding.matched_disturbance);
+        let held: Vec<_> = held.map(|(name, d)| format!("{name} {d:.4}")).collect();
+        text.push_str(&format!("  matched disturbance overcome (input units): {}\n", held.join(", ")));
+    }
+    text.push_str(&poles("open-loop poles", &d.open_loop_poles));
+    text.push_str(&poles("closed-loop poles (delayed loop)", &d.closed_loop_poles));
+    text.push_str(&format!("\n{}\n", style::strong("margins, one input at a time")));
+    let or = |v: Option<f64>, unit: &str| v.map_or("infinite".into(), |v| format!("{v:.3}{unit}"));
+    for (name, m) in inputs.iter().zip(&d.loop_margins) {
+        text.push_str(&format!(
+            "  {name:<12} gain x {} to {}, phase {}, delay {}, crossover {}\n",
+            m.gain_decrease.map_or("0".into(), |v| format!("{v:.3}")),
+            or(m.gain_increase, ""),
+            or(m.phase_deg, " deg"),
+            or(m.delay_s.map(|s| s * 1e3), " ms"),
+            or(m.crossover_rad_s, " rad/s"),
+        ));
+    }
+    let m = &d.multivariable_margins;
+    text.push_str(&format!(
+        "  {:<12} gains x {:.3} to {} or phases of {:.1} deg, all inputs at once; peak sensitivity {:.3}\n",
+        "together",
+        m.disk_gain_low,
+        or(m.disk_gain_high, ""),
+        m.disk_phase_deg,
+        m.max_sensitivity
+    ));
+    text
+}
+
+fn table(title: &str, rows: &[String], columns: &[String], matrix: &nalgebra::DMatrix<f64>) -> String {
+    let mut text = format!("\n{}\n  {:<12}", style::strong(title), "");
+    let width = |name: &str| name.len().max(11);
+    columns.iter().for_each(|name| text.push_str(&format!(" {name:>w$}", w = width(name))));
+    text.push('\n');
+    for (i, row) in rows.iter().enumerate().take(matrix.nrows()) {
+        text.push_str(&format!("  {row:<12}"));
+        for (name, value) in columns.iter().zip(matrix.row(i).iter()) {
+            text.push_str(&format!(" {value:>w$.5}", w = width(name)));
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn poles(title: &str, poles: &[Pole]) -> String {
+    let mut text = format!("\n{}\n", style::strong(title));
+    for pole in poles {
+        let line = match (pole.continuous, pole.frequency_rad_s, pole.damping) {
+            (Some([re, im]), Some(frequency), damping) => {
+                let place = if im == 0.0 { format!("{re:.4}") } else { format!("{re:.4} {im:+.4}i") };
+                let damping = damping.map_or(String::new(), |d| format!("   damping {d:.3}"));
+                format!("{place:<22} 1/s   {frequency:.4} rad/s{damping}")
+            }
+            _ => "delay (z = 0)".into(),
+        };
+        text.push_str(&format!("  {line}\n"));
+    }
+    text
+}

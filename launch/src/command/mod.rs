@@ -1,0 +1,48 @@
+//! The calls of the command line that do not start a bench.
+
+pub(crate) mod compare;
+pub(crate) mod design;
+pub(crate) mod launch_files;
+pub(crate) mod log;
+pub(crate) mod node;
+pub(crate) mod simulate;
+pub(crate) mod vehicles;
+
+use std::io::Write;
+use std::path::Path;
+
+use crate::error::Failure;
+
+/// Prints text on standard output. A reader that has gone away (`| head`) is no failure.
+pub(crate) fn print(text: &str) -> Result<(), Failure> {
+    let mut out = anstream::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure::Run(format!("cannot write to standard output: {e}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints a value as JSON.
+pub(crate) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value).map_err(Failure::run)?;
+    print(&(text + "\n"))
+}
+
+/// Writes a value as JSON to a file, or to standard output for `-`.
+pub(crate) fn write_json(value: &impl serde::Serialize, path: &Path) -> Result<(), Failure> {
+    if path == Path::new("-") {
+        return print_json(value);
+    }
+    let text = serde_json::to_string_pretty(value).map_err(Failure::run)?;
+    write(path, &(text + "\n"))
+}
+
+/// Writes a text file, and the folder that it is in.
+pub(crate) fn write(path: &Path, text: &str) -> Result<(), Failure> {
+    if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).map_err(|e| Failure::file("make the folder", folder, &e))?;
+    }
+    std::fs::write(path, text).map_err(|e| Failure::file("write", path, &e))
+}

@@ -1,0 +1,100 @@
+//! `whirlstand node`: one node, started by the launcher or by hand; and what becomes another program.
+
+use std::io::Read;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::ExitCode;
+
+use whirlstand_bus::OpenError;
+use whirlstand_nodes::NodeError;
+use whirlstand_nodes::config::{NodeConfig, RealtimeOptions, Role};
+use whirlstand_nodes::os::apply_realtime;
+
+use crate::cli::{ExecArgs, NodeArgs};
+use crate::error::Failure;
+use crate::file::{DEFAULT, jobs, nearest};
+
+/// Runs one node to its end.
+pub(crate) fn node(args: &NodeArgs) -> Result<ExitCode, Failure> {
+    let role = role(&args.kind)?;
+    let mut config = match &args.config {
+        Some(path) => from_launcher(path)?,
+        None => by_hand(args)?,
+    };
+    config.zenoh.listen.extend(args.listen.iter().cloned());
+    config.zenoh.connect.extend(args.connect.iter().cloned());
+    if let Ok(peers) = std::env::var("WHIRLSTAND_ZENOH_CONNECT") {
+        config.zenoh.connect.extend(peers.split(',').filter(|e| !e.is_empty()).map(str::to_string));
+    }
+    match whirlstand_nodes::run_node(role, &config) {
+        Ok(_) => Ok(ExitCode::SUCCESS),
+        Err(e) if is_mendable(&e) => Err(Failure::mend(e)),
+        Err(e) => Err(Failure::run(e)),
+    }
+}
+
+/// Whether trying again would end the same way until the user changes something.
+pub(crate) fn is_mendable(error: &NodeError) -> bool {
+    matches!(
+        error,
+        NodeError::Vehicle { .. }
+            | NodeError::NotOnBus { .. }
+            | NodeError::Config { .. }
+            | NodeError::Design { .. }
+            | NodeError::Realtime(_)
+            | NodeError::Open(
+                OpenError::Name { .. } | OpenError::Schema { .. } | OpenError::ZenohConfig { .. }
+            )
+    )
+}
+
+fn role(kind: &str) -> Result<Role, Failure> {
+    let known = Role::ALL.map(Role::name);
+    Role::ALL.into_iter().find(|r| r.name() == kind).ok_or_else(|| {
+        let near = nearest(kind, known).unwrap_or("plant");
+        let known = known.join(", ");
+        Failure::Mend(format!("there is no node '{kind}': {known} are known; the nearest is '{near}'"))
+    })
+}
+
+fn from_launcher(path: &Path) -> Result<NodeConfig, Failure> {
+    let mut text = String::new();
+    let read = if path == Path::new("-") {
+        std::io::stdin().read_to_string(&mut text).map(|_| ())
+    } else {
+        std::fs::read_to_string(path).map(|t| text = t)
+    };
+    read.map_err(|e| Failure::file("read the node's configuration from", path, &e))?;
+    serde_json::from_str(&text)
+        .map_err(|e| Failure::Mend(format!("{}: this is not a node's configuration: {e}", path.display())))
+}
+
+/// The configuration of a node of a bench whose other nodes run elsewhere.
+fn by_hand(args: &NodeArgs) -> Result<NodeConfig, Failure> {
+    let jobs = jobs(args.launch.as_deref().unwrap_or(DEFAULT), &args.overrides, args.output.is_none())?;
+    let Some(job) = jobs.runs.into_iter().next() else {
+        return Err(Failure::Run("the launch file has no run".into()));
+    };
+    let mut config = job.plan.config;
+    let named = || std::env::var("WHIRLSTAND_BENCH").ok();
+    config.bench = args.bench.clone().or_else(named).unwrap_or(jobs.name);
+    if let (Some(recorder), Some(output)) = (&mut config.recorder, &args.output) {
+        recorder.path = output.to_string_lossy().into_owned();
+    }
+    if args.kind == Role::Recorder.name() && config.recorder.is_none() {
+        return Err(Failure::Mend("a recorder needs a file to write: give it with --output FILE".into()));
+    }
+    Ok(config)
+}
+
+/// Asks for the real-time options, then becomes the program; returns only when that fails.
+pub(crate) fn exec(args: &ExecArgs) -> Result<ExitCode, Failure> {
+    let options: RealtimeOptions = serde_json::from_str(&args.realtime)
+        .map_err(|e| Failure::Mend(format!("--realtime: these are not real-time options: {e}")))?;
+    apply_realtime(&options).map_err(Failure::mend)?;
+    let Some((program, arguments)) = args.command.split_first() else {
+        return Err(Failure::Mend("a program is expected behind --".into()));
+    };
+    let error = std::process::Command::new(program).args(arguments).exec();
+    Err(Failure::Mend(format!("{program} cannot be started: {error}")))
+}

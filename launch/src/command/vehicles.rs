@@ -1,0 +1,116 @@
+//! `whirlstand vehicle list|show|check`.
+
+use std::process::ExitCode;
+
+use serde_json::{Value, json};
+use whirlstand_vehicle::{Vehicle, builtin_names};
+
+use super::{print, print_json};
+use crate::cli::VehicleCommand;
+use crate::error::Failure;
+use crate::style;
+
+/// Runs the command.
+pub(crate) fn vehicles(command: &VehicleCommand) -> Result<ExitCode, Failure> {
+    match command {
+        VehicleCommand::List { json } => list(*json)?,
+        VehicleCommand::Show { vehicle } => print(&find(vehicle)?.source_text)?,
+        VehicleCommand::Check { vehicle, json } => check(&find(vehicle)?, *json)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Finds a vehicle by built-in name or path.
+///
+/// # Errors
+/// What is wrong with the name or the file.
+pub(crate) fn find(name_or_path: &str) -> Result<Vehicle, Failure> {
+    Vehicle::find(name_or_path).map_err(Failure::mend)
+}
+
+fn list(json: bool) -> Result<(), Failure> {
+    let vehicles = builtin_names().map(|n| Vehicle::builtin(n).map_err(Failure::run));
+    let vehicles = vehicles.collect::<Result<Vec<_>, _>>()?;
+    if json {
+        let all: Vec<_> = vehicles
+            .iter()
+            .map(|v| json!({ "name": v.name, "description": v.description, "states": v.states.len(), "inputs": v.inputs.len(), "outputs": v.outputs.len() }))
+            .collect();
+        return print_json(&json!({ "schema": "whirlstand.vehicles.v1", "vehicles": all }));
+    }
+    let mut text = String::new();
+    for v in &vehicles {
+        let size =
+            format!("{} states, {} inputs, {} outputs", v.states.len(), v.inputs.len(), v.outputs.len());
+        let name = style::strong(&format!("{:<26}", v.name));
+        text.push_str(&format!("{name}  {size:<34}  {}\n", v.description));
+    }
+    print(&text)
+}
+
+/// Poles of the model, slowest first.
+fn poles(vehicle: &Vehicle) -> Vec<(f64, f64)> {
+    let mut poles: Vec<_> = vehicle.a.complex_eigenvalues().iter().map(|p| (p.re, p.im)).collect();
+    poles.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
+    poles
+}
+
+fn check(v: &Vehicle, json: bool) -> Result<(), Failure> {
+    let poles = poles(v);
+    if json {
+        return print_json(&description(v, &poles));
+    }
+    let mut text = format!("{}  {}\n", style::strong(&v.name), v.description);
+    let mut row = |head: &str, body: String| text.push_str(&format!("{head:<10}{body}\n"));
+    let with_unit =
+        |name: &str, unit: String| if unit.is_empty() { name.into() } else { format!("{name} [{unit}]") };
+    let join = |names: Vec<String>| names.join(", ");
+    row("states", join(v.states.iter().map(|s| with_unit(&s.name, s.unit.to_string())).collect()));
+    for u in &v.inputs {
+        let unit = u.unit.si_symbol();
+        row(
+            "input",
+            format!("{}  {} to {} {unit}, at most {} {unit}/s", u.name, u.lower, u.upper, u.rate_limit),
+        );
+    }
+    for y in &v.outputs {
+        let unit = y.unit.si_symbol();
+        let vibration =
+            y.vibration.as_ref().map_or(String::new(), |v| format!(", vibration at {} Hz", v.frequency_hz));
+        row(
+            "output",
+            format!("{}  noise {:.3e} {unit}, every {} steps{vibration}", y.name, y.noise, y.every),
+        );
+    }
+    for effect in &v.effects {
+        let parameters: Vec<_> =
+            effect.parameters().map(|(name, value)| format!("{name} = {value}")).collect();
+        row("effect", format!("{} at {}: {}", effect.kind(), effect.place(), parameters.join(", ")));
+    }
+    let pole =
+        |&(re, im): &(f64, f64)| if im == 0.0 { format!("{re:.4}") } else { format!("{re:.4}{im:+.4}i") };
+    row("poles", poles.iter().map(pole).collect::<Vec<_>>().join(", "));
+    text.push_str(&format!("{}\n", style::good("The vehicle file is valid.")));
+    print(&text)
+}
+
+fn description(v: &Vehicle, poles: &[(f64, f64)]) -> Value {
+    let finite = |x: f64| x.is_finite().then_some(x);
+    json!({
+        "schema": "whirlstand.vehicle.v1",
+        "valid": true,
+        "name": v.name,
+        "description": v.description,
+        "states": v.states.iter().map(|s| json!({ "name": s.name, "unit": s.unit.to_string() })).collect::<Vec<_>>(),
+        "inputs": v.inputs.iter().map(|u| json!({
+            "name": u.name, "unit": u.unit.to_string(), "lower": finite(u.lower), "upper": finite(u.upper),
+            "rate_limit": finite(u.rate_limit) })).collect::<Vec<_>>(),
+        "outputs": v.outputs.iter().map(|y| json!({
+            "name": y.name, "unit": y.unit.to_string(), "noise": y.noise, "bias": y.bias,
+            "quantization": y.quantization, "every": y.every })).collect::<Vec<_>>(),
+        "effects": v.effects.iter().map(|e| json!({
+            "effect": e.kind().name(), "where": e.place(),
+            "parameters": e.parameters().collect::<std::collections::BTreeMap<_, _>>() })).collect::<Vec<_>>(),
+        "poles": poles,
+    })
+}

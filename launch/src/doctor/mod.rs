@@ -1,0 +1,93 @@
+//! `whirlstand doctor`: is this machine fit for real time, and what to change.
+
+mod checks;
+mod wake;
+
+use std::process::ExitCode;
+
+use serde::Serialize;
+
+use crate::cli::DoctorArgs;
+use crate::error::Failure;
+use crate::style;
+
+/// How a check turned out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Grade {
+    /// Fit.
+    Ok,
+    /// Works, but timing suffers, or an option of the launch file will be refused.
+    Warn,
+    /// Cannot be found out here.
+    Unknown,
+}
+
+/// One thing that was looked at.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Check {
+    /// Short name.
+    pub name: &'static str,
+    /// How it turned out.
+    pub grade: Grade,
+    /// What was found.
+    pub found: String,
+    /// What to change; nothing when all is well.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub advice: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    schema: &'static str,
+    fit: bool,
+    checks: Vec<Check>,
+    wake_up: Vec<wake::WakeUp>,
+}
+
+/// Examines the machine and prints the result.
+pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
+    let checks = checks::all();
+    let wake_up = wake::sample()?;
+    let fit = checks.iter().all(|c| c.grade != Grade::Warn);
+    if args.json {
+        let report = Report { schema: "whirlstand.doctor.v1", fit, checks, wake_up };
+        let text = serde_json::to_string_pretty(&report).map_err(Failure::run)?;
+        anstream::println!("{text}");
+        return Ok(ExitCode::SUCCESS);
+    }
+    for check in &checks {
+        let mark = match check.grade {
+            Grade::Ok => style::good("ok  "),
+            Grade::Warn => style::bad("warn"),
+            Grade::Unknown => style::dim("?   "),
+        };
+        anstream::println!("{mark}  {:<18} {}", check.name, check.found);
+        if let Some(advice) = &check.advice {
+            anstream::println!("      {:<18} {} {advice}", "", style::dim("->"));
+        }
+    }
+    anstream::println!("\nWake-up latency, 1 kHz absolute deadlines, one second each (us):");
+    for w in &wake_up {
+        anstream::println!(
+            "      {:<18} p50 {:>7.1}   p99 {:>7.1}   p99.9 {:>7.1}   max {:>7.1}   over 1 ms: {} of {}",
+            w.scheduling,
+            w.p50_us,
+            w.p99_us,
+            w.p999_us,
+            w.max_us,
+            w.missed,
+            w.wakes
+        );
+    }
+    let warned = checks.iter().filter(|c| c.grade == Grade::Warn).count();
+    anstream::println!(
+        "\n{}",
+        match warned {
+            0 => style::good("This machine is fit for real time."),
+            1 => style::bad("1 thing to change before trusting real-time runs on this machine."),
+            n => style::bad(&format!("{n} things to change before trusting real-time runs on this machine.")),
+        }
+    );
+    Ok(ExitCode::SUCCESS)
+}

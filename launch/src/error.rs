@@ -1,0 +1,40 @@
+//! How a command fails: by what the user can mend (exit 2), or by what was run (exit 1).
+
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Why a command did not succeed; the text is a full sentence for the user.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Failure {
+    /// A file, an argument or a setting of the machine that the user can mend: exit code 2.
+    #[error("{0}")]
+    Mend(String),
+    /// A node, a run or an expectation failed: exit code 1.
+    #[error("{0}")]
+    Run(String),
+}
+
+impl Failure {
+    /// What the user can mend, told by `error`.
+    pub fn mend(error: impl std::fmt::Display) -> Self {
+        Self::Mend(error.to_string())
+    }
+
+    /// What went wrong while running, told by `error`.
+    pub fn run(error: impl std::fmt::Display) -> Self {
+        Self::Run(error.to_string())
+    }
+
+    /// A file or folder that cannot be used; `doing` says for what, as in "write the report to".
+    pub fn file(doing: &str, path: &Path, error: &std::io::Error) -> Self {
+        Self::Mend(format!("cannot {doing} {}: {error}", path.display()))
+    }
+
+    /// The exit code for the shell.
+    pub fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Mend(_) => ExitCode::from(2),
+            Self::Run(_) => ExitCode::from(1),
+        }
+    }
+}

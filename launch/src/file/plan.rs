@@ -1,0 +1,321 @@
+//! From a launch file to a bench that can be started: names looked up, units turned into SI, everything checked.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use whirlstand_bus::ZenohConfig;
+use whirlstand_control::{Selector, Weights};
+use whirlstand_msgs::units::Unit;
+use whirlstand_msgs::{MAX_INPUTS, MAX_STATES};
+use whirlstand_nodes::config::{
+    NodeConfig, PlantConfig, RealtimeOptions, RecorderConfig, Role, SignalChange, VehicleSource,
+};
+use whirlstand_vehicle::{Effect, Vehicle};
+
+use super::amount::Amount;
+use super::document::{Document, LaunchError, Step, at};
+use super::expect::{self, Expectation};
+use super::schema::{LaunchFile, NodeSection};
+use super::wording::unknown;
+
+/// Fastest loop that can be asked for, Hz.
+const FASTEST_HZ: f64 = 100_000.0;
+
+/// A bench, ready to be started.
+#[derive(Debug, Clone)]
+pub(crate) struct Plan {
+    /// Name of the bench.
+    pub name: String,
+    /// The vehicle with the launch file's effects.
+    pub vehicle: Vehicle,
+    /// What every node is told; the bench's name and the log's path are filled in when it is started.
+    pub config: NodeConfig,
+    /// The nodes, in the order in which they are started.
+    pub nodes: Vec<PlannedNode>,
+    /// What must hold at the end.
+    pub expect: Vec<Expectation>,
+}
+
+/// One node of a planned bench.
+#[derive(Debug, Clone)]
+pub(crate) struct PlannedNode {
+    /// Its name.
+    pub name: String,
+    /// Its part in the loop; `None` for a further program.
+    pub role: Option<Role>,
+    /// Its options.
+    pub section: NodeSection,
+}
+
+/// Checks a launch file and makes a bench of it.
+///
+/// # Errors
+/// For everything that [`LaunchFile`] does not know, names that the vehicle does not have, units that do not fit.
+pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Plan, LaunchError> {
+    let file: LaunchFile = document.read()?;
+    let vehicle = Vehicle::find_from(&file.vehicle, Some(folder))
+        .map_err(|e| document.error_at(at!["vehicle"], e.to_string()))?;
+    let planner = Planner { document, vehicle: &vehicle };
+    planner.check_numbers(&file)?;
+    planner.check_names(&file)?;
+    let (effects, extended) = planner.effects(file.effects.len())?;
+    let nodes = planner.nodes(&file)?;
+    let native = |role: Role| {
+        let node = nodes.iter().find(|n| n.role == Some(role));
+        node.is_some_and(|n| n.section.exec.is_none() && !n.section.external)
+    };
+    let recorded = file.recorder.enabled;
+    let config = NodeConfig {
+        bench: String::new(),
+        transport: file.transport,
+        zenoh: planner.zenoh(&file, folder),
+        vehicle: VehicleSource { origin: file.vehicle.clone(), text: vehicle.source_text.clone() },
+        effects,
+        mode: file.mode,
+        period_ns: (1e9 / file.rate_hz).round() as u64,
+        steps: (file.duration_s.0 * file.rate_hz).round() as u64,
+        seed: file.seed,
+        peers: Role::ALL.into_iter().filter(|r| *r != Role::Plant && native(*r)).collect(),
+        start_timeout_s: file.plant.start_timeout_s.0,
+        telemetry: recorded,
+        plant: planner.plant(&file)?,
+        estimator: file.estimator.clone(),
+        controller: file.controller.clone(),
+        recorder: recorded.then(|| RecorderConfig {
+            path: String::new(),
+            launch_text: with_overrides(document),
+            version: env!("CARGO_PKG_VERSION").into(),
+        }),
+        setpoint: planner.changes("setpoint", &file.setpoint, true)?,
+        stick: planner.changes("stick", &file.stick, false)?,
+        realtime: realtime(&nodes),
+    };
+    let expect = expect::read(document, &vehicle, &file.expect.keys().collect::<Vec<_>>())?;
+    let name = file.name.unwrap_or_else(|| name.into());
+    Ok(Plan { name, vehicle: extended, config, nodes, expect })
+}
+
+/// The text that goes into the log: the file as it was read, and what was changed without editing it.
+fn with_overrides(document: &Document) -> String {
+    let mut text = document.text().to_string();
+    for change in document.overrides() {
+        text.push_str(&format!("\n# overridden: {}", change.replace('\n', " ")));
+    }
+    text
+}
+
+fn realtime(nodes: &[PlannedNode]) -> BTreeMap<Role, RealtimeOptions> {
+    let own = nodes.iter().filter(|n| n.section.exec.is_none());
+    own.filter_map(|n| Some((n.role?, n.section.realtime())))
+        .filter(|(_, options)| *options != RealtimeOptions::default())
+        .collect()
+}
+
+impl NodeSection {
+    /// What the node asks of the operating system.
+    pub fn realtime(&self) -> RealtimeOptions {
+        RealtimeOptions { priority: self.priority, cpus: self.cpus.clone(), lock_memory: self.lock_memory }
+    }
+}
+
+/// A launch file with its vehicle, while it is being checked.
+pub(super) struct Planner<'a> {
+    pub(super) document: &'a Document,
+    vehicle: &'a Vehicle,
+}
+
+impl Planner<'_> {
+    fn check_numbers(&self, file: &LaunchFile) -> Result<(), LaunchError> {
+        let fail = |key: &str, message: String| Err(self.document.error_at(at![key], message));
+        if !(file.rate_hz > 0.0 && file.rate_hz <= FASTEST_HZ) {
+            return fail(
+                "rate_hz",
+                format!("a rate above 0 and up to {FASTEST_HZ} Hz is expected, not {}", file.rate_hz),
+            );
+        }
+        let steps = file.duration_s.0 * file.rate_hz;
+        if !(1.0..1e15).contains(&steps) {
+            return fail("duration_s", format!("the run would have {steps} steps; at least one is expected"));
+        }
+        let (states, inputs) = (self.vehicle.states.len(), self.vehicle.inputs.len());
+        if states > MAX_STATES || inputs > MAX_INPUTS {
+            return fail(
+                "vehicle",
+                format!(
+                    "{} has {states} states and {inputs} inputs; a bench carries at most {MAX_STATES} and {MAX_INPUTS}",
+                    file.vehicle
+                ),
+            );
+        }
+        for (section, key, value) in [
+            ("plant", "lockstep_timeout_s", file.plant.lockstep_timeout_s),
+            ("plant", "recorder_timeout_s", file.plant.recorder_timeout_s),
+            ("plant", "start_timeout_s", file.plant.start_timeout_s),
+        ] {
+            self.check_time(at![section, key], value.0)?;
+        }
+        if file.plant.misses_to_failsafe == 0 {
+            let here = at!["plant", "misses_to_failsafe"];
+            return Err(self.document.error_at(here, "at least 1 miss must come before the failsafe"));
+        }
+        for (i, endpoint) in file.zenoh.listen.iter().enumerate() {
+            if !endpoint.ends_with(":0") {
+                let message = format!(
+                    "every node listens here, and only one could have the port of '{endpoint}': end it with :0, or \
+                     set `listen` of one node under [nodes.NAME]"
+                );
+                return Err(self.document.error_at(at!["zenoh", "listen", i], message));
+            }
+        }
+        Ok(())
+    }
+
+    /// A time limit that makes sense.
+    pub(super) fn check_time(&self, here: &[Step<'_>], value: f64) -> Result<(), LaunchError> {
+        if value > 0.0 && value <= 86_400.0 {
+            return Ok(());
+        }
+        Err(self
+            .document
+            .error_at(here, format!("a time above 0 and up to a day is expected, not {value} s")))
+    }
+
+    fn states(&self) -> impl Iterator<Item = &str> {
+        self.vehicle.states.iter().map(|s| s.name.as_str())
+    }
+
+    fn inputs(&self) -> impl Iterator<Item = &str> {
+        self.vehicle.inputs.iter().map(|s| s.name.as_str())
+    }
+
+    fn check_names(&self, file: &LaunchFile) -> Result<(), LaunchError> {
+        let check = |here: &[Step<'_>], what: &str, name: &str, known: Vec<&str>| {
+            if known.contains(&name) {
+                return Ok(());
+            }
+            let message = format!("{} of the vehicle {}", unknown(what, name, known), file.vehicle);
+            Err(self.document.error_at(here, message))
+        };
+        let law = &file.controller;
+        for (key, weights, what, known) in [
+            ("q", &law.q, "state", self.states().collect::<Vec<_>>()),
+            ("r", &law.r, "input", self.inputs().collect()),
+            ("switching_gain", &law.switching_gain, "input", self.inputs().collect()),
+            ("boundary_layer", &law.boundary_layer, "input", self.inputs().collect()),
+        ] {
+            let Some(Weights::ByName(weights)) = weights else { continue };
+            for name in weights.keys() {
+                check(at!["controller", key, name], what, name, known.clone())?;
+            }
+        }
+        for (i, selector) in law.integral.iter().enumerate() {
+            if let Selector::Name(name) = selector {
+                check(at!["controller", "integral", i], "state", name, self.states().collect())?;
+            }
+        }
+        if let Some(Weights::ByName(noise)) = &file.estimator.process_noise {
+            for name in noise.keys() {
+                check(at!["estimator", "process_noise", name], "state", name, self.states().collect())?;
+            }
+        }
+        let outputs = || self.vehicle.outputs.iter().map(|o| o.name.as_str()).collect();
+        for (key, selectors) in [("bias", &file.estimator.bias), ("outputs", &file.estimator.outputs)] {
+            for (i, selector) in selectors.iter().flatten().enumerate() {
+                if let Selector::Name(name) = selector {
+                    check(at!["estimator", key, i], "output", name, outputs())?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn plant(&self, file: &LaunchFile) -> Result<PlantConfig, LaunchError> {
+        let section = &file.plant;
+        let mut initial = BTreeMap::new();
+        for (name, amount) in &section.initial {
+            let value = self.state_value(at!["plant", "initial", name], name, amount)?;
+            initial.insert(name.clone(), value);
+        }
+        Ok(PlantConfig {
+            engine: section.engine,
+            initial,
+            misses_to_failsafe: section.misses_to_failsafe,
+            lockstep_timeout_s: section.lockstep_timeout_s.0,
+            recorder_timeout_s: section.recorder_timeout_s.0,
+            inject: section.inject,
+        })
+    }
+
+    fn state_value(&self, here: &[Step<'_>], name: &str, amount: &Amount) -> Result<f64, LaunchError> {
+        let Some(i) = self.vehicle.state_index(name) else {
+            return Err(self.document.error_at(here, unknown("state", name, self.states())));
+        };
+        self.si(here, amount, self.vehicle.states[i].unit.unit())
+    }
+
+    fn input_value(&self, here: &[Step<'_>], name: &str, amount: &Amount) -> Result<f64, LaunchError> {
+        let Some(i) = self.vehicle.input_index(name) else {
+            return Err(self.document.error_at(here, unknown("input", name, self.inputs())));
+        };
+        self.si(here, amount, self.vehicle.inputs[i].unit.unit())
+    }
+
+    fn si(&self, here: &[Step<'_>], amount: &Amount, unit: &Unit) -> Result<f64, LaunchError> {
+        amount.si(unit).map_err(|e| self.document.error_at(here, e.to_string()))
+    }
+
+    /// Steps of the setpoint (by state) or of the stick (by input), which must come in time order.
+    fn changes(
+        &self,
+        key: &str,
+        entries: &[BTreeMap<String, Amount>],
+        of_states: bool,
+    ) -> Result<Vec<SignalChange>, LaunchError> {
+        let mut changes: Vec<SignalChange> = Vec::new();
+        for (i, entry) in entries.iter().enumerate() {
+            let Some(at) = entry.get("at_s") else {
+                return Err(self.document.error_at(at![key, i], "the key 'at_s' is missing here: add it"));
+            };
+            let at_s = self.si(at![key, i, "at_s"], at, &Unit::SECOND)?;
+            if at_s < changes.last().map_or(0.0, |c| c.at_s) {
+                let message = format!("steps must be in time order, from 0 on; {at_s} s comes too late here");
+                return Err(self.document.error_at(at![key, i, "at_s"], message));
+            }
+            let mut values = BTreeMap::new();
+            for (name, amount) in entry.iter().filter(|(name, _)| *name != "at_s") {
+                let here = at![key, i, name];
+                let value = if of_states {
+                    self.state_value(here, name, amount)?
+                } else {
+                    self.input_value(here, name, amount)?
+                };
+                values.insert(name.clone(), value);
+            }
+            changes.push(SignalChange { at_s, values });
+        }
+        Ok(changes)
+    }
+
+    /// The launch file's effects, and the vehicle that has them.
+    fn effects(&self, count: usize) -> Result<(Vec<Effect>, Vehicle), LaunchError> {
+        let mut extended = self.vehicle.clone();
+        let own = extended.effects.len();
+        for i in 0..count {
+            let here: &[_] = at!["effects", i];
+            let Some(effect) = self.document.read_at::<Effect>(here)? else { continue };
+            extended.add_effect(effect).map_err(|e| {
+                let field = e.field.clone().unwrap_or_else(|| "where".into());
+                self.document.error_at(at!["effects", i, &field], e.to_string())
+            })?;
+        }
+        Ok((extended.effects[own..].to_vec(), extended))
+    }
+
+    fn zenoh(&self, file: &LaunchFile, folder: &Path) -> ZenohConfig {
+        ZenohConfig {
+            listen: file.zenoh.listen.clone(),
+            connect: file.zenoh.connect.clone(),
+            config: file.zenoh.config.as_ref().map(|path| folder.join(path)),
+        }
+    }
+}

@@ -1,0 +1,232 @@
+//! What a launch file can say. `docs/launch-file.md` is its manual.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+use whirlstand_bus::Transport;
+use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig};
+
+use super::amount::{Amount, Seconds};
+
+/// A launch file as it is written; [`super::plan`] makes a runnable bench of it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LaunchFile {
+    /// Name of the bench; the file's name without it.
+    pub name: Option<String>,
+    /// One line on what the bench shows.
+    #[serde(default)]
+    pub description: String,
+    /// Built-in vehicle, or a path relative to the launch file.
+    pub vehicle: String,
+    /// Who keeps the time.
+    #[serde(default = "realtime")]
+    pub mode: Mode,
+    /// What carries the messages.
+    #[serde(default = "iceoryx2")]
+    pub transport: Transport,
+    /// Rate of the loop, Hz.
+    #[serde(default = "rate")]
+    pub rate_hz: f64,
+    /// Bench time of the run.
+    #[serde(default = "duration")]
+    pub duration_s: Seconds,
+    /// Seed of every random number.
+    #[serde(default = "seed")]
+    pub seed: u64,
+    /// Effects, added to the vehicle's; read one by one so that errors know their line.
+    #[serde(default)]
+    pub effects: Vec<IgnoredAny>,
+    #[serde(default)]
+    pub plant: PlantSection,
+    #[serde(default)]
+    pub estimator: EstimatorConfig,
+    pub controller: ControllerConfig,
+    /// Steps of the reference: `at_s` and values by state or output.
+    #[serde(default)]
+    pub setpoint: Vec<BTreeMap<String, Amount>>,
+    /// Steps of the stick: `at_s` and values by input.
+    #[serde(default)]
+    pub stick: Vec<BTreeMap<String, Amount>>,
+    #[serde(default)]
+    pub recorder: RecorderSection,
+    /// Options of single nodes, and programs that take their place or join them.
+    #[serde(default)]
+    pub nodes: BTreeMap<String, NodeSection>,
+    #[serde(default)]
+    pub zenoh: ZenohSection,
+    /// What must hold at the end; read by [`super::expect`].
+    #[serde(default)]
+    pub expect: BTreeMap<String, IgnoredAny>,
+    /// Several runs of the bench, compared in one report.
+    #[serde(default)]
+    pub variants: Vec<VariantSection>,
+}
+
+/// `[plant]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct PlantSection {
+    /// Engine state: amplitude of the vibration.
+    pub engine: Engine,
+    /// Initial states by name.
+    pub initial: BTreeMap<String, Amount>,
+    /// Consecutive misses until the failsafe.
+    pub misses_to_failsafe: u32,
+    /// Longest wall-clock wait for a command in lockstep.
+    pub lockstep_timeout_s: Seconds,
+    /// Longest wall-clock wait for the recorder in lockstep.
+    pub recorder_timeout_s: Seconds,
+    /// Longest wall-clock wait for the other nodes before step 0.
+    pub start_timeout_s: Seconds,
+    /// Take disturbances from topic `inject`.
+    pub inject: bool,
+}
+
+impl Default for PlantSection {
+    fn default() -> Self {
+        let node = PlantConfig::default();
+        Self {
+            engine: node.engine,
+            initial: BTreeMap::new(),
+            misses_to_failsafe: node.misses_to_failsafe,
+            lockstep_timeout_s: Seconds(node.lockstep_timeout_s),
+            recorder_timeout_s: Seconds(node.recorder_timeout_s),
+            start_timeout_s: Seconds(10.0),
+            inject: node.inject,
+        }
+    }
+}
+
+/// `[recorder]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct RecorderSection {
+    /// Whether the run keeps a log.
+    pub enabled: bool,
+}
+
+impl Default for RecorderSection {
+    fn default() -> Self {
+        Self { enabled: true }
+    }
+}
+
+/// `[nodes.NAME]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct NodeSection {
+    /// Program and arguments that run instead of the built-in node, or as a node of a new name.
+    pub exec: Option<Vec<String>>,
+    /// More environment variables for `exec`.
+    pub env: BTreeMap<String, String>,
+    /// How the launcher learns that the node is ready.
+    pub ready: Ready,
+    /// The node runs elsewhere, started by hand with `whirlstand node`; the launcher does not start it.
+    pub external: bool,
+    /// Zenoh endpoints that this node listens on instead of those of `[zenoh]`.
+    pub listen: Vec<String>,
+    /// Zenoh endpoints that this node connects to, beside those of `[zenoh]`.
+    pub connect: Vec<String>,
+    /// What happens when the node dies.
+    pub restart: Restart,
+    /// How often it is restarted at most.
+    pub max_restarts: u32,
+    /// Longest time until it is ready.
+    pub ready_timeout_s: Seconds,
+    /// Longest silence of a node that publishes `Health`; then it is killed and counts as failed.
+    pub hang_timeout_s: Seconds,
+    /// Time between asking it to end (SIGTERM) and killing it (SIGKILL).
+    pub stop_timeout_s: Seconds,
+    /// Priority under SCHED_FIFO, 1 to 99.
+    pub priority: Option<u8>,
+    /// CPUs that it may use; empty: all.
+    pub cpus: Vec<usize>,
+    /// Lock all memory.
+    pub lock_memory: bool,
+}
+
+impl Default for NodeSection {
+    fn default() -> Self {
+        Self {
+            exec: None,
+            env: BTreeMap::new(),
+            ready: Ready::Notify,
+            external: false,
+            listen: Vec::new(),
+            connect: Vec::new(),
+            restart: Restart::OnFailure,
+            max_restarts: 3,
+            ready_timeout_s: Seconds(15.0),
+            hang_timeout_s: Seconds(5.0),
+            stop_timeout_s: Seconds(3.0),
+            priority: None,
+            cpus: Vec::new(),
+            lock_memory: false,
+        }
+    }
+}
+
+/// How a node becomes ready.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Ready {
+    /// It sends `READY=1` to `NOTIFY_SOCKET`, as under systemd.
+    Notify,
+    /// It is ready as soon as it has started.
+    Start,
+}
+
+/// What happens when a node dies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Restart {
+    /// The run ends.
+    Never,
+    /// It is started again, `max_restarts` times at most.
+    OnFailure,
+}
+
+/// `[zenoh]`.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct ZenohSection {
+    /// Endpoints that every node listens on, with port 0 so that each takes a free one; empty: on the loopback.
+    pub listen: Vec<String>,
+    /// Endpoints that every node connects to, beside the other nodes of the bench.
+    pub connect: Vec<String>,
+    /// Zenoh's own configuration file (JSON5), relative to the launch file.
+    pub config: Option<String>,
+}
+
+/// `[[variants]]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct VariantSection {
+    /// Name of the run; also its folder.
+    pub name: String,
+    /// What differs: dotted keys and values, as with `--set`.
+    #[serde(default)]
+    pub set: toml::Table,
+}
+
+fn realtime() -> Mode {
+    Mode::Realtime
+}
+
+fn iceoryx2() -> Transport {
+    Transport::Iceoryx2
+}
+
+fn rate() -> f64 {
+    200.0
+}
+
+fn duration() -> Seconds {
+    Seconds(12.0)
+}
+
+fn seed() -> u64 {
+    1
+}

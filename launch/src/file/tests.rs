@@ -1,0 +1,139 @@
+//! The built-in launch files, the examples of the manual, and what overrides and variants make of a file.
+
+use whirlstand_bus::Transport;
+use whirlstand_nodes::config::{LawKind, Mode, Role};
+
+use super::builtin::{BUILTIN, DEFAULT, Found};
+use super::document::{Document, LaunchError};
+use super::jobs::{Jobs, jobs, jobs_of};
+use crate::cli::{ModeArg, OverrideArgs, TransportArg};
+
+fn read(text: &str, overrides: &OverrideArgs) -> Result<Jobs, LaunchError> {
+    let document = Document::parse("a.toml", text)?;
+    jobs_of(&Found { document, name: "a".into(), folder: ".".into() }, overrides, false)
+}
+
+fn plain(text: &str) -> Result<Jobs, LaunchError> {
+    read(text, &OverrideArgs::default())
+}
+
+const SMALL: &str = "vehicle = 'quadrotor'\ncontroller.law = 'smc'\n";
+
+#[test]
+fn every_built_in_file_reads_and_is_disturbed_at_6_s() {
+    for (name, _) in BUILTIN {
+        let jobs = jobs(name, &OverrideArgs::default(), false).unwrap_or_else(|e| panic!("{e}"));
+        assert!(!jobs.description.is_empty(), "{name}");
+        for job in &jobs.runs {
+            let onset = job.plan.config.effects.iter().filter_map(|e| e.parameter("at_s"));
+            assert!(onset.into_iter().any(|t| t == 6.0), "{name}");
+            assert_eq!(job.plan.config.mode, Mode::Realtime);
+            assert!(!job.plan.expect.is_empty() || job.variant.as_deref() == Some("manual"), "{name}");
+        }
+    }
+    let default = jobs(DEFAULT, &OverrideArgs::default(), false).unwrap();
+    assert_eq!(default.runs[0].plan.config.controller.law, LawKind::Smc);
+}
+
+#[test]
+fn the_examples_of_the_manual_are_valid() {
+    let manual = include_str!("../../../docs/launch-file.md");
+    let blocks: Vec<&str> = manual.split("```toml\n").skip(1).filter_map(|b| b.split("```").next()).collect();
+    assert!(blocks.len() >= 6);
+    for block in blocks {
+        plain(block).unwrap_or_else(|e| panic!("{e}\n{block}"));
+    }
+}
+
+#[test]
+fn quantities_arrive_in_si() {
+    let text = format!(
+        "{SMALL}plant.initial = {{ roll = '5 deg' }}\n[[setpoint]]\nat_s = '500 ms'\npitch = '-3 deg'\n"
+    );
+    let jobs = plain(&text).unwrap();
+    let config = &jobs.runs[0].plan.config;
+    assert_eq!(config.plant.initial["roll"], 5f64.to_radians());
+    assert_eq!((config.setpoint[0].at_s, config.setpoint[0].values["pitch"]), (0.5, -3f64.to_radians()));
+    assert_eq!((config.period_ns, config.steps), (5_000_000, 2400));
+}
+
+#[test]
+fn the_command_line_is_stronger_than_a_variant_and_a_variant_than_the_file() {
+    let text = format!(
+        "{SMALL}seed = 1\n[[variants]]\nname = 'one'\nset = {{ 'controller.law' = 'lqr', seed = 2 }}\n\
+         [[variants]]\nname = 'two'\n[variants.set.controller]\nlaw = 'ppc'\n"
+    );
+    let overrides = OverrideArgs {
+        mode: Some(ModeArg::Lockstep),
+        transport: Some(TransportArg::Zenoh),
+        duration: Some(3.0),
+        seed: Some(9),
+        set: vec!["plant.engine=off".into()],
+    };
+    let runs = read(&text, &overrides).unwrap().runs;
+    let found: Vec<_> = runs
+        .iter()
+        .map(|r| {
+            (
+                r.variant.as_deref().unwrap(),
+                r.plan.config.controller.law,
+                r.plan.config.seed,
+                r.plan.config.steps,
+            )
+        })
+        .collect();
+    assert_eq!(found, [("one", LawKind::Lqr, 9, 600), ("two", LawKind::Ppc, 9, 600)]);
+    let config = &runs[0].plan.config;
+    assert_eq!((config.mode, config.transport), (Mode::Lockstep, Transport::Zenoh));
+    let kept = &config.recorder.as_ref().unwrap().launch_text;
+    assert!(kept.contains("# overridden: --seed 9") && kept.contains("--set plant.engine=off"), "{kept}");
+    let file_alone = plain(&text).unwrap().runs;
+    assert_eq!(file_alone.iter().map(|r| r.plan.config.seed).collect::<Vec<_>>(), [2, 1]);
+}
+
+#[test]
+fn mistakes_in_variants_are_told_with_line_and_variant() {
+    let text = format!("{SMALL}[[variants]]\nname = 'one'\nset = {{ 'controller.lwa' = 'lqr' }}\n");
+    let error = plain(&text).unwrap_err().to_string();
+    assert!(error.contains("line 5") && error.contains("variant one") && error.contains("'law'"), "{error}");
+    let twice = format!("{SMALL}[[variants]]\nname = 'one'\n[[variants]]\nname = 'one'\n");
+    assert!(plain(&twice).unwrap_err().to_string().contains("line 6"), "{:?}", plain(&twice));
+    let folder = format!("{SMALL}[[variants]]\nname = '../x'\n");
+    assert!(plain(&folder).unwrap_err().to_string().contains("names a folder"));
+}
+
+#[test]
+fn nodes_are_replaced_added_and_refused() {
+    let text =
+        format!("{SMALL}[nodes.controller]\nexec = ['python3', 'c.py']\n[nodes.viewer]\nexec = ['v']\n");
+    let plan = plain(&text).unwrap().runs.remove(0).plan;
+    let names: Vec<_> = plan.nodes.iter().map(|n| n.name.as_str()).collect();
+    assert_eq!(
+        names,
+        ["recorder", "estimator", "plant", "controller", "viewer"],
+        "foreign programs come last"
+    );
+    assert_eq!(plan.config.peers, [Role::Estimator, Role::Recorder]);
+    for (section, word) in [
+        ("[nodes.controler]\npriority = 1\n", "'controller'"),
+        ("[nodes.viewer]\nready = 'start'\n", "exec"),
+        ("[nodes.plant]\npriority = 100\n", "1 to 99"),
+        ("[nodes.plant]\nexternal = true\n", "started here"),
+        ("[nodes.controller]\nexec = ['x']\nlock_memory = true\n", "mlockall"),
+        ("[nodes.controller]\nexec = []\n", "program"),
+        ("[nodes.controller]\nlisten = ['tcp/127.0.0.1:1']\n", "zenoh"),
+        ("[zenoh]\nlisten = ['tcp/127.0.0.1:7447']\n", ":0"),
+        ("[nodes.'a b']\nexec = ['x']\n", "cannot be used"),
+    ] {
+        let error = plain(&format!("{SMALL}{section}")).unwrap_err();
+        assert!(error.place.contains("line") && error.message.contains(word), "{section}: {error}");
+    }
+}
+
+#[test]
+fn no_log_leaves_the_recorder_out() {
+    let jobs = jobs(DEFAULT, &OverrideArgs::default(), true).unwrap();
+    let plan = &jobs.runs[0].plan;
+    assert!(plan.config.recorder.is_none() && !plan.config.telemetry);
+    assert!(plan.nodes.iter().all(|n| n.role != Some(Role::Recorder)));
+}

@@ -1,0 +1,85 @@
+//! `whirlstand run`: a bench from its launch file to its verdict.
+
+mod one;
+mod progress;
+mod start;
+mod summary;
+mod verdict;
+
+use std::process::ExitCode;
+
+pub(crate) use one::{Ran, fly};
+pub(crate) use start::{default_out, unique_bench};
+
+use crate::cli::RunArgs;
+use crate::error::Failure;
+use crate::file::{DEFAULT, Jobs, jobs};
+use crate::supervisor::Ending;
+
+/// Runs a launch file, all its variants one after the other, and leaves log, summary and report.
+pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
+    let jobs = jobs(args.launch.as_deref().unwrap_or(DEFAULT), &args.overrides, args.no_log)?;
+    let out = args.out.clone().unwrap_or_else(|| default_out(&jobs.name));
+    std::fs::create_dir_all(&out).map_err(|e| Failure::file("make the folder", &out, &e))?;
+    let out = out.canonicalize().map_err(|e| Failure::file("use the folder", &out, &e))?;
+    let mut runs = Vec::new();
+    for job in &jobs.runs {
+        let mut plan = job.plan.clone();
+        plan.config.bench = args.bench.clone().unwrap_or_else(|| unique_bench(&plan.name));
+        let folder = match &job.variant {
+            Some(variant) => out.join(variant),
+            None => out.clone(),
+        };
+        if !args.json {
+            announce(&jobs, job.variant.as_deref(), &plan);
+        }
+        let mut progress = progress::Progress::new(&plan.config, !args.json);
+        let ran = fly(&plan, &folder, &mut progress);
+        progress.finish();
+        let ran = ran?;
+        let stop = matches!(ran.outcome.ending, Ending::Interrupted(_));
+        runs.push(summary::summarise(job.variant.as_deref(), &plan, ran));
+        if stop {
+            break;
+        }
+    }
+    let whole = summary::write(&jobs, &out, &runs)?;
+    if args.json {
+        crate::command::print_json(&whole)?;
+    } else {
+        crate::command::print(&verdict::words(&out, &runs))?;
+    }
+    Ok(exit_code(&runs))
+}
+
+fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan) {
+    let config = &plan.config;
+    let law = serde_json::to_value(config.controller.law).ok();
+    let mode = serde_json::to_value(config.mode).ok();
+    let word = |v: &Option<serde_json::Value>| v.as_ref().and_then(|v| v.as_str()).unwrap_or("").to_string();
+    let variant = variant.map_or(String::new(), |v| format!(" / {v}"));
+    anstream::eprintln!(
+        "{}{}: {} under {}, {} at {} Hz for {} s over {}, seed {}",
+        crate::style::strong(&jobs.name),
+        crate::style::strong(&variant),
+        plan.vehicle.name,
+        word(&law),
+        word(&mode),
+        1e9 / config.period_ns as f64,
+        config.steps as f64 * config.period_ns as f64 * 1e-9,
+        config.transport,
+        config.seed,
+    );
+}
+
+/// 0 when all went well, 1 when a run or an expectation failed, 2 when the user can mend it, 128 + n after signal n.
+fn exit_code(runs: &[summary::Summarised]) -> ExitCode {
+    let code = runs.iter().map(|run| match &run.ending {
+        Ending::Interrupted(signal) => 128 + *signal as u8,
+        Ending::Failed(failure) if failure.mendable => 2,
+        Ending::Failed(_) => 1,
+        Ending::Complete if run.holds() => 0,
+        Ending::Complete => 1,
+    });
+    ExitCode::from(code.max().unwrap_or(0))
+}

@@ -1,0 +1,85 @@
+//! One run of one bench: in this process, or as processes under the supervisor.
+
+use std::path::{Path, PathBuf};
+
+use whirlstand_bus::Transport;
+use whirlstand_nodes::inproc::run_inproc;
+use whirlstand_nodes::os::StopFlag;
+
+use super::start::{Listener, bench_spec, sweep};
+use crate::command::node::is_mendable;
+use crate::error::Failure;
+use crate::file::Plan;
+use crate::supervisor::{Observer, Outcome, ThreadEnd, supervise, supervise_thread};
+
+/// A run that is over.
+#[derive(Debug)]
+pub(crate) struct Ran {
+    /// What it was like from outside.
+    pub outcome: Outcome,
+    /// The log; `None` when the run keeps none.
+    pub log: Option<PathBuf>,
+    /// Why something of the bench is left in shared memory.
+    pub residue: Option<String>,
+}
+
+/// Runs a planned bench to its end and leaves nothing of it behind but the log in `folder`.
+///
+/// # Errors
+/// When the bench cannot even be started; a run that fails is no error here.
+pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Result<Ran, Failure> {
+    std::fs::create_dir_all(folder).map_err(|e| Failure::file("make the folder", folder, &e))?;
+    let mut plan = plan.clone();
+    let log = folder.join("log.mcap");
+    if let Some(recorder) = &mut plan.config.recorder {
+        recorder.path = log.to_string_lossy().into_owned();
+        remove_old_logs(folder)?;
+    }
+    let log = plan.config.recorder.is_some().then_some(log);
+    if plan.config.transport == Transport::Inproc {
+        let outcome = fly_in_thread(&plan, observer)?;
+        return Ok(Ran { outcome, log, residue: None });
+    }
+    let sockets = tempfile::Builder::new()
+        .prefix("whirlstand-")
+        .tempdir()
+        .map_err(|e| Failure::file("make a folder for sockets in", &std::env::temp_dir(), &e))?;
+    let spec = bench_spec(&plan, sockets.path(), folder)?;
+    let mut listener = Listener::open(&plan.config)?;
+    observer.opened(listener.bus()).map_err(Failure::mend)?;
+    tracing::debug!(bench = plan.config.bench, "the bench is open");
+    let outcome = supervise(spec, &mut listener, observer);
+    drop(listener);
+    let residue = sweep(&plan.config.bench).err().map(|e| e.to_string());
+    let outcome = outcome.map_err(|e| Failure::Run(format!("the supervisor failed: {e}")))?;
+    Ok(Ran { outcome, log, residue })
+}
+
+fn fly_in_thread(plan: &Plan, observer: &mut dyn Observer) -> Result<Outcome, Failure> {
+    let mut listener = Listener::open(&plan.config)?;
+    let config = plan.config.clone();
+    let flag = StopFlag::default();
+    let body = {
+        let flag = flag.clone();
+        move || -> ThreadEnd {
+            match run_inproc(&config, &flag) {
+                Ok(ended) => Ok(ended.reports.into_iter().map(|(_, health)| health).collect()),
+                Err(e) => Err((e.to_string(), is_mendable(&e))),
+            }
+        }
+    };
+    supervise_thread(body, || flag.set(), &mut listener, observer)
+        .map_err(|e| Failure::Run(format!("the supervisor failed: {e}")))
+}
+
+/// Removes the logs of an earlier run into the same folder, so that none of its parts is taken for one of this run.
+fn remove_old_logs(folder: &Path) -> Result<(), Failure> {
+    let entries = std::fs::read_dir(folder).map_err(|e| Failure::file("use the folder", folder, &e))?;
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        if name.starts_with("log.") && name.ends_with("mcap") {
+            std::fs::remove_file(&path).map_err(|e| Failure::file("remove the old log", &path, &e))?;
+        }
+    }
+    Ok(())
+}

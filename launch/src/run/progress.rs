@@ -1,0 +1,131 @@
+//! What is seen while a bench runs: one live line on a terminal, now and then a line elsewhere.
+
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use whirlstand_msgs::NodeState;
+use whirlstand_nodes::config::NodeConfig;
+
+use super::start::Every;
+use crate::supervisor::{Ending, Event, HealthBook, Observer, Wish};
+
+/// How often a line is written where no terminal shows the live one.
+const QUIET_LINE: Duration = Duration::from_secs(5);
+
+/// Shows the progress of one run on standard error.
+pub(crate) struct Progress {
+    bar: ProgressBar,
+    period_s: f64,
+    restarts: u32,
+    /// Step of the plant and time, at the last measurement of the pace.
+    last: Option<(u64, Instant)>,
+    steps_per_s: f64,
+    quiet: Option<Every>,
+    failsafe: bool,
+}
+
+impl Progress {
+    /// Starts showing; `shown` is false when nothing shall be seen but warnings.
+    pub fn new(config: &NodeConfig, shown: bool) -> Self {
+        let bar = if shown { ProgressBar::new(config.steps) } else { ProgressBar::hidden() };
+        let style = ProgressStyle::with_template("{bar:24.cyan/dim} {percent:>3}%  {msg}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        let quiet = (shown && bar.is_hidden()).then(|| Every::new(QUIET_LINE, Instant::now()));
+        Self {
+            bar,
+            period_s: config.period_ns as f64 * 1e-9,
+            restarts: 0,
+            last: None,
+            steps_per_s: 0.0,
+            quiet,
+            failsafe: false,
+        }
+    }
+
+    /// Takes the live line away.
+    pub fn finish(self) {
+        self.bar.finish_and_clear();
+    }
+
+    fn say(&self, line: &str) {
+        self.bar.suspend(|| anstream::eprintln!("{line}"));
+    }
+
+    fn status(&mut self, now: Instant, health: &HealthBook) -> Option<(u64, String)> {
+        let plant = health.get("plant")?;
+        let step = plant.latest.head.step;
+        match self.last {
+            Some((before, at)) if now.duration_since(at) < Duration::from_millis(400) => {
+                self.steps_per_s = if self.steps_per_s > 0.0 || step == before {
+                    self.steps_per_s
+                } else {
+                    (step.saturating_sub(before)) as f64 / now.duration_since(at).as_secs_f64().max(1e-3)
+                };
+            }
+            Some((before, at)) => {
+                self.steps_per_s = step.saturating_sub(before) as f64 / now.duration_since(at).as_secs_f64();
+                self.last = Some((step, now));
+            }
+            None => self.last = Some((step, now)),
+        }
+        let counts = plant.counts();
+        let state = match NodeState::from_u32(plant.latest.state) {
+            Some(NodeState::Failsafe) => "  FAILSAFE",
+            Some(NodeState::Starting) => "  waiting for the other nodes",
+            _ => "",
+        };
+        let text = format!(
+            "t {:7.2} s  {:>9.0} steps/s  misses {}  lost {}  restarts {}{state}",
+            step as f64 * self.period_s,
+            self.steps_per_s,
+            counts.deadline_misses,
+            health.lost(),
+            self.restarts,
+        );
+        Some((step, text))
+    }
+}
+
+impl Observer for Progress {
+    fn line(&mut self, node: &str, line: &str) {
+        self.say(&format!("[{node}] {line}"));
+    }
+
+    fn event(&mut self, event: &Event) {
+        match event {
+            Event::Started { node, pid } => tracing::debug!("{node} runs as process {pid}"),
+            Event::Ready { node, pid } => tracing::debug!("{node} (process {pid}) is ready"),
+            Event::Status { node, text } => tracing::info!("{node}: {text}"),
+            Event::Restarted { node, how, attempt, allowed } => {
+                self.restarts += 1;
+                self.say(&format!("{node} {how}; it is started again (restart {attempt} of {allowed})"));
+            }
+            Event::KilledAtEnd { node, after } => {
+                self.say(&format!("{node} did not end within {} s and was killed", after.as_secs_f64()));
+            }
+            Event::Ending(Ending::Interrupted(signal)) => {
+                let name = signal_hook::low_level::signal_name(*signal).unwrap_or("a signal");
+                self.say(&format!("{name}: the bench is stopped in order (a second signal kills it)"));
+            }
+            Event::Ending(_) => {}
+        }
+    }
+
+    fn tick(&mut self, now: Instant, health: &HealthBook) -> Wish {
+        let Some((step, text)) = self.status(now, health) else { return Wish::GoOn };
+        let failsafe = health.state("plant") == Some(NodeState::Failsafe);
+        if failsafe != std::mem::replace(&mut self.failsafe, failsafe) {
+            let t = step as f64 * self.period_s;
+            self.say(&match failsafe {
+                true => format!("the plant is in its failsafe (inputs neutral) at {t:.2} s"),
+                false => format!("the plant has left its failsafe at {t:.2} s"),
+            });
+        }
+        if self.quiet.as_mut().is_some_and(|q| q.is_due(now)) {
+            self.say(&text);
+        }
+        self.bar.set_position(step);
+        self.bar.set_message(text);
+        Wish::GoOn
+    }
+}

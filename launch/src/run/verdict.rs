@@ -1,0 +1,136 @@
+//! A run in words: a few lines at its end, and one sentence for the report.
+
+use std::path::Path;
+
+use whirlstand_ident::RunSummary;
+use whirlstand_ident::units::shown;
+
+use super::summary::Summarised;
+use crate::style;
+use crate::supervisor::Ending;
+
+/// Outputs that are told of in the verdict, those moved most first.
+const TOLD: usize = 4;
+
+/// The lines at the end.
+pub(super) fn words(out: &Path, runs: &[Summarised]) -> String {
+    let mut text = String::new();
+    for run in runs {
+        text.push_str(&of_run(run));
+    }
+    let mut file = |head: &str, name: &str| {
+        let path = out.join(name);
+        if path.is_file() {
+            text.push_str(&format!("  {:<12}{}\n", head, path.display()));
+        }
+    };
+    file("summary", "summary.json");
+    file("report", "report.html");
+    text
+}
+
+fn of_run(run: &Summarised) -> String {
+    let verdict = match &run.ending {
+        Ending::Complete if run.holds() => style::good("completed"),
+        Ending::Complete => style::bad("completed, but not as expected"),
+        Ending::Interrupted(signal) => {
+            let name = signal_hook::low_level::signal_name(*signal).unwrap_or("a signal");
+            style::bad(&format!("ended early by {name}"))
+        }
+        Ending::Failed(failure) => style::bad(&format!("failed: {} {}", failure.node, failure.how)),
+    };
+    let mut text = format!("{} {verdict}\n", style::strong(&run.name));
+    let mut row = |head: &str, body: String| text.push_str(&format!("  {head:<12}{body}\n"));
+    if let Ending::Failed(failure) = &run.ending {
+        for line in &failure.last_words {
+            row("", style::dim(line));
+        }
+    }
+    if let Some(figures) = &run.figures {
+        for (i, event) in figures.disturbances.iter().enumerate() {
+            let head = if i == 0 { "disturbance" } else { "" };
+            row(
+                head,
+                format!("at {:.2} s on {}: {}", event.at_s, event.place, response(figures, event.at_s)),
+            );
+        }
+    }
+    row("timing", timing(run));
+    let restarts: Vec<_> = run.restarts.iter().map(|(node, n)| format!("{node} {n}")).collect();
+    if !restarts.is_empty() {
+        row("restarts", restarts.join(", "));
+    }
+    if run.timing.failsafe_steps > 0 {
+        row("failsafe", style::bad(&format!("{} steps", run.timing.failsafe_steps)));
+    }
+    if !run.expect.is_empty() {
+        let holding = run.expect.iter().filter(|v| v.holds).count();
+        row("expected", format!("{holding} of {} hold", run.expect.len()));
+        for why in run.expect.iter().filter_map(|v| v.why.as_ref()) {
+            row("", style::bad(why));
+        }
+    }
+    for problem in &run.problems {
+        row("problem", style::bad(problem));
+    }
+    if let Some(log) = &run.log {
+        row("log", log.display().to_string());
+    }
+    text
+}
+
+/// What a disturbance did to the outputs that it moved most, in multiples of what their sensors can see.
+fn response(figures: &RunSummary, at_s: f64) -> String {
+    let mut moved: Vec<_> = figures
+        .outputs
+        .iter()
+        .filter(|(name, _)| !name.ends_with("_rate"))
+        .filter_map(|(name, o)| Some((name, o, o.disturbances.iter().find(|d| d.at_s == at_s)?)))
+        .filter(|(_, _, d)| d.peak > d.band)
+        .collect();
+    moved.sort_by(|a, b| (b.2.peak / b.2.band.max(1e-12)).total_cmp(&(a.2.peak / a.2.band.max(1e-12))));
+    if moved.is_empty() {
+        return "nothing that could be seen".into();
+    }
+    let told = moved.iter().take(TOLD).map(|(name, o, d)| match d.recovery_s {
+        Some(back) => format!("{name} by {}, back after {back:.2} s", shown(d.peak, &o.unit)),
+        None => format!("{name} by {}, not back", shown(d.peak, &o.unit)),
+    });
+    told.collect::<Vec<_>>().join("; ")
+}
+
+fn timing(run: &Summarised) -> String {
+    let mut text = format!(
+        "{} steps in {:.2} s, deadline misses {}, lost {}",
+        run.steps, run.wall_s, run.timing.deadline_misses, run.timing.lost
+    );
+    if let Some(l) = run.timing.nodes.get("plant").and_then(|p| p.latency) {
+        text.push_str(&format!(
+            "; command latency p50 {:.0} us, p99 {:.0} us, max {:.0} us",
+            l.p50_us, l.p99_us, l.max_us
+        ));
+    }
+    text
+}
+
+/// The verdict over all runs in a sentence.
+pub(super) fn sentence(runs: &[Summarised]) -> String {
+    let of_run = |run: &Summarised| {
+        let end = match &run.ending {
+            Ending::Complete if run.holds() => "completed".to_string(),
+            Ending::Complete => {
+                let broken: Vec<_> = run.expect.iter().filter(|v| !v.holds).map(|v| v.key.as_str()).collect();
+                let all: Vec<_> = broken.into_iter().chain(run.problems.iter().map(String::as_str)).collect();
+                format!("completed, but not as expected ({})", all.join(", "))
+            }
+            Ending::Interrupted(_) => "was ended early".to_string(),
+            Ending::Failed(failure) => format!("failed: {} {}", failure.node, failure.how),
+        };
+        let gust = run.figures.as_ref().and_then(|f| {
+            let event = f.disturbances.first()?;
+            Some(format!("; the disturbance at {:.1} s moved {}", event.at_s, response(f, event.at_s)))
+        });
+        format!("{} {end}{}", run.name, gust.unwrap_or_default())
+    };
+    runs.iter().map(of_run).collect::<Vec<_>>().join(". ") + "."
+}

@@ -1,0 +1,320 @@
+//! The event loop over all nodes of a bench.
+
+use std::io;
+use std::os::fd::AsFd;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::node::{Node, Phase, in_words};
+use super::notify::Notice;
+use super::signals::Signals;
+use super::{BenchSpec, Ending, Event, HealthBook, HealthSource, Observer, Outcome, StopStage, TICK, Wish};
+
+/// The launcher itself was stopped or starved if it looks this late; silence of the nodes then means nothing.
+const STARVED: Duration = Duration::from_secs(1);
+
+/// Runs the nodes of a bench to their end.
+///
+/// No process is left behind, whatever happens: every way out kills what is still alive.
+///
+/// # Errors
+/// When the operating system refuses signals, sockets or polling; a failing node is no error but an [`Outcome`].
+pub(crate) fn supervise(
+    spec: BenchSpec,
+    health: &mut dyn HealthSource,
+    observer: &mut dyn Observer,
+) -> io::Result<Outcome> {
+    let signals = Signals::take()?;
+    let started = Instant::now();
+    let nodes = spec.nodes.iter().cloned().map(Node::new).collect();
+    let mut bench = Bench {
+        spec,
+        nodes,
+        signals,
+        health,
+        observer,
+        book: HealthBook::default(),
+        ending: None,
+        stage: StopStage::First,
+        killed_at_end: Vec::new(),
+        looked: started,
+        not_silent_before: started,
+    };
+    loop {
+        bench.start_waiting(Instant::now());
+        if bench.is_over() {
+            break;
+        }
+        bench.wait()?;
+        bench.look(Instant::now());
+    }
+    Ok(Outcome {
+        ending: bench.ending.unwrap_or(Ending::Complete),
+        restarts: bench
+            .nodes
+            .iter()
+            .filter(|n| n.restarts > 0)
+            .map(|n| (n.spec.name.clone(), n.restarts))
+            .collect(),
+        killed_at_end: bench.killed_at_end,
+        health: bench.book,
+        wall: started.elapsed(),
+    })
+}
+
+struct Bench<'a> {
+    spec: BenchSpec,
+    nodes: Vec<Node>,
+    signals: Signals,
+    health: &'a mut dyn HealthSource,
+    observer: &'a mut dyn Observer,
+    book: HealthBook,
+    /// Set once the run is ending.
+    ending: Option<Ending>,
+    /// The nodes of this stage and of those before are asked to end.
+    stage: StopStage,
+    killed_at_end: Vec<String>,
+    looked: Instant,
+    /// Silence counts from here at the earliest.
+    not_silent_before: Instant,
+}
+
+impl Bench<'_> {
+    fn is_over(&self) -> bool {
+        self.ending.is_some() && self.nodes.iter().all(|n| !n.is_alive())
+    }
+
+    /// Starts what waits; over a network one after the other, because each is told the addresses of the others.
+    fn start_waiting(&mut self, now: Instant) {
+        for i in 0..self.nodes.len() {
+            if self.ending.is_some() {
+                return;
+            }
+            if self.nodes[i].phase != Phase::Waiting {
+                continue;
+            }
+            if self.spec.exchange_locators && self.nodes.iter().any(|n| matches!(n.phase, Phase::Starting(_)))
+            {
+                return;
+            }
+            let connect = if self.spec.exchange_locators { self.locators() } else { Vec::new() };
+            let node = &mut self.nodes[i];
+            let name = node.spec.name.clone();
+            match node.start(&self.spec.folder, &connect, now) {
+                Ok(pid) => {
+                    self.observer.event(&Event::Started { node: name, pid });
+                    if self.nodes[i].phase == Phase::Starting(None) {
+                        self.ready(i, now);
+                    }
+                }
+                Err(e) => {
+                    let program = node.spec.command.program.to_string_lossy().into_owned();
+                    let failure = node.failure(format!("could not be started: {program}: {e}"), true);
+                    self.end(Ending::Failed(failure), now);
+                }
+            }
+        }
+    }
+
+    fn locators(&self) -> Vec<String> {
+        let mut all = self.health.locators();
+        all.extend(self.nodes.iter().filter(|n| n.is_alive()).flat_map(|n| n.locators.iter().cloned()));
+        all
+    }
+
+    /// Sleeps until something happens, at most one [`TICK`].
+    fn wait(&self) -> io::Result<()> {
+        let now = Instant::now();
+        let deadline = self.nodes.iter().filter_map(Node::deadline).min();
+        let longest = deadline.map_or(TICK, |d| d.saturating_duration_since(now).min(TICK));
+        let mut fds = vec![PollFd::new(&self.signals, PollFlags::IN)];
+        for process in self.nodes.iter().filter_map(|n| n.process.as_ref()) {
+            fds.push(PollFd::from_borrowed_fd(process.ended(), PollFlags::IN));
+            fds.push(PollFd::from_borrowed_fd(process.notify.as_fd(), PollFlags::IN));
+            // A closed pipe stays readable for ever.
+            for words in [&process.stdout, &process.stderr] {
+                if words.is_open() {
+                    fds.push(PollFd::from_borrowed_fd(words.as_fd(), PollFlags::IN));
+                }
+            }
+        }
+        let timeout = Timespec { tv_sec: longest.as_secs() as i64, tv_nsec: longest.subsec_nanos().into() };
+        match poll(&mut fds, Some(&timeout)) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
+            Err(e) => Err(e.into()),
+        }
+    }
+
+    fn look(&mut self, now: Instant) {
+        if now.duration_since(self.looked) > STARVED {
+            self.not_silent_before = now;
+        }
+        self.looked = now;
+        while let Some(signal) = self.signals.next() {
+            self.interrupted(signal, now);
+        }
+        while let Some(health) = self.health.next() {
+            self.book.hear(health, now);
+        }
+        for i in 0..self.nodes.len() {
+            for notice in self.nodes[i].notices() {
+                match notice {
+                    Notice::Ready if matches!(self.nodes[i].phase, Phase::Starting(_)) => self.ready(i, now),
+                    Notice::Status(text) => {
+                        self.observer.event(&Event::Status { node: self.nodes[i].spec.name.clone(), text });
+                    }
+                    Notice::Ready | Notice::Locator(_) => {}
+                }
+            }
+            self.repeat_lines(i);
+            self.bury(i, now);
+            self.check_deadlines(i, now);
+        }
+        self.next_stage(now);
+        if self.observer.tick(now, &self.book) == Wish::End {
+            self.end(Ending::Complete, now);
+        }
+    }
+
+    fn ready(&mut self, i: usize, now: Instant) {
+        let node = &mut self.nodes[i];
+        node.phase = Phase::Running;
+        node.ready_since = Some(now);
+        let event = Event::Ready { node: node.spec.name.clone(), pid: node.pid() };
+        self.observer.event(&event);
+    }
+
+    fn repeat_lines(&mut self, i: usize) {
+        for line in self.nodes[i].lines() {
+            self.observer.line(&self.nodes[i].spec.name, &line);
+        }
+    }
+
+    /// The first signal ends the run in order, a second one at once.
+    fn interrupted(&mut self, signal: i32, now: Instant) {
+        if self.ending.is_none() {
+            self.end(Ending::Interrupted(signal), now);
+            return;
+        }
+        for node in &mut self.nodes {
+            node.kill("was killed by a second signal to the launcher".into());
+        }
+    }
+
+    /// Deals with the end of a process.
+    fn bury(&mut self, i: usize, now: Instant) {
+        let Some(end) = self.nodes[i].reap() else { return };
+        self.repeat_lines(i);
+        self.nodes[i].release();
+        let asked = matches!(self.nodes[i].phase, Phase::Stopping(_));
+        let node = &mut self.nodes[i];
+        node.phase = Phase::Ended;
+        if !end.well {
+            self.health.node_died();
+        }
+        if self.ending.is_some() {
+            if asked && !end.well {
+                tracing::warn!("{} {} after it was asked to end", node.spec.name, end.how);
+            }
+            return;
+        }
+        if end.well && node.spec.ends_run {
+            self.end(Ending::Complete, now);
+        } else if end.well && !node.spec.needed {
+            tracing::info!("{} is done", node.spec.name);
+        } else if !end.before_ready && !end.mendable && node.restarts < node.spec.max_restarts {
+            node.restarts += 1;
+            node.phase = Phase::Waiting;
+            let event = Event::Restarted {
+                node: node.spec.name.clone(),
+                how: end.how,
+                attempt: node.restarts,
+                allowed: node.spec.max_restarts,
+            };
+            self.observer.event(&event);
+        } else {
+            let how = match node.restarts {
+                0 => end.how,
+                n => format!("{}, after {n} restarts", end.how),
+            };
+            let failure = node.failure(how, end.mendable);
+            self.end(Ending::Failed(failure), now);
+        }
+    }
+
+    fn check_deadlines(&mut self, i: usize, now: Instant) {
+        let silent = self.silence(i, now);
+        let node = &mut self.nodes[i];
+        if node.is_condemned() || !node.is_alive() {
+            return;
+        }
+        match node.phase {
+            Phase::Starting(Some(limit)) if now >= limit => {
+                let waited = match node.spec.readiness {
+                    super::Readiness::Notify(limit) => in_words(limit),
+                    super::Readiness::Start => in_words(Duration::ZERO),
+                };
+                node.kill(format!(
+                    "was not ready within {waited} (a program that does not send READY=1 to NOTIFY_SOCKET needs \
+                     `ready = \"start\"` in the launch file)"
+                ));
+            }
+            Phase::Running if silent > node.spec.hang_timeout => {
+                node.kill(format!("hung: no Health for {}, it was killed", in_words(node.spec.hang_timeout)));
+            }
+            Phase::Stopping(limit) if now >= limit => {
+                let event =
+                    Event::KilledAtEnd { node: node.spec.name.clone(), after: node.spec.stop_timeout };
+                node.kill(format!(
+                    "was killed {} after it was asked to end",
+                    in_words(node.spec.stop_timeout)
+                ));
+                self.killed_at_end.push(node.spec.name.clone());
+                self.observer.event(&event);
+            }
+            _ => {}
+        }
+    }
+
+    /// For how long a running node has said nothing of its health; none for programs that never do.
+    fn silence(&self, i: usize, now: Instant) -> Duration {
+        let node = &self.nodes[i];
+        let heard = self.book.get(&node.spec.name).filter(|h| h.latest.pid == node.pid()).map(|h| h.heard);
+        if heard.is_none() && !node.spec.publishes_health {
+            return Duration::ZERO;
+        }
+        let last = heard.max(node.ready_since).unwrap_or(now).max(self.not_silent_before);
+        now.saturating_duration_since(last)
+    }
+
+    fn end(&mut self, ending: Ending, now: Instant) {
+        if self.ending.is_some() {
+            return;
+        }
+        self.observer.event(&Event::Ending(ending.clone()));
+        self.ending = Some(ending);
+        self.stage = StopStage::First;
+        self.ask_stage(now);
+    }
+
+    fn ask_stage(&mut self, now: Instant) {
+        for node in self.nodes.iter_mut().filter(|n| n.spec.stop_stage <= self.stage) {
+            node.ask_to_end(now);
+        }
+    }
+
+    /// Goes on to the next stage when all nodes up to this one are gone.
+    fn next_stage(&mut self, now: Instant) {
+        while self.ending.is_some() {
+            let waiting = self.nodes.iter().any(|n| n.spec.stop_stage <= self.stage && n.is_alive());
+            self.stage = match self.stage {
+                _ if waiting => return,
+                StopStage::First => StopStage::Second,
+                StopStage::Second => StopStage::Last,
+                StopStage::Last => return,
+            };
+            self.ask_stage(now);
+        }
+    }
+}

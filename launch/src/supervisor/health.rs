@@ -1,0 +1,124 @@
+//! What the nodes say of themselves: the newest `Health` of each, added up over restarts.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use whirlstand_msgs::{Health, LATENCY_BUCKETS, NodeState};
+
+/// Counts of one node over the whole run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Counts {
+    pub steps: u64,
+    pub deadline_misses: u64,
+    pub lost: u64,
+    pub rejected: u64,
+    pub latency_max_ns: u64,
+    pub latency: [u64; LATENCY_BUCKETS],
+}
+
+impl Counts {
+    fn of(health: &Health) -> Self {
+        Self {
+            steps: health.steps,
+            deadline_misses: health.deadline_misses,
+            lost: health.lost,
+            rejected: health.rejected,
+            latency_max_ns: health.latency_max_ns,
+            latency: health.latency.map(u64::from),
+        }
+    }
+
+    fn plus(mut self, other: &Self) -> Self {
+        self.steps += other.steps;
+        self.deadline_misses += other.deadline_misses;
+        self.lost += other.lost;
+        self.rejected += other.rejected;
+        self.latency_max_ns = self.latency_max_ns.max(other.latency_max_ns);
+        self.latency.iter_mut().zip(other.latency).for_each(|(a, b)| *a += b);
+        self
+    }
+}
+
+/// What is known of one node.
+#[derive(Debug, Clone)]
+pub(crate) struct NodeHealth {
+    /// The newest message.
+    pub latest: Health,
+    /// When it came.
+    pub heard: Instant,
+    /// Counts of the processes before this one.
+    before: Counts,
+}
+
+impl NodeHealth {
+    /// Counts over all processes of the node.
+    pub fn counts(&self) -> Counts {
+        Counts::of(&self.latest).plus(&self.before)
+    }
+}
+
+/// The newest health of every node.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct HealthBook(BTreeMap<String, NodeHealth>);
+
+impl HealthBook {
+    /// Takes in one message. A new process number means that the node was restarted.
+    pub fn hear(&mut self, health: Health, now: Instant) {
+        let name = health.node_name().to_string();
+        match self.0.get_mut(&name) {
+            None => {
+                self.0.insert(name, NodeHealth { latest: health, heard: now, before: Counts::default() });
+            }
+            Some(known) => {
+                if known.latest.pid != health.pid {
+                    known.before = known.counts();
+                }
+                known.latest = health;
+                known.heard = now;
+            }
+        }
+    }
+
+    /// One node.
+    pub fn get(&self, node: &str) -> Option<&NodeHealth> {
+        self.0.get(node)
+    }
+
+    /// All nodes by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &NodeHealth)> {
+        self.0.iter().map(|(name, health)| (name.as_str(), health))
+    }
+
+    /// State of a node.
+    pub fn state(&self, node: &str) -> Option<NodeState> {
+        NodeState::from_u32(self.get(node)?.latest.state)
+    }
+
+    /// Messages lost, over all nodes.
+    pub fn lost(&self) -> u64 {
+        self.0.values().map(|n| n.counts().lost).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_msgs::Message;
+
+    fn health(pid: u32, steps: u64, lost: u64) -> Health {
+        let mut health = Health { pid, steps, lost, ..Health::zeroed() };
+        health.set_node_name("controller");
+        health
+    }
+
+    #[test]
+    fn counts_add_up_over_restarts() {
+        let mut book = HealthBook::default();
+        for (pid, steps, lost) in [(7, 10, 0), (7, 20, 1), (8, 5, 0), (8, 6, 2), (9, 1, 0)] {
+            book.hear(health(pid, steps, lost), Instant::now());
+        }
+        let counts = book.get("controller").unwrap().counts();
+        assert_eq!((counts.steps, counts.lost, book.lost()), (20 + 6 + 1, 3, 3));
+        assert!(book.get("plant").is_none());
+    }
+}

@@ -1,0 +1,187 @@
+//! One node of a running bench: its process, what phase it is in, and what is owed to it next.
+
+use std::io;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+
+use super::notify::{Notice, NotifySocket};
+use super::process::{Process, ending};
+use super::words::LastWords;
+use super::{NodeFailure, NodeSpec, Readiness};
+
+/// Where a node stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Phase {
+    /// Not started yet, or to be started again.
+    Waiting,
+    /// Started, not ready; counts as failed after this time.
+    Starting(Option<Instant>),
+    /// Ready.
+    Running,
+    /// Asked to end; killed at this time.
+    Stopping(Instant),
+    /// Over.
+    Ended,
+}
+
+/// How a process ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct End {
+    /// In words.
+    pub how: String,
+    /// With exit code 0.
+    pub well: bool,
+    /// With exit code 2: trying again does not help.
+    pub mendable: bool,
+    /// Before it was ready.
+    pub before_ready: bool,
+}
+
+/// A node of a running bench.
+#[derive(Debug)]
+pub(crate) struct Node {
+    pub spec: NodeSpec,
+    pub phase: Phase,
+    pub process: Option<Process>,
+    pub restarts: u32,
+    /// Addresses on which peers reach it.
+    pub locators: Vec<String>,
+    /// When the present process became ready.
+    pub ready_since: Option<Instant>,
+    last_words: LastWords,
+    /// Why the supervisor itself killed it.
+    blame: Option<String>,
+}
+
+impl Node {
+    pub fn new(spec: NodeSpec) -> Self {
+        Self {
+            spec,
+            phase: Phase::Waiting,
+            process: None,
+            restarts: 0,
+            locators: Vec::new(),
+            ready_since: None,
+            last_words: LastWords::default(),
+            blame: None,
+        }
+    }
+
+    /// Starts the process; `connect` are the addresses of its peers.
+    pub fn start(&mut self, folder: &Path, connect: &[String], now: Instant) -> io::Result<u32> {
+        let mut line = self.spec.command.clone();
+        if !connect.is_empty() {
+            let own = line.env.iter_mut().find(|(name, _)| name == CONNECT);
+            let all = own.as_ref().into_iter().flat_map(|(_, v)| v.split(',')).filter(|e| !e.is_empty());
+            let mut all: Vec<String> = all.map(str::to_string).collect();
+            all.extend(connect.iter().cloned());
+            line.env.retain(|(name, _)| name != CONNECT);
+            line.env.push((CONNECT.into(), all.join(",")));
+        }
+        self.locators.clear();
+        self.ready_since = None;
+        self.blame = None;
+        let socket = NotifySocket::bind(folder, &format!("{}.{}", self.spec.name, self.restarts))?;
+        let process = Process::start(&line, socket)?;
+        let pid = process.pid();
+        self.process = Some(process);
+        self.phase = match self.spec.readiness {
+            Readiness::Notify(limit) => Phase::Starting(Some(now + limit)),
+            Readiness::Start => Phase::Starting(None),
+        };
+        Ok(pid)
+    }
+
+    /// Whether a process of this node is alive.
+    pub fn is_alive(&self) -> bool {
+        self.process.is_some()
+    }
+
+    /// The process number, 0 without a process.
+    pub fn pid(&self) -> u32 {
+        self.process.as_ref().map_or(0, Process::pid)
+    }
+
+    /// What the node told on its notify socket.
+    pub fn notices(&mut self) -> Vec<Notice> {
+        let notices = self.process.as_ref().map_or_else(Vec::new, |p| p.notify.drain());
+        for notice in &notices {
+            if let Notice::Locator(locator) = notice {
+                self.locators.push(locator.clone());
+            }
+        }
+        notices
+    }
+
+    /// The lines that the node wrote since the last call; they are kept as its last words.
+    pub fn lines(&mut self) -> Vec<String> {
+        let Some(process) = &mut self.process else { return Vec::new() };
+        let mut lines = process.stderr.drain();
+        lines.extend(process.stdout.drain());
+        lines.iter().for_each(|line| self.last_words.push(line.clone()));
+        lines
+    }
+
+    /// How the process ended, if it has. [`Node::release`] is to follow, once its last lines are read.
+    pub fn reap(&mut self) -> Option<End> {
+        let status = self.process.as_mut()?.status()?;
+        let how = self.blame.take().unwrap_or_else(|| ending(status));
+        let before_ready = matches!(self.phase, Phase::Starting(_));
+        Some(End { how, well: status.success(), mendable: status.code() == Some(2), before_ready })
+    }
+
+    /// Lets go of a process that has ended, and kills whatever it started and left behind.
+    pub fn release(&mut self) {
+        self.process = None;
+    }
+
+    /// Asks the process to end, and wakes it up for that if it is stopped.
+    pub fn ask_to_end(&mut self, now: Instant) {
+        match &self.process {
+            Some(process) if !matches!(self.phase, Phase::Stopping(_)) => {
+                process.signal(Signal::TERM);
+                process.signal(Signal::CONT);
+                self.phase = Phase::Stopping(now + self.spec.stop_timeout);
+            }
+            Some(_) => {}
+            None => self.phase = Phase::Ended,
+        }
+    }
+
+    /// Kills the process because of `blame`, which then stands for how it ended.
+    pub fn kill(&mut self, blame: String) {
+        if let Some(process) = &self.process {
+            process.signal(Signal::KILL);
+            self.blame = Some(blame);
+        }
+    }
+
+    /// Whether the process has been killed and is only to be reaped.
+    pub fn is_condemned(&self) -> bool {
+        self.blame.is_some()
+    }
+
+    /// The failure that ends the run.
+    pub fn failure(&self, how: String, mendable: bool) -> NodeFailure {
+        NodeFailure { node: self.spec.name.clone(), how, last_words: self.last_words.lines(), mendable }
+    }
+
+    /// When this node is to be killed if nothing happens before.
+    pub fn deadline(&self) -> Option<Instant> {
+        match self.phase {
+            Phase::Starting(limit) => limit,
+            Phase::Stopping(limit) => Some(limit),
+            _ => None,
+        }
+    }
+}
+
+/// Environment variable with the addresses of a node's peers, separated by commas.
+pub(crate) const CONNECT: &str = "WHIRLSTAND_ZENOH_CONNECT";
+
+/// A time in words.
+pub(crate) fn in_words(time: Duration) -> String {
+    format!("{} s", (time.as_secs_f64() * 1e3).round() / 1e3)
+}

@@ -1,0 +1,102 @@
+//! Readiness by event: the receiving end of the `sd_notify` protocol (systemd's sd_notify(3)).
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
+
+/// Longest datagram that is read; longer ones are cut, and the cut line is dropped.
+const LONGEST: usize = 8192;
+
+/// What a node tells.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Notice {
+    /// `READY=1`: its ports are open.
+    Ready,
+    /// `STATUS=...`: one line for people.
+    Status(String),
+    /// `X_LOCATOR=...`: an address on which peers can reach it.
+    Locator(String),
+}
+
+/// The socket that one process is told of in `NOTIFY_SOCKET`.
+#[derive(Debug)]
+pub(crate) struct NotifySocket {
+    socket: UnixDatagram,
+    path: PathBuf,
+}
+
+impl NotifySocket {
+    /// Binds a socket as a file, which, unlike an abstract name, is reachable from another network namespace too.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn bind(folder: &Path, name: &str) -> io::Result<Self> {
+        let path = folder.join(format!("{name}.notify"));
+        let socket = UnixDatagram::bind(&path)?;
+        socket.set_nonblocking(true)?;
+        Ok(Self { socket, path })
+    }
+
+    /// What `NOTIFY_SOCKET` is set to.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Everything that has been told since the last call.
+    pub fn drain(&self) -> Vec<Notice> {
+        let mut notices = Vec::new();
+        let mut buffer = [0; LONGEST];
+        while let Ok(n) = self.socket.recv(&mut buffer) {
+            notices.extend(parse(&String::from_utf8_lossy(&buffer[..n])));
+        }
+        notices
+    }
+}
+
+impl AsFd for NotifySocket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
+    }
+}
+
+impl Drop for NotifySocket {
+    fn drop(&mut self) {
+        // The folder is temporary and removed as a whole; a file that is already gone is no matter.
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+/// The assignments of one datagram that mean something here; all others are for other supervisors.
+fn parse(text: &str) -> Vec<Notice> {
+    let known = |line: &str| match line.split_once('=')? {
+        ("READY", "1") => Some(Notice::Ready),
+        ("STATUS", status) => Some(Notice::Status(status.into())),
+        ("X_LOCATOR", locator) => Some(Notice::Locator(locator.into())),
+        _ => None,
+    };
+    let mut notices: Vec<_> = text.lines().filter_map(known).collect();
+    // Readiness comes last, so that whoever acts on it already knows the addresses of the same datagram.
+    notices.sort_by_key(|n| *n == Notice::Ready);
+    notices
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn datagrams_are_heard_in_order_and_readiness_comes_last() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = NotifySocket::bind(folder.path(), "plant").unwrap();
+        let sender = UnixDatagram::unbound().unwrap();
+        sender.send_to(b"READY=1\nX_LOCATOR=tcp/127.0.0.1:4\nMAINPID=3", socket.path()).unwrap();
+        sender.send_to(b"STATUS=flying", socket.path()).unwrap();
+        sender.send_to(b"READY=0\n\xff\xff", socket.path()).unwrap();
+        assert_eq!(
+            socket.drain(),
+            [Notice::Locator("tcp/127.0.0.1:4".into()), Notice::Ready, Notice::Status("flying".into())]
+        );
+        assert!(socket.drain().is_empty());
+    }
+}

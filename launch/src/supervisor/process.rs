@@ -1,0 +1,141 @@
+//! One running process of a node: started in its own group, watched by file descriptors, never left behind.
+
+use std::io::{self, Write};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Child, Command, ExitStatus, Stdio};
+
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open};
+
+use super::notify::NotifySocket;
+use super::words::Words;
+
+/// What to start.
+#[derive(Debug, Clone)]
+pub(crate) struct CommandLine {
+    /// Program.
+    pub program: std::ffi::OsString,
+    /// Arguments.
+    pub arguments: Vec<std::ffi::OsString>,
+    /// Environment variables added to the launcher's own.
+    pub env: Vec<(String, String)>,
+    /// Text for standard input; without it, standard input is empty.
+    pub stdin: Option<String>,
+}
+
+/// A running process.
+#[derive(Debug)]
+pub(crate) struct Process {
+    child: Child,
+    pid: Pid,
+    pidfd: OwnedFd,
+    pub notify: NotifySocket,
+    pub stdout: Words,
+    pub stderr: Words,
+}
+
+impl Process {
+    /// Starts a process in a group of its own, which the kernel kills when the launcher dies.
+    ///
+    /// # Errors
+    /// When the program cannot be started.
+    pub fn start(line: &CommandLine, notify: NotifySocket) -> io::Result<Self> {
+        let launcher = std::process::id();
+        let mut command = Command::new(&line.program);
+        command
+            .args(&line.arguments)
+            .envs(line.env.iter().map(|(k, v)| (k, v)))
+            .env("NOTIFY_SOCKET", notify.path())
+            .process_group(0)
+            .stdin(if line.stdin.is_some() { Stdio::piped() } else { Stdio::null() })
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        // SAFETY: between fork and exec only prctl(2), getppid(2) and the making of an error without allocation
+        // happen, all of them async-signal-safe.
+        unsafe {
+            command.pre_exec(move || {
+                if libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) != 0 {
+                    return Err(io::Error::last_os_error());
+                }
+                // The launcher may have died before the line above.
+                if libc::getppid() as u32 != launcher {
+                    return Err(io::Error::from_raw_os_error(libc::ESRCH));
+                }
+                Ok(())
+            });
+        }
+        let mut child = command.spawn()?;
+        let piped = Self::pipes(&mut child);
+        let (pid, pidfd, stdout, stderr) = match piped {
+            Ok(parts) => parts,
+            Err(e) => {
+                let _ = child.kill();
+                let _ = child.wait();
+                return Err(e);
+            }
+        };
+        let mut process = Self { child, pid, pidfd, notify, stdout, stderr };
+        process.feed(line.stdin.as_deref());
+        Ok(process)
+    }
+
+    fn pipes(child: &mut Child) -> io::Result<(Pid, OwnedFd, Words, Words)> {
+        let missing = || io::Error::other("a standard stream is not piped");
+        let pid = Pid::from_child(child);
+        let pidfd = pidfd_open(pid, PidfdFlags::empty())?;
+        let stdout = Words::new(child.stdout.take().ok_or_else(missing)?.into())?;
+        let stderr = Words::new(child.stderr.take().ok_or_else(missing)?.into())?;
+        Ok((pid, pidfd, stdout, stderr))
+    }
+
+    /// Hands over the text for standard input. A process that died without reading it is told of by its exit.
+    fn feed(&mut self, text: Option<&str>) {
+        if let (Some(text), Some(mut stdin)) = (text, self.child.stdin.take()) {
+            let text = text.to_string();
+            // A text longer than the pipe would block until the child reads it.
+            std::thread::spawn(move || {
+                let _ = stdin.write_all(text.as_bytes());
+            });
+        }
+    }
+
+    /// Process number.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Becomes readable when the process has ended.
+    pub fn ended(&self) -> BorrowedFd<'_> {
+        self.pidfd.as_fd()
+    }
+
+    /// The exit status, once the process has ended.
+    pub fn status(&mut self) -> Option<ExitStatus> {
+        self.child.try_wait().ok().flatten()
+    }
+
+    /// Sends a signal to the whole group: programs that start further ones are reached too.
+    pub fn signal(&self, signal: Signal) {
+        // A group that is already gone needs no signal.
+        let _ = rustix::process::kill_process_group(self.pid, signal);
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.signal(Signal::KILL);
+        let _ = self.child.wait();
+    }
+}
+
+/// How a process ended, in words.
+pub(crate) fn ending(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("ended with exit code {code}"),
+        (None, Some(signal)) => {
+            let name = signal_hook::low_level::signal_name(signal).unwrap_or("an unknown signal");
+            format!("was ended by {name} (signal {signal})")
+        }
+        (None, None) => format!("ended: {status}"),
+    }
+}

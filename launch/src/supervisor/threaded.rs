@@ -1,0 +1,78 @@
+//! A bench in one thread of this process, watched like one of processes.
+
+use std::io;
+use std::os::unix::net::UnixStream;
+use std::time::Instant;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use whirlstand_msgs::Health;
+
+use super::signals::Signals;
+use super::{Ending, Event, HealthBook, HealthSource, NodeFailure, Observer, Outcome, TICK, Wish};
+
+/// How the thread ended: the last report of each node, or what went wrong and whether the user can mend it.
+pub(crate) type ThreadEnd = Result<Vec<Health>, (String, bool)>;
+
+/// Runs `body` in a thread of its own, calls `stop` on the first ending signal, and watches `health` meanwhile.
+///
+/// # Errors
+/// When the operating system refuses signals, threads or polling.
+pub(crate) fn supervise_thread(
+    body: impl FnOnce() -> ThreadEnd + Send + 'static,
+    stop: impl Fn(),
+    health: &mut dyn HealthSource,
+    observer: &mut dyn Observer,
+) -> io::Result<Outcome> {
+    let mut signals = Signals::take()?;
+    let started = Instant::now();
+    // The thread's end closes its side, which wakes the poll below.
+    let (ended, open) = UnixStream::pair()?;
+    let thread = std::thread::Builder::new().name("bench".into()).spawn(move || {
+        let end = body();
+        drop(open);
+        end
+    })?;
+    let mut book = HealthBook::default();
+    let mut interrupted = None;
+    while !thread.is_finished() {
+        let mut fds = [PollFd::new(&signals, PollFlags::IN), PollFd::new(&ended, PollFlags::IN)];
+        let timeout = Timespec { tv_sec: 0, tv_nsec: TICK.as_nanos() as i64 };
+        match poll(&mut fds, Some(&timeout)) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => {}
+            Err(e) => return Err(e.into()),
+        }
+        while let Some(signal) = signals.next() {
+            if interrupted.is_none() {
+                interrupted = Some(signal);
+                observer.event(&Event::Ending(Ending::Interrupted(signal)));
+                stop();
+            }
+        }
+        let now = Instant::now();
+        while let Some(report) = health.next() {
+            book.hear(report, now);
+        }
+        if observer.tick(now, &book) == Wish::End {
+            stop();
+        }
+    }
+    let failed = |how: String, mendable: bool| {
+        Ending::Failed(NodeFailure { node: "bench".into(), how, last_words: Vec::new(), mendable })
+    };
+    let ending = match thread.join() {
+        Ok(Ok(reports)) => {
+            reports.into_iter().for_each(|report| book.hear(report, Instant::now()));
+            interrupted.map_or(Ending::Complete, Ending::Interrupted)
+        }
+        Ok(Err((error, mendable))) => failed(format!("failed: {error}"), mendable),
+        Err(_) => failed("panicked".into(), false),
+    };
+    observer.event(&Event::Ending(ending.clone()));
+    Ok(Outcome {
+        ending,
+        restarts: Vec::new(),
+        killed_at_end: Vec::new(),
+        health: book,
+        wall: started.elapsed(),
+    })
+}
