@@ -6,13 +6,16 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::bench_info::BenchInfo;
+use crate::csv_file::read_csv;
 use crate::diff::remarks;
 use crate::fields::sequence;
+use crate::foreign::{Catalogue, catalogue};
 use crate::log::Log;
-use crate::read::{AnyReadError, Kind, kind, read};
+use crate::read::{AnyReadError, Kind, kind};
 use crate::record::Record;
 use crate::sampling::{Gap, Sampling};
 use crate::segment::{Damage, Ending};
+use crate::ulog::{UlogCatalogue, ulog_catalogue};
 
 /// What a log holds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -77,6 +80,8 @@ pub struct TopicInfo {
     pub gaps: usize,
     /// The longest of them.
     pub longest_gap: Option<Gap>,
+    /// Signals of a topic that is not of this program, as `--map` calls them.
+    pub signals: Vec<String>,
 }
 
 /// A signal of a CSV or a ULog.
@@ -108,8 +113,8 @@ pub fn info(path: impl AsRef<Path>) -> Result<LogInfo, AnyReadError> {
     let path = path.as_ref();
     match kind(path).map_err(|source| AnyReadError::Io { path: path.into(), source })? {
         Kind::Mcap => mcap_info(path),
-        Kind::Ulog => Ok(record_info(path, "ulog", &read(path, &[])?)),
-        Kind::Csv => Ok(record_info(path, "csv", &read(path, &[])?)),
+        Kind::Ulog => ulog_info(path),
+        Kind::Csv => Ok(record_info(path, &read_csv(path, &[])?)),
     }
 }
 
@@ -171,6 +176,17 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
         None => Some((*t, *t)),
         Some((from, to)) => Some((t.min(&from).to_owned(), t.max(&to).to_owned())),
     });
+    let mut offered: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    let mut told = remarks(&stream);
+    if log.info().is_none() {
+        let Catalogue { signals, unreadable } = catalogue(&log)?;
+        for signal in signals {
+            // A topic's name has no dot before that of the field.
+            let topic = signal.split('.').next().unwrap_or("").to_string();
+            offered.entry(topic).or_default().push(signal);
+        }
+        told.extend(unreadable.into_iter().map(|reason| format!("cannot be read: {reason}")));
+    }
     let files = stream.endings().iter().map(|(path, ending)| FileInfo {
         path: path.clone(),
         bytes: std::fs::metadata(path).map_or(0, |m| m.len()),
@@ -181,9 +197,15 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
         files: files.collect(),
         bench: log.info().cloned(),
         attached: stream.attached().iter().map(|f| (f.name.clone(), f.data.len() as u64)).collect(),
-        topics: topics.into_iter().map(|(name, counting)| counting.result(name)).collect(),
+        topics: topics
+            .into_iter()
+            .map(|(name, counting)| TopicInfo {
+                signals: offered.remove(&name).unwrap_or_default(),
+                ..counting.result(name)
+            })
+            .collect(),
         damage: stream.damage().to_vec(),
-        remarks: remarks(&stream),
+        remarks: told,
         ..empty(path, "mcap")
     })
 }
@@ -204,11 +226,31 @@ impl Counting {
             lost: self.lost,
             gaps: sampling.gaps.len(),
             longest_gap: sampling.gaps.into_iter().max_by(|a, b| (a.to - a.from).total_cmp(&(b.to - b.from))),
+            signals: Vec::new(),
         }
     }
 }
 
-fn record_info(path: &Path, kind: &'static str, record: &Record) -> LogInfo {
+fn ulog_info(path: &Path) -> Result<LogInfo, AnyReadError> {
+    let UlogCatalogue { topics, remark } = ulog_catalogue(path)?;
+    let topics: Vec<TopicInfo> = topics
+        .into_iter()
+        .map(|(name, topic)| {
+            let counting = Counting { encoding: "ulog".into(), times: topic.times_ns, ..Counting::default() };
+            TopicInfo { signals: topic.signals, ..counting.result(name) }
+        })
+        .collect();
+    let from = topics.iter().map(|t| t.from).fold(f64::INFINITY, f64::min);
+    let to = topics.iter().map(|t| t.to).fold(f64::NEG_INFINITY, f64::max);
+    Ok(LogInfo {
+        duration: (to - from).max(0.0),
+        topics,
+        remarks: remark.into_iter().collect(),
+        ..empty(path, "ulog")
+    })
+}
+
+fn record_info(path: &Path, record: &Record) -> LogInfo {
     let signals = record.signals().iter().map(|signal| {
         let values: Vec<f64> = signal.values.iter().copied().filter(|v| !v.is_nan()).collect();
         let count = values.len() as f64;
@@ -228,6 +270,6 @@ fn record_info(path: &Path, kind: &'static str, record: &Record) -> LogInfo {
         duration: record.duration(),
         signals: signals.collect(),
         sampling: Some(Sampling::of(&record.time)),
-        ..empty(path, kind)
+        ..empty(path, "csv")
     }
 }

@@ -156,11 +156,10 @@ fn refine(cross: &[Complex<f64>], around: f64, sign: f64) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// A doublet and a chirp: motion that repeats nowhere.
+    /// A doublet of smooth pulses and a chirp: motion that repeats nowhere.
     fn motion(t: f64) -> f64 {
-        let doublet =
-            if (2.0..3.0).contains(&t) { 1.0 } else { 0.0 } - if (3.0..4.0).contains(&t) { 1.0 } else { 0.0 };
-        doublet + (2.0 * PI * (0.2 + 0.1 * t) * t).sin()
+        let pulse = |at: f64| (-((t - at) / 0.3).powi(2)).exp();
+        2.0 * pulse(2.0) - 2.0 * pulse(3.0) + (2.0 * PI * (0.2 + 0.1 * t) * t).sin()
     }
 
     fn sampled(name: &str, rate: f64, f: impl Fn(f64) -> f64) -> Series {

@@ -4,12 +4,16 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
+
 use crate::bench_record::{BenchRecordError, bench_record};
-use crate::csv_file::{CsvError, read_csv};
+use crate::csv_file::{CsvError, read_csv, write_csv};
+use crate::foreign::{ForeignError, read_foreign};
 use crate::log::Log;
 use crate::mapping::{MapError, Mapping};
-use crate::record::Record;
+use crate::record::{MissingSignal, Record};
 use crate::stream::ReadError;
+use crate::ulog::{UlogError, read_ulog};
 
 /// Why a log cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -31,9 +35,18 @@ pub enum AnyReadError {
     /// As a log of a bench.
     #[error(transparent)]
     Bench(#[from] BenchRecordError),
+    /// As an MCAP log of another program.
+    #[error(transparent)]
+    Foreign(#[from] ForeignError),
+    /// As ULog.
+    #[error(transparent)]
+    Ulog(#[from] UlogError),
     /// A mapping does not fit.
     #[error(transparent)]
     Map(#[from] MapError),
+    /// A signal was asked for that the log does not have.
+    #[error(transparent)]
+    Missing(#[from] MissingSignal),
 }
 
 /// The kinds of log, told by how the file begins.
@@ -69,7 +82,11 @@ pub fn kind(path: &Path) -> std::io::Result<Kind> {
     })
 }
 
-/// Reads a log of any known kind into SI units. Mapped signals get their new names; the others keep theirs.
+/// Reads a log of any known kind into SI units.
+///
+/// In CSV and in logs of this program, mapped signals get their new names and the others keep theirs. ULog and MCAP
+/// logs of other programs have signals on many clocks: the mapped ones are read, onto the clock of the fastest,
+/// inputs (`u_...`) held from sample to sample, others interpolated.
 ///
 /// # Errors
 /// [`AnyReadError`].
@@ -77,7 +94,43 @@ pub fn read(path: impl AsRef<Path>, mappings: &[Mapping]) -> Result<Record, AnyR
     let path = path.as_ref();
     let kind = kind(path).map_err(|source| AnyReadError::Io { path: path.into(), source })?;
     match kind {
-        Kind::Csv | Kind::Ulog => Ok(read_csv(path, mappings)?),
-        Kind::Mcap => Ok(bench_record(&Log::open(path)?)?.mapped(mappings)?),
+        Kind::Csv => Ok(read_csv(path, mappings)?),
+        Kind::Ulog => Ok(read_ulog(path, mappings)?),
+        Kind::Mcap => {
+            let log = Log::open(path)?;
+            match log.info() {
+                Some(_) => Ok(bench_record(&log)?.mapped(mappings)?),
+                None => Ok(read_foreign(path, mappings)?),
+            }
+        }
     }
+}
+
+/// Writes a log of any known kind as one wide CSV, with `signals` only, or all if there are none.
+///
+/// # Errors
+/// [`AnyReadError`].
+pub fn export(
+    log: impl AsRef<Path>,
+    mappings: &[Mapping],
+    signals: &[String],
+    csv: impl AsRef<Path>,
+) -> Result<Exported, AnyReadError> {
+    let mut record = read(log, mappings)?;
+    if !signals.is_empty() {
+        record = record.only(signals)?;
+    }
+    write_csv(&record, csv)?;
+    Ok(Exported { rows: record.len(), signals: record.names(), duration: record.duration() })
+}
+
+/// What [`export`] wrote.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Exported {
+    /// Lines below the head.
+    pub rows: usize,
+    /// Columns beside the time.
+    pub signals: Vec<String>,
+    /// Time from the first line to the last, s.
+    pub duration: f64,
 }

@@ -208,6 +208,20 @@ impl Record {
         }
     }
 
+    /// The record with the named signals alone, in that order.
+    ///
+    /// # Errors
+    /// [`MissingSignal`].
+    pub fn only(&self, names: &[String]) -> Result<Self, MissingSignal> {
+        let signals = names.iter().map(|n| self.signal(n).cloned()).collect::<Result<_, _>>()?;
+        Ok(Self {
+            signals,
+            time: self.time.clone(),
+            origin: self.origin.clone(),
+            time_unit: self.time_unit.clone(),
+        })
+    }
+
     /// The record with its signals renamed; those that no mapping names keep their names.
     ///
     /// # Errors
