@@ -18,6 +18,9 @@ use tracing_subscriber::EnvFilter;
 use cli::{Cli, Command};
 use error::Failure;
 
+/// Warnings only, and of Zenoh errors only: it warns of the gossip that a bench leaves out on purpose.
+const QUIET: &str = "warn,zenoh=error";
+
 /// Runs the `whirlstand` command.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
@@ -47,7 +50,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
 /// Diagnostics go to standard error, filtered by `--log-level` or else by `RUST_LOG`; the nodes inherit the filter.
 fn start_tracing(level: Option<&str>) -> Result<(), Failure> {
     let given = level.map(str::to_string).or_else(|| std::env::var("RUST_LOG").ok());
-    let text = given.unwrap_or_else(|| "warn".into());
+    let text = given.unwrap_or_else(|| QUIET.into());
     let filter = text.parse::<EnvFilter>().map_err(|e| {
         Failure::Mend(format!(
             "the log level '{text}' is not understood ({e}): write error, warn, info, debug or trace"
