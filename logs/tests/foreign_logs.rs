@@ -212,7 +212,9 @@ fn a_ulog_is_read_by_topic_and_field() {
     let record = read(&path, &maps).unwrap();
     assert!((record.time[1] - 0.004).abs() < 1e-9);
     let at = |name: &str, k: usize| record.signal(name).unwrap().values[k];
-    assert_eq!((at("q1", 100), at("u_roll", 104), at("other", 100)), (100.0, 100.0, -100.0));
+    // Points of the clock miss the samples by rounding, which interpolation shows.
+    assert!((at("q1", 100) - 100.0).abs() < 1e-9 && (at("other", 100) + 100.0).abs() < 1e-9);
+    assert_eq!(at("u_roll", 104), 100.0);
     assert!((at("other", 103) + 103.0).abs() < 1e-6);
     assert!((at("roll", 180) - std::f64::consts::PI).abs() < 1e-6);
     let error = read(&path, &mappings(&["roll=vehicle_attitude.roll"])).unwrap_err().to_string();
