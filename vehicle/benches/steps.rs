@@ -1,5 +1,7 @@
 //! How long a step takes: `cargo bench -p whirlstand-vehicle`.
 
+#![expect(missing_docs, reason = "criterion's macro makes a public function")]
+
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};

@@ -9,7 +9,39 @@ here = pathlib.Path(__file__).parent
 ps = sorted({*np.round(np.linspace(0.01, 0.99, 49), 4), 1e-16, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-3, 0.0749, 0.075, 0.0751, 0.925, 0.999, 1 - 1e-6, 1 - 1e-10})
 mp.mp.dps = 40
 quantile = lambda p: float(mp.findroot(lambda x: mp.ncdf(x) - mp.mpf(p), mp.mpf(float(ndtri(p)))))
-json.dump({"source": f"mpmath {mp.__version__}, root of ncdf from scipy {scipy.__version__} ndtri",
+
+
+def uniforms(seed, consumer, count):
+    """The documented stream: ChaCha8 (RFC 8439 rounds, 64-bit counter and stream), key from PCG32 (rand_core), FNV-1a."""
+    mask32, mask64 = 2**32 - 1, 2**64 - 1
+    key, state = [], seed
+    for _ in range(8):
+        state = (state * 0x5851F42D4C957F2D + 0xA17654E46FBE17F3) & mask64
+        x, rot = (((state >> 18) ^ state) >> 27) & mask32, state >> 59
+        key.append(((x >> rot) | (x << (32 - rot))) & mask32)
+    stream = 0xCBF29CE484222325
+    for byte in consumer.encode():
+        stream = ((stream ^ byte) * 0x100000001B3) & mask64
+    rotate = lambda v, n: ((v << n) | (v >> (32 - n))) & mask32
+    def quarter(w, a, b, c, d):
+        for x, y, z, n in ((a, b, d, 16), (c, d, b, 12), (a, b, d, 8), (c, d, b, 7)):
+            w[x] = (w[x] + w[y]) & mask32
+            w[z] = rotate(w[z] ^ w[x], n)
+    words, block = [], 0
+    while len(words) < 2 * count:
+        start = [0x61707865, 0x3320646E, 0x79622D32, 0x6B206574, *key, block & mask32, block >> 32, stream & mask32, stream >> 32]
+        w = list(start)
+        for _ in range(4):
+            for a, b, c, d in ((0, 4, 8, 12), (1, 5, 9, 13), (2, 6, 10, 14), (3, 7, 11, 15), (0, 5, 10, 15), (1, 6, 11, 12), (2, 7, 8, 13), (3, 4, 9, 14)):
+                quarter(w, a, b, c, d)
+        words += [(x + y) & mask32 for x, y in zip(w, start)]
+        block += 1
+    draws = [words[2 * i] | words[2 * i + 1] << 32 for i in range(count)]
+    return [((d >> 11) + 0.5) * 2.0**-53 for d in draws]
+
+streams = [{"seed": seed, "consumer": name, "uniforms": uniforms(seed, name, 20)}
+           for seed, name in ((1, "noise/roll"), (123456789, "turbulence/lateral_speed/0"))]
+json.dump({"streams": streams, "source": f"mpmath {mp.__version__}, root of ncdf from scipy {scipy.__version__} ndtri",
            "quantiles": [[float(p), quantile(float(p)) if p != 0.5 else 0.0] for p in ps]},
           open(here / "normal.json", "w"), indent=0)
 

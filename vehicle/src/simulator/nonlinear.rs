@@ -125,7 +125,7 @@ impl Nonlinear {
             // Across two states it is a stiffness, whose root is a frequency.
             Smooth::Cubic(from, _, c) => (3.0 * c * z[from] * z[from]).abs().sqrt(),
         });
-        let needed = (slope.sum::<f64>() / 0.1).max(self.fastest / 0.25) * length_s;
+        let needed = (slope.sum::<f64>() / 0.05).max(self.fastest / 0.125) * length_s;
         if needed <= 1.0 || self.smooth.is_empty() {
             return 0;
         }

@@ -69,6 +69,8 @@ struct Sensor {
     lagged: Row,
     tap: Option<Tap>,
     every: u64,
+    /// The step from which on a new value is due.
+    due: u64,
     gain: f64,
     offset: f64,
     drift: f64,
@@ -207,9 +209,11 @@ impl Sensors {
             (*sine, *cosine) = phase(*frequency_hz, t);
         }
         for (index, sensor) in self.sensors.iter_mut().enumerate() {
-            // A sensor that has never delivered does so now, whatever its divider.
-            self.fresh[index] = sensor.every == 1 || step % sensor.every == 0 || sensor.delivered.is_none();
+            // The first measurement is fresh at whatever step it is; later ones fall on multiples of the divider.
+            self.fresh[index] = step >= sensor.due;
             if self.fresh[index] {
+                sensor.due =
+                    if sensor.every == 1 { step + 1 } else { (step / sensor.every + 1) * sensor.every };
                 self.values[index] = sensor.value(self.motion[index], t, engine, &self.frequencies);
             }
         }
@@ -247,6 +251,7 @@ fn declared(
         lagged: lagged.clone(),
         tap: None,
         every: if seed.is_some() { u64::from(output.every) } else { 1 },
+        due: 0,
         gain: 1.0,
         offset: output.bias,
         drift: 0.0,
