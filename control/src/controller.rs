@@ -1,6 +1,9 @@
 //! A designed law at work, one call a period.
 
+use nalgebra::DMatrix;
+
 use crate::design::{Design, Switching};
+use crate::kernel::{Block, Packed, blocks};
 use crate::options::AntiWindup;
 use crate::target::Target;
 
@@ -47,13 +50,15 @@ pub struct Controller {
     /// Largest change of a command from one period to the next.
     step_limit: Vec<f64>,
     neutral: Vec<f64>,
-    phi: Vec<f64>,
-    gamma: Vec<f64>,
-    /// Feedback on the error, m x n column after column; for sliding mode, the equivalent control.
-    gain: Vec<f64>,
+    phi: Packed,
+    gamma: Packed,
+    /// Feedback on the error, m x n; for sliding mode, the equivalent control.
+    gain: Packed,
     integral: Vec<usize>,
-    /// Feedback on the integrals, m x q column after column.
-    integral_gain: Vec<f64>,
+    /// Feedback on the integrals, m x q.
+    integral_gain: Packed,
+    /// The same, for the question whether an integrator winds up.
+    integral_matrix: DMatrix<f64>,
     /// From what the limits cut off to the integrals, q x m column after column.
     back: Vec<f64>,
     anti_windup: AntiWindup,
@@ -64,9 +69,9 @@ pub struct Controller {
     steady_u: Vec<f64>,
     in_force: Vec<f64>,
     integrals: Vec<f64>,
-    predicted: Vec<f64>,
+    predicted: Vec<Block>,
     error: Vec<f64>,
-    wanted: Vec<f64>,
+    wanted: Vec<Block>,
     command: Vec<f64>,
     refusals: u32,
 }
@@ -74,11 +79,11 @@ pub struct Controller {
 /// The nonlinear part of sliding mode.
 #[derive(Debug, Clone)]
 struct Sliding {
-    /// Surface on the error, m x n, and on the integrals, m x q, column after column.
-    surface: Vec<f64>,
-    surface_integral: Vec<f64>,
+    /// Surface on the error, m x n, and on the integrals, m x q.
+    surface: Packed,
+    surface_integral: Packed,
     switching: Switching,
-    s: Vec<f64>,
+    s: Vec<Block>,
     /// Integral part of super-twisting, and its bound.
     twist: Vec<f64>,
     twist_limit: Vec<f64>,
@@ -108,10 +113,10 @@ impl Controller {
                 law.equivalent.columns(0, n).into_owned(),
                 law.equivalent.columns(n, q).into_owned(),
                 Some(Sliding {
-                    surface: law.surface.columns(0, n).into_owned().as_slice().to_vec(),
-                    surface_integral: law.surface.columns(n, q).into_owned().as_slice().to_vec(),
+                    surface: Packed::new(&law.surface.columns(0, n).into_owned()),
+                    surface_integral: Packed::new(&law.surface.columns(n, q).into_owned()),
                     switching: law.switching.clone(),
-                    s: vec![0.0; m],
+                    s: vec![[0.0; 4]; blocks(m)],
                     twist: vec![0.0; m],
                     twist_limit: plant.inputs().iter().map(|i| i.authority()).collect(),
                 }),
@@ -122,11 +127,12 @@ impl Controller {
             m,
             period_s: dt,
             step_limit: plant.inputs().iter().map(|i| i.rate * dt).collect(),
-            phi: plant.phi().as_slice().to_vec(),
-            gamma: plant.gamma().as_slice().to_vec(),
-            gain: gain.as_slice().to_vec(),
+            phi: Packed::new(plant.phi()),
+            gamma: Packed::new(plant.gamma()),
+            gain: Packed::new(&gain),
             integral: design.integral.clone(),
-            integral_gain: integral_feedback.as_slice().to_vec(),
+            integral_gain: Packed::new(&integral_feedback),
+            integral_matrix: integral_feedback,
             back,
             anti_windup: design.anti_windup,
             sliding,
@@ -136,9 +142,9 @@ impl Controller {
             steady_u: vec![0.0; m],
             in_force: neutral.clone(),
             integrals: vec![0.0; q],
-            predicted: vec![0.0; n],
+            predicted: vec![[0.0; 4]; blocks(n)],
             error: vec![0.0; n],
-            wanted: vec![0.0; m],
+            wanted: vec![[0.0; 4]; blocks(m)],
             command: neutral.clone(),
             refusals: 0,
             lower,
@@ -171,12 +177,12 @@ impl Controller {
 
     /// The state that the last step predicted for the moment its command begins to act.
     pub fn predicted(&self) -> &[f64] {
-        &self.predicted
+        &self.predicted.as_flattened()[..self.n]
     }
 
     /// The last step's sliding variables, one per surface, input units times s; empty for the other laws.
     pub fn sliding_variables(&self) -> &[f64] {
-        self.sliding.as_ref().map_or(&[], |s| &s.s)
+        self.sliding.as_ref().map_or(&[], |s| &s.s.as_flattened()[..self.m])
     }
 
     /// The steady state and input that the law regulates about.
@@ -235,24 +241,26 @@ impl Controller {
     }
 
     fn predict(&mut self, estimate: &[f64]) {
-        self.predicted.fill(0.0);
-        add_product(&mut self.predicted, &self.phi, estimate, 1.0);
-        add_product(&mut self.predicted, &self.gamma, &self.in_force, 1.0);
+        self.predicted.fill([0.0; 4]);
+        self.phi.add(&mut self.predicted, estimate);
+        self.gamma.add(&mut self.predicted, &self.in_force);
+        let predicted = self.predicted.as_flattened();
         for i in 0..self.n {
-            self.error[i] = if self.target.freed()[i] { 0.0 } else { self.predicted[i] - self.steady_x[i] };
+            self.error[i] = if self.target.freed()[i] { 0.0 } else { predicted[i] - self.steady_x[i] };
         }
     }
 
     fn law(&mut self) {
-        self.wanted.copy_from_slice(&self.steady_u);
-        add_product(&mut self.wanted, &self.gain, &self.error, -1.0);
-        add_product(&mut self.wanted, &self.integral_gain, &self.integrals, -1.0);
+        self.wanted.as_flattened_mut()[..self.m].copy_from_slice(&self.steady_u);
+        self.gain.subtract(&mut self.wanted, &self.error);
+        self.integral_gain.subtract(&mut self.wanted, &self.integrals);
         let Some(sliding) = &mut self.sliding else { return };
-        sliding.s.fill(0.0);
-        add_product(&mut sliding.s, &sliding.surface, &self.error, 1.0);
-        add_product(&mut sliding.s, &sliding.surface_integral, &self.integrals, 1.0);
-        for (i, s) in sliding.s.iter().enumerate() {
-            self.wanted[i] -= match &sliding.switching {
+        sliding.s.fill([0.0; 4]);
+        sliding.surface.add(&mut sliding.s, &self.error);
+        sliding.surface_integral.add(&mut sliding.s, &self.integrals);
+        let wanted = self.wanted.as_flattened_mut();
+        for (i, s) in sliding.s.as_flattened().iter().enumerate().take(self.m) {
+            wanted[i] -= match &sliding.switching {
                 Switching::ConstantPlusProportional { rate, gain, layer } => {
                     rate * s + gain[i] * (s / layer[i]).clamp(-1.0, 1.0)
                 }
@@ -267,7 +275,7 @@ impl Controller {
     fn limit(&mut self) -> bool {
         let mut saturated = false;
         for i in 0..self.m {
-            let wanted = self.wanted[i];
+            let wanted = self.wanted.as_flattened()[i];
             let reachable =
                 wanted.max(self.in_force[i] - self.step_limit[i]).min(self.in_force[i] + self.step_limit[i]);
             // A command in force outside the limits can only have been set from outside; the limits win.
@@ -289,7 +297,7 @@ impl Controller {
         }
         if saturated && self.anti_windup == AntiWindup::BackCalculation {
             for j in 0..self.m {
-                let excess = self.wanted[j] - self.command[j];
+                let excess = self.wanted.as_flattened()[j] - self.command[j];
                 for k in 0..q {
                     self.integrals[k] += self.back[j * q + k] * excess;
                 }
@@ -299,8 +307,8 @@ impl Controller {
             && let Switching::SuperTwisting { k2, layer, .. } = &sliding.switching
         {
             for i in 0..self.m {
-                let step = -self.period_s * k2[i] * (sliding.s[i] / layer[i]).clamp(-1.0, 1.0);
-                let excess = self.wanted[i] - self.command[i];
+                let step = -self.period_s * k2[i] * (sliding.s.as_flattened()[i] / layer[i]).clamp(-1.0, 1.0);
+                let excess = self.wanted.as_flattened()[i] - self.command[i];
                 if excess * step <= 0.0 {
                     let limit = sliding.twist_limit[i];
                     sliding.twist[i] = (sliding.twist[i] + step).clamp(-limit, limit);
@@ -315,18 +323,10 @@ impl Controller {
         let mut push = 0.0;
         for k in 0..q {
             for i in 0..self.m {
-                let excess = self.wanted[i] - self.command[i];
-                push -= self.integral_gain[k * self.m + i] * self.error[self.integral[k]] * excess;
+                let excess = self.wanted.as_flattened()[i] - self.command[i];
+                push -= self.integral_matrix[(i, k)] * self.error[self.integral[k]] * excess;
             }
         }
         push > 0.0
-    }
-}
-
-/// `y += scale * m x`, m column after column.
-fn add_product(y: &mut [f64], m: &[f64], x: &[f64], scale: f64) {
-    for (column, v) in m.chunks_exact(y.len()).zip(x) {
-        let factor = v * scale;
-        y.iter_mut().zip(column).for_each(|(y, c)| *y += c * factor);
     }
 }

@@ -7,6 +7,7 @@
 mod controller;
 pub mod design;
 pub mod kalman;
+mod kernel;
 pub mod linalg;
 pub mod lqr;
 pub mod margins;

@@ -42,7 +42,7 @@ pub struct MultivariableMargins {
     /// Its inverse, the peak of the sensitivity.
     pub max_sensitivity: f64,
     /// Symmetric disk margin (Seiler, Packard and Gahinet, IEEE Control Syst. Mag. 40, 2020): stable for all
-    /// independent gains and phases within the disk.
+    /// independent gains and phases at the inputs within the disk.
     pub disk: f64,
     /// Gains, all inputs at once, that the disk guarantees: from here,
     pub disk_gain_low: f64,
@@ -150,9 +150,13 @@ impl ReturnRatio {
     /// Margins against simultaneous changes at all inputs.
     pub fn multivariable(&self) -> MultivariableMargins {
         let difference = |w: f64| self.smallest_difference(w);
-        let disk = |w: f64| self.disk_radius(w);
         let (_, min_return_difference) = self.minimum(difference);
-        let (frequency, alpha) = self.minimum(disk);
+        let least = std::cell::Cell::new(f64::INFINITY);
+        let (frequency, alpha) = self.minimum(|w| {
+            let radius = self.disk_radius(w, least.get());
+            least.set(least.get().min(radius));
+            radius
+        });
         MultivariableMargins {
             min_return_difference,
             max_sensitivity: 1.0 / min_return_difference,
@@ -174,18 +178,19 @@ impl ReturnRatio {
         }
     }
 
-    /// Inverse of the largest singular value of `(S - T) / 2`, with `S - T = (I - L)(I + L)^-1`.
-    fn disk_radius(&self, w: f64) -> f64 {
+    /// Inverse of the structured singular value of `(S - T) / 2`, with `S - T = (I - L)(I + L)^-1`, for independent
+    /// changes at the inputs. `enough`: a radius from which on the exact value does not matter.
+    fn disk_radius(&self, w: f64, enough: f64) -> f64 {
         let m = self.inputs();
         let identity = DMatrix::<C64>::identity(m, m);
         let l = self.at(w);
         if l.iter().any(|v| !v.re.is_finite() || !v.im.is_finite()) {
             return f64::INFINITY;
         }
-        match (&identity + &l).try_inverse() {
-            Some(s) => 2.0 / ((&identity - l) * s).singular_values().max(),
-            None => 0.0,
-        }
+        let Some(s) = (&identity + &l).try_inverse() else { return 0.0 };
+        let difference = (&identity - l) * s * C64::new(0.5, 0.0);
+        let unscaled = 1.0 / difference.singular_values().max();
+        if unscaled >= enough { unscaled } else { 1.0 / structured_singular_value(difference) }
     }
 
     /// Place and value of the least of `f` over frequency: the grid's, refined by golden section.
@@ -195,14 +200,50 @@ impl ReturnRatio {
         let Some(k) = (0..values.len()).min_by(|&i, &j| values[i].total_cmp(&values[j])) else {
             return (0.0, f64::NAN);
         };
-        let (mut low, mut high) = (grid[k.saturating_sub(1)], grid[(k + 1).min(grid.len() - 1)]);
-        let ratio = 0.5 * (5f64.sqrt() - 1.0);
-        for _ in 0..60 {
-            let (left, right) = (high - ratio * (high - low), low + ratio * (high - low));
-            if f(left) < f(right) { high = right } else { low = left }
-        }
-        let middle = 0.5 * (low + high);
+        let (low, high) = (grid[k.saturating_sub(1)], grid[(k + 1).min(grid.len() - 1)]);
+        let middle = golden(low, high, 40, &f);
         let value = f(middle);
         if value < values[k] { (middle, value) } else { (grid[k], values[k]) }
     }
+}
+
+/// Upper bound of the structured singular value for diagonal complex uncertainty: the largest singular value of
+/// `D m D^-1` over positive diagonal D, by cyclic golden section in log D, which is convex. It is exact for up to
+/// three inputs (Packard and Doyle, Automatica 29, 1993).
+fn structured_singular_value(mut m: DMatrix<C64>) -> f64 {
+    let size = m.nrows();
+    let scaled = |m: &DMatrix<C64>, i: usize, log: f64| {
+        let mut m = m.clone();
+        let factor = C64::new(log.exp(), 0.0);
+        m.row_mut(i).iter_mut().for_each(|v| *v *= factor);
+        m.column_mut(i).iter_mut().for_each(|v| *v /= factor);
+        m
+    };
+    let mut best = m.singular_values().max();
+    for _ in 0..20 {
+        let before = best;
+        // One scale of D is free.
+        for i in 1..size {
+            let value = |log: f64| scaled(&m, i, log).singular_values().max();
+            let log = golden(-7.0, 7.0, 40, &value);
+            if value(log) < best {
+                best = value(log);
+                m = scaled(&m, i, log);
+            }
+        }
+        if best > before * (1.0 - 1e-6) {
+            break;
+        }
+    }
+    best
+}
+
+/// Place of the minimum of a unimodal function, by golden section.
+fn golden(mut low: f64, mut high: f64, steps: usize, f: &impl Fn(f64) -> f64) -> f64 {
+    let ratio = 0.5 * (5f64.sqrt() - 1.0);
+    for _ in 0..steps {
+        let (left, right) = (high - ratio * (high - low), low + ratio * (high - low));
+        if f(left) < f(right) { high = right } else { low = left }
+    }
+    0.5 * (low + high)
 }

@@ -74,7 +74,8 @@ pub enum AntiWindup {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LqrOptions {
-    /// Diagonal of the state weight Q (continuous time). Default: 1 / scale^2 of each state (Bryson).
+    /// Diagonal of the state weight Q (continuous time). Default: 1 / scale^2 of each state (Bryson), a hundredth of
+    /// that for rates and speeds whose integral is a state too.
     pub q: Option<Weights>,
     /// Diagonal of the input weight R (continuous time). Default: 1 / authority^2 of each input.
     pub r: Option<Weights>,
@@ -91,11 +92,13 @@ pub struct LqrOptions {
 #[serde(deny_unknown_fields, default)]
 pub struct PpcOptions {
     /// Closed-loop poles in continuous time, `[re, im]` in 1/s, one per state and per integral. Default: the
-    /// plant's own, each at least as fast as `bandwidth` and as damped as `damping`.
+    /// plant's own, drawn towards `bandwidth` and damped at least by `damping`.
     pub poles: Option<Vec<[f64; 2]>>,
-    /// Smallest natural frequency of the default poles, rad/s.
+    /// Natural frequency, rad/s, towards which the default poles are drawn: slower ones half the way on a
+    /// logarithmic scale, those at the origin to a quarter of it. Default: twice the geometric mean of the
+    /// plant's own.
     pub bandwidth: Option<f64>,
-    /// Smallest damping ratio of the default poles.
+    /// Smallest damping ratio of the default poles. Default: 0.8.
     pub damping: Option<f64>,
     /// States whose error is integrated.
     pub integral: Vec<Selector>,
@@ -107,17 +110,18 @@ pub struct PpcOptions {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SmcOptions {
-    /// Diagonal of the state weight that shapes the surface. Default: as for LQR. Not together with `poles`.
+    /// Diagonal of the state weight that shapes the surface. Default: as for LQR, but a tenth for rates and speeds.
+    /// Not together with `poles`.
     pub q: Option<Weights>,
     /// Poles on the surface in continuous time, `[re, im]` in 1/s: as many as states and integrals less inputs.
     pub poles: Option<Vec<[f64; 2]>>,
-    /// Exponential part of the reaching law, 1/s.
+    /// Exponential part of the reaching law, 1/s. Default: the bandwidth that pole placement draws poles towards.
     pub reaching_rate: Option<f64>,
     /// Switching gain of each surface in units of the inputs: the largest matched disturbance that is overcome.
     /// Default: a fifth of the input's authority.
     pub switching_gain: Option<Weights>,
-    /// Half-width of the boundary layer around each surface, in input units times s. Default: the narrowest
-    /// that keeps the pole within the layer as fast as `layer_rate`.
+    /// Half-width of the boundary layer around each surface, in input units times s. Default: such that within it
+    /// the surface is approached at four times the bandwidth and `reaching_rate` together.
     pub boundary_layer: Option<Weights>,
     /// Second-order sliding by the super-twisting algorithm in place of the constant-plus-proportional law.
     pub super_twisting: bool,

@@ -108,7 +108,7 @@ impl Plant {
             inputs: vec![InputLimits::NONE; m],
             state_names: (1..=n).map(|i| format!("x{i}")).collect(),
             input_names: (1..=m).map(|i| format!("u{i}")).collect(),
-            scales: default_scales(&phi, &gamma, &vec![InputLimits::NONE; m], period_s),
+            scales: default_scales(&a, &phi, &gamma, &vec![InputLimits::NONE; m], period_s),
             a,
             b,
             phi,
@@ -133,7 +133,7 @@ impl Plant {
                 )));
             }
         }
-        self.scales = default_scales(&self.phi, &self.gamma, &inputs, self.period_s);
+        self.scales = default_scales(&self.a, &self.phi, &self.gamma, &inputs, self.period_s);
         self.inputs = inputs;
         Ok(self)
     }
@@ -150,7 +150,7 @@ impl Plant {
     }
 
     /// Sets the size of an excursion of each state that matters as much as full input does (Bryson's rule). The
-    /// default is a share of what full input reaches in two seconds.
+    /// default is a tenth of what full input reaches in two seconds; for positions, a thirtieth of that in ten.
     ///
     /// # Errors
     /// [`PlantError`] when their number is not n or one is not positive.
@@ -232,25 +232,34 @@ fn check_count(what: &'static str, got: usize, wanted: usize) -> Result<(), Plan
     if got == wanted { Ok(()) } else { Err(PlantError::Size { what, got, wanted, unit: "entries" }) }
 }
 
-/// A tenth of the largest excursion that full steps on the inputs cause within two seconds.
+/// A tenth of the largest excursion that full steps on the inputs cause within two seconds; a thirtieth of that
+/// within ten for a state on which nothing depends, as a position, because an outer, slower loop holds it.
 fn default_scales(
+    a: &DMatrix<f64>,
     phi: &DMatrix<f64>,
     gamma: &DMatrix<f64>,
     inputs: &[InputLimits],
     period_s: f64,
 ) -> Vec<f64> {
     let n = phi.nrows();
-    let steps = (2.0 / period_s).ceil().clamp(1.0, 4000.0) as usize;
+    let steps = |time: f64| (time / period_s).ceil().clamp(1.0, 20_000.0) as usize;
+    let until: Vec<usize> = (0..n)
+        .map(|j| if a.column(j).iter().all(|v| *v == 0.0) { steps(10.0) } else { steps(2.0) })
+        .collect();
+    let last = until.iter().copied().max().unwrap_or(0);
     let mut reach = vec![0f64; n];
     for (j, limits) in inputs.iter().enumerate() {
         let drive = gamma.column(j) * limits.authority();
         let mut x = nalgebra::DVector::<f64>::zeros(n);
-        for _ in 0..steps {
+        for k in 0..last {
             x = phi * x + &drive;
-            reach.iter_mut().zip(x.iter()).for_each(|(r, v)| *r = r.max(v.abs()));
+            for i in (0..n).filter(|&i| k < until[i]) {
+                reach[i] = reach[i].max(x[i].abs());
+            }
         }
     }
     let largest = reach.iter().copied().filter(|r| r.is_finite()).fold(0.0, f64::max);
     let floor = if largest > 0.0 { largest * 1e-6 } else { 1.0 };
-    reach.iter().map(|r| if r.is_finite() { 0.1 * r.max(floor) } else { 1.0 }).collect()
+    let share = |i: usize| if until[i] == last && last > steps(2.0) { 1.0 / 30.0 } else { 0.1 };
+    reach.iter().enumerate().map(|(i, r)| if r.is_finite() { share(i) * r.max(floor) } else { 1.0 }).collect()
 }

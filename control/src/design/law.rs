@@ -107,7 +107,7 @@ fn split(plant: &Plant, integral: &[usize], gain: &DMatrix<f64>) -> LinearLaw {
 /// Linear-quadratic regulator for the sampled continuous cost.
 pub fn lqr(plant: &Plant, o: &LqrOptions, integral: &[usize]) -> Result<LinearLaw, DesignError> {
     let (n, m, dt) = (plant.state_count(), plant.input_count(), plant.period_s());
-    let q = resolve::weights("q", o.q.as_ref(), plant.state_names(), resolve::bryson(plant), true)?;
+    let q = resolve::weights("q", o.q.as_ref(), plant.state_names(), resolve::bryson(plant, 0.01), true)?;
     let authority = plant.inputs().iter().map(|i| 1.0 / (i.authority() * i.authority())).collect();
     let r = resolve::weights("r", o.r.as_ref(), plant.input_names(), authority, false)?;
     let integral_q = match &o.integral_q {
@@ -151,8 +151,20 @@ pub fn ppc(plant: &Plant, o: &PpcOptions, integral: &[usize]) -> Result<LinearLa
             poles.iter().map(|p| (p * plant.period_s()).exp()).collect()
         }
     };
-    let placed = place(&phi, &gamma, &poles)?;
-    Ok(split(plant, integral, &placed.gain))
+    // Eigenvectors are as orthogonal as their units: radians and metres are made comparable first.
+    let (state, input) = scaling(plant, integral);
+    let scaled_phi = DMatrix::from_fn(phi.nrows(), phi.ncols(), |i, j| phi[(i, j)] * state[j] / state[i]);
+    let scaled_gamma = DMatrix::from_fn(phi.nrows(), input.len(), |i, j| gamma[(i, j)] * input[j] / state[i]);
+    let placed = place(&scaled_phi, &scaled_gamma, &poles)?;
+    let gain = DMatrix::from_fn(input.len(), phi.nrows(), |i, j| placed.gain[(i, j)] * input[i] / state[j]);
+    Ok(split(plant, integral, &gain))
+}
+
+/// Sizes of the states with their integrals (over one second), and of the inputs.
+fn scaling(plant: &Plant, integral: &[usize]) -> (Vec<f64>, Vec<f64>) {
+    let mut state = plant.scales().to_vec();
+    state.extend(integral.iter().map(|&i| plant.scales()[i]));
+    (state, plant.inputs().iter().map(|i| i.authority()).collect())
 }
 
 /// Sliding mode with a surface by least cost or by poles.
@@ -173,7 +185,8 @@ pub fn smc(
             Shaping::Poles(poles.iter().map(|p| pole(*p, dt)).collect())
         }
         (None, q) => {
-            let mut q = resolve::weights("q", q.as_ref(), plant.state_names(), resolve::bryson(plant), true)?;
+            let mut q =
+                resolve::weights("q", q.as_ref(), plant.state_names(), resolve::bryson(plant, 0.1), true)?;
             let extra: Vec<f64> = integral.iter().map(|&i| 0.25 * q[i]).collect();
             q.extend(extra);
             Shaping::Cost(DMatrix::from_diagonal(&nalgebra::DVector::from_vec(q)) * dt)

@@ -43,7 +43,7 @@ pub struct Design {
     pub open_loop_poles: Vec<Pole>,
     /// Poles of the closed loop with its delay.
     pub closed_loop_poles: Vec<Pole>,
-    /// Condition number of the unit eigenvectors of the loop without its delay.
+    /// Condition number of the unit eigenvectors of the loop without its delay, states in units of their scales.
     pub eigenvector_condition: f64,
     /// Margins at each input, the other loops closed, in the order of the inputs.
     pub loop_margins: Vec<LoopMargins>,
@@ -91,7 +91,7 @@ impl Design {
             options: options.clone(),
             open_loop_poles: open.iter().map(|p| Pole::continuous(*p, period)).collect(),
             closed_loop_poles: poles.iter().map(|p| Pole::discrete(*p, period)).collect(),
-            eigenvector_condition: eigenvector_condition(&linear.undelayed(plant))?,
+            eigenvector_condition: eigenvector_condition(&scaled(plant, &integral, linear.undelayed(plant)))?,
             loop_margins: (0..plant.input_count()).map(|i| ratio.loop_margins(i)).collect(),
             multivariable_margins: ratio.multivariable(),
             integral,
@@ -105,6 +105,20 @@ impl Design {
     pub fn return_ratio(&self) -> ReturnRatio {
         self.linear.return_ratio(&self.plant)
     }
+}
+
+/// The loop without delay in states measured by their scales, integrals by those over one second, and the memory
+/// of super-twisting by the authority of its input.
+fn scaled(plant: &Plant, integral: &[usize], mut loop_: DMatrix<f64>) -> DMatrix<f64> {
+    let integrals = integral.iter().map(|&i| plant.scales()[i]);
+    let twisting = plant.inputs().iter().map(|i| i.authority());
+    for (j, scale) in plant.scales().iter().copied().chain(integrals).chain(twisting).enumerate() {
+        if j < loop_.nrows() {
+            loop_.column_mut(j).scale_mut(scale);
+            loop_.row_mut(j).scale_mut(1.0 / scale);
+        }
+    }
+    loop_
 }
 
 /// Condition number of the unit eigenvectors of `a`; infinite when they are dependent.

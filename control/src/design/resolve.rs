@@ -78,13 +78,18 @@ pub fn positive(option: &'static str, value: Option<f64>, default: f64) -> Resul
     }
 }
 
-/// Bryson's weight of each state.
-pub fn bryson(plant: &Plant) -> Vec<f64> {
-    plant.scales().iter().map(|s| 1.0 / (s * s)).collect()
+/// Bryson's weight of each state, times `rates` for a rate or speed whose integral is a state too: damping comes
+/// with the integral's weight, and more of it only slows the response.
+pub fn bryson(plant: &Plant, rates: f64) -> Vec<f64> {
+    let mut weights: Vec<f64> = plant.scales().iter().map(|s| 1.0 / (s * s)).collect();
+    for (rate, _) in plant.kinematic_rows().into_iter().flatten() {
+        weights[rate] = rates / (plant.scales()[rate] * plant.scales()[rate]);
+    }
+    weights
 }
 
-/// Natural frequency that a loop around this plant should have at least: the geometric mean of those of its own
-/// modes that move, within what the period can follow; rad/s.
+/// Natural frequency that a loop around this plant is given: twice the geometric mean of those of its own modes
+/// that move, within what the period can follow; rad/s.
 pub fn bandwidth(plant: &Plant) -> Result<f64, DesignError> {
     let modes: Vec<f64> = eigenvalues(plant.a())?.iter().map(|p| p.norm()).collect();
     let fastest = modes.iter().copied().fold(0.0, f64::max);
@@ -94,11 +99,12 @@ pub fn bandwidth(plant: &Plant) -> Result<f64, DesignError> {
     }
     let moving: Vec<f64> = modes.into_iter().filter(|w| *w > 1e-3 * fastest).collect();
     let mean = moving.iter().map(|w| w.ln()).sum::<f64>() / moving.len() as f64;
-    Ok((1.5 * mean.exp()).min(top))
+    Ok((2.0 * mean.exp()).min(top))
 }
 
-/// The plant's own poles, each made at least as fast as `bandwidth` and as damped as `damping`, with `extra`
-/// slower ones for integrators, all apart from each other; continuous.
+/// The plant's own poles made faster and damped: a pole slower than `bandwidth` moves half the way to it on a
+/// logarithmic scale, one at the origin to a quarter of it, as an outer loop around the others; damping becomes at
+/// least `damping`. `extra` poles as slow as those of the outer loop serve integrators. All lie apart; continuous.
 pub fn default_poles(
     plant: &Plant,
     bandwidth: f64,
@@ -119,7 +125,10 @@ pub fn default_poles(
         }
     };
     for p in eigenvalues(plant.a())? {
-        let w = p.norm().max(bandwidth);
+        let w = match p.norm() {
+            w if w <= 1e-3 * bandwidth => 0.25 * bandwidth,
+            w => w.max((w * bandwidth).sqrt()),
+        };
         if p.im > 0.0 {
             add(w, (-p.re / p.norm()).max(damping));
         } else if p.im == 0.0 {
@@ -127,7 +136,7 @@ pub fn default_poles(
         }
     }
     for _ in 0..extra {
-        add(0.5 * bandwidth, 1.0);
+        add(0.25 * bandwidth, 1.0);
     }
     Ok(poles)
 }

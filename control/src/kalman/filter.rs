@@ -2,6 +2,8 @@
 
 use nalgebra::DMatrix;
 
+use crate::kernel::{Block, Packed, blocks};
+
 /// Longest pattern of measurements, in steps, whose gains are kept.
 const MAX_PERIOD: usize = 64;
 
@@ -20,9 +22,18 @@ pub struct KalmanFilter {
     states: usize,
     outputs: usize,
     model: FilterModel,
-    x: Vec<f64>,
-    scratch: Vec<f64>,
-    innovation: Vec<f64>,
+    f: Packed,
+    g: Packed,
+    h: Packed,
+    /// None when there is no feed-through.
+    d: Option<Packed>,
+    x: Vec<Block>,
+    innovation: Vec<Block>,
+    independent: Vec<Block>,
+    scratch: Vec<Block>,
+    column: Vec<f64>,
+    gain: DMatrix<f64>,
+    whitening: DMatrix<f64>,
     p: DMatrix<f64>,
     work: DMatrix<f64>,
     /// Per phase of the pattern; the first serves while nothing is kept.
@@ -56,9 +67,9 @@ pub struct FilterModel {
 struct Phase {
     mask: u64,
     /// States x outputs.
-    gain: DMatrix<f64>,
+    gain: Packed,
     /// Outputs x outputs: innovations to independent ones of unit variance.
-    whitening: DMatrix<f64>,
+    whitening: Packed,
     std: Vec<f64>,
     p: DMatrix<f64>,
 }
@@ -88,20 +99,29 @@ impl KalmanFilter {
     pub fn new(model: FilterModel, initial: &[f64]) -> Self {
         let (states, outputs) = (model.f.nrows(), model.h.nrows());
         let p = DMatrix::from_fn(states, states, |i, j| if i == j { initial[i] * initial[i] } else { 0.0 });
+        let (gain, whitening) = (DMatrix::zeros(states, outputs), DMatrix::zeros(outputs, outputs));
         let phase = Phase {
             mask: 0,
-            gain: DMatrix::zeros(states, outputs),
-            whitening: DMatrix::zeros(outputs, outputs),
+            gain: Packed::new(&gain),
+            whitening: Packed::new(&whitening),
             std: initial.to_vec(),
             p: p.clone(),
         };
         Self {
             states,
             outputs,
+            f: Packed::new(&model.f),
+            g: Packed::new(&model.g),
+            h: Packed::new(&model.h),
+            d: model.d.iter().any(|v| *v != 0.0).then(|| Packed::new(&model.d)),
             model,
-            x: vec![0.0; states],
-            scratch: vec![0.0; states],
-            innovation: vec![0.0; outputs],
+            x: vec![[0.0; 4]; blocks(states)],
+            innovation: vec![[0.0; 4]; blocks(outputs)],
+            independent: vec![[0.0; 4]; blocks(outputs)],
+            scratch: vec![[0.0; 4]; blocks(states)],
+            column: vec![0.0; states],
+            gain,
+            whitening,
             work: p.clone(),
             p,
             phases: vec![phase; MAX_PERIOD],
@@ -120,7 +140,7 @@ impl KalmanFilter {
 
     /// Estimated state.
     pub fn x(&self) -> &[f64] {
-        &self.x
+        &self.x.as_flattened()[..self.states]
     }
 
     /// Standard deviation of the estimate.
@@ -153,7 +173,7 @@ impl KalmanFilter {
 
     /// Sets the state without touching its covariance.
     pub fn set_state(&mut self, x: &[f64]) {
-        self.x.iter_mut().zip(x).for_each(|(a, b)| *a = *b);
+        self.x.as_flattened_mut().iter_mut().take(self.states).zip(x).for_each(|(a, b)| *a = *b);
     }
 
     /// One step: prediction with the input that acted since the step before (none before the first), then the
@@ -170,9 +190,9 @@ impl KalmanFilter {
             mask = 0;
         }
         if self.started {
-            self.scratch.fill(0.0);
-            add_product(&mut self.scratch, self.model.f.as_slice(), &self.x);
-            add_product(&mut self.scratch, self.model.g.as_slice(), u_before);
+            self.scratch.fill([0.0; 4]);
+            self.f.add(&mut self.scratch, self.x.as_flattened());
+            self.g.add(&mut self.scratch, u_before);
             std::mem::swap(&mut self.x, &mut self.scratch);
         }
         if let Search::Kept { period, next } = self.pattern.state {
@@ -187,7 +207,12 @@ impl KalmanFilter {
             self.pattern.count = 0;
         }
         if self.started {
-            self.work.gemm(1.0, &self.model.f, &self.p, 0.0);
+            // Not nalgebra's product, which allocates for its packing.
+            for j in 0..self.states {
+                self.scratch.fill([0.0; 4]);
+                self.f.add(&mut self.scratch, &self.p.as_slice()[j * self.states..(j + 1) * self.states]);
+                self.work.column_mut(j).copy_from_slice(&self.scratch.as_flattened()[..self.states]);
+            }
             self.p.copy_from(&self.model.q);
             // F P F' + Q.
             for j in 0..self.states {
@@ -216,53 +241,55 @@ impl KalmanFilter {
     /// Gains, whitening and covariance for the measurements in `mask`, one at a time.
     fn update_covariance(&mut self, slot: usize, mask: u64) {
         let (n, p) = (self.states, self.outputs);
-        let phase = &mut self.phases[slot];
-        phase.mask = mask;
-        phase.gain.fill(0.0);
-        phase.whitening.fill(0.0);
+        self.gain.fill(0.0);
+        self.whitening.fill(0.0);
         for i in 0..p {
             if mask >> i & 1 == 0 {
                 continue;
             }
-            // k = P h' / s; scratch holds it.
+            // k = P h' / s; `column` holds it.
             let mut s = self.model.variance[i];
             for r in 0..n {
                 let v: f64 = (0..n).map(|c| self.p[(r, c)] * self.model.h[(i, c)]).sum();
-                self.scratch[r] = v;
+                self.column[r] = v;
                 s += self.model.h[(i, r)] * v;
             }
             // The innovation left after the measurements before: row i of (I - H K).
             for j in 0..=i {
-                let through: f64 = (0..n).map(|r| self.model.h[(i, r)] * phase.gain[(r, j)]).sum();
-                phase.whitening[(i, j)] = f64::from(u8::from(i == j)) - through;
+                let through: f64 = (0..n).map(|r| self.model.h[(i, r)] * self.gain[(r, j)]).sum();
+                self.whitening[(i, j)] = f64::from(u8::from(i == j)) - through;
             }
             for r in 0..n {
-                self.scratch[r] /= s;
+                self.column[r] /= s;
             }
             for j in 0..=i {
-                let w = phase.whitening[(i, j)];
+                let w = self.whitening[(i, j)];
                 for r in 0..n {
-                    phase.gain[(r, j)] += self.scratch[r] * w;
+                    self.gain[(r, j)] += self.column[r] * w;
                 }
-                phase.whitening[(i, j)] = w / s.sqrt();
+                self.whitening[(i, j)] = w / s.sqrt();
             }
             // Joseph: T = (I - k h) P, then P = T (I - k h)' + r k k'.
             for c in 0..n {
                 let hp: f64 = (0..n).map(|r| self.model.h[(i, r)] * self.p[(r, c)]).sum();
                 for r in 0..n {
-                    self.work[(r, c)] = self.p[(r, c)] - self.scratch[r] * hp;
+                    self.work[(r, c)] = self.p[(r, c)] - self.column[r] * hp;
                 }
             }
             for r in 0..n {
                 let th: f64 = (0..n).map(|c| self.work[(r, c)] * self.model.h[(i, c)]).sum();
                 for c in 0..=r {
-                    let v = self.work[(r, c)] - th * self.scratch[c]
-                        + self.model.variance[i] * self.scratch[r] * self.scratch[c];
+                    let v = self.work[(r, c)] - th * self.column[c]
+                        + self.model.variance[i] * self.column[r] * self.column[c];
                     self.p[(r, c)] = v;
                     self.p[(c, r)] = v;
                 }
             }
         }
+        let phase = &mut self.phases[slot];
+        phase.mask = mask;
+        phase.gain.fill(&self.gain);
+        phase.whitening.fill(&self.whitening);
         for r in 0..n {
             phase.std[r] = self.p[(r, r)].max(0.0).sqrt();
         }
@@ -271,22 +298,19 @@ impl KalmanFilter {
     /// Innovations, NIS and the state.
     fn apply(&mut self, y: &[f64], mask: u64, u_now: &[f64]) {
         let phase = &self.phases[self.current];
-        for (i, v) in self.innovation.iter_mut().enumerate() {
+        for (i, v) in self.innovation.as_flattened_mut().iter_mut().enumerate().take(self.outputs) {
             // What is left out may be NaN, which no zero gain would stop.
             *v = if mask >> i & 1 == 1 { y[i] } else { 0.0 };
         }
-        subtract_product(&mut self.innovation, self.model.h.as_slice(), &self.x);
-        subtract_product(&mut self.innovation, self.model.d.as_slice(), u_now);
-        add_product(&mut self.x, phase.gain.as_slice(), &self.innovation);
-        let mut nis = 0.0;
-        for i in 0..self.outputs {
-            let mut w = 0.0;
-            for j in 0..=i {
-                w += phase.whitening[(i, j)] * self.innovation[j];
-            }
-            nis += w * w;
+        self.h.subtract(&mut self.innovation, self.x.as_flattened());
+        if let Some(d) = &self.d {
+            d.subtract(&mut self.innovation, u_now);
         }
-        self.nis = nis;
+        let innovation = &self.innovation.as_flattened()[..self.outputs];
+        phase.gain.add(&mut self.x, innovation);
+        self.independent.fill([0.0; 4]);
+        phase.whitening.add(&mut self.independent, innovation);
+        self.nis = self.independent.as_flattened().iter().map(|v| v * v).sum();
         self.dof = mask.count_ones();
     }
 
@@ -350,19 +374,5 @@ impl KalmanFilter {
                 (self.p[(i, j)] - before[(i, j)]).abs() <= tolerance * size
             })
         })
-    }
-}
-
-/// `y += m x`, m column after column.
-fn add_product(y: &mut [f64], m: &[f64], x: &[f64]) {
-    for (column, v) in m.chunks_exact(y.len()).zip(x) {
-        y.iter_mut().zip(column).for_each(|(y, c)| *y += c * v);
-    }
-}
-
-/// `y -= m x`.
-fn subtract_product(y: &mut [f64], m: &[f64], x: &[f64]) {
-    for (column, v) in m.chunks_exact(y.len()).zip(x) {
-        y.iter_mut().zip(column).for_each(|(y, c)| *y -= c * v);
     }
 }

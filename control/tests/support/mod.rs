@@ -98,13 +98,14 @@ pub fn vehicle(name: &str) -> (DMatrix<f64>, DMatrix<f64>) {
     (a, b)
 }
 
-/// A vehicle at 200 Hz with inputs within +-20 (the quadrotor's limits).
+/// A vehicle at 200 Hz within the limits of its vehicle file.
 pub fn plant(name: &str) -> Plant {
     let (a, b) = vehicle(name);
     let names = ["roll", "roll_rate", "pitch", "pitch_rate", "lateral_speed", "longitudinal_speed"];
     let positions = ["longitudinal_position", "lateral_position"];
     let states = names.iter().chain(&positions).take(a.nrows()).map(|s| (*s).to_owned()).collect();
-    let limits = InputLimits { lower: -20.0, upper: 20.0, rate: f64::INFINITY };
+    let reach = if name == "helicopter-hover" { 10.0 } else { 20.0 };
+    let limits = InputLimits { lower: -reach, upper: reach, rate: f64::INFINITY };
     Plant::new(a, b, 0.005)
         .and_then(|p| p.with_limits(vec![limits; 2]))
         .and_then(|p| p.with_names(states, vec!["u_roll".into(), "u_pitch".into()]))
