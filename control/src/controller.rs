@@ -245,8 +245,9 @@ impl Controller {
         self.phi.add(&mut self.predicted, estimate);
         self.gamma.add(&mut self.predicted, &self.in_force);
         let predicted = self.predicted.as_flattened();
-        for i in 0..self.n {
-            self.error[i] = if self.target.freed()[i] { 0.0 } else { predicted[i] - self.steady_x[i] };
+        let (steady, freed) = (&self.steady_x, self.target.freed());
+        for (i, error) in self.error.iter_mut().enumerate() {
+            *error = if freed[i] { 0.0 } else { predicted[i] - steady[i] };
         }
     }
 

@@ -109,7 +109,7 @@ fn dividers_and_dropouts_do_not_break_consistency() {
     let plant = plant("helicopter-hover");
     // Attitude and rates always, speeds every fourth step, positions every tenth.
     let divided = |k: usize| {
-        0b1111 | if k % 4 == 0 { 0b11_0000 } else { 0 } | if k % 10 == 9 { 0b1100_0000 } else { 0 }
+        0b1111 | if k.is_multiple_of(4) { 0b11_0000 } else { 0 } | if k % 10 == 9 { 0b1100_0000 } else { 0 }
     };
     check("dividers", &trials(&plant, &EstimatorOptions::default(), divided));
     let dropouts = move |k: usize| if (k * 7919) % 31 < 4 && k != STEPS - 1 { 0 } else { divided(k) };
