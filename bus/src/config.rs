@@ -123,7 +123,7 @@ impl WaitStrategy {
     /// loses nothing to a network that is slow for a moment.
     pub fn lockstep() -> Self {
         Self {
-            spin: 1,
+            spin: 0,
             yield_for: Duration::from_millis(1),
             sleep: Duration::from_millis(1),
             congestion: Duration::from_millis(200),

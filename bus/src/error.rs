@@ -128,3 +128,19 @@ pub enum ResidueError {
         reason: String,
     },
 }
+
+/// Remains that stop a node from joining.
+impl From<ResidueError> for OpenError {
+    fn from(error: ResidueError) -> Self {
+        match error {
+            ResidueError::Name(error) => error,
+            ResidueError::File { path, source } => Self::File { path, source },
+            ResidueError::List { bench, reason } => Self::Transport {
+                action: "list the nodes".into(),
+                bench,
+                transport: crate::Transport::Iceoryx2,
+                reason,
+            },
+        }
+    }
+}

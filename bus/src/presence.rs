@@ -2,7 +2,8 @@
 //!
 //! Each member holds a shared lock on the file; the operating system lets go of it however the process ends. So an
 //! exclusive lock shows that nobody is left, and whoever gets it may remove everything that carries the bench's
-//! name: the last member does so when it leaves, [`remove_residue`] after killed ones.
+//! name: the last member does so when it leaves, the first when it comes (a node killed while it joined may have left
+//! something half made that would stop all others), and [`remove_residue`] after killed ones.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
@@ -38,15 +39,12 @@ pub struct Residue {
 pub fn remove_residue(bench: &str) -> Result<Residue, ResidueError> {
     check_name("bench", bench).map_err(ResidueError::Name)?;
     let path = park_path(bench);
-    let file = open(&path).map_err(|source| ResidueError::File { path: path.clone(), source })?;
-    match file.try_lock() {
-        Ok(()) => clear(bench, &path),
-        Err(TryLockError::WouldBlock) => {
-            let (removed, _) = clean_dead_nodes(bench)?;
-            Ok(Residue { removed, in_use: true })
-        }
-        Err(TryLockError::Error(source)) => Err(ResidueError::File { path, source }),
+    let failed = |source| ResidueError::File { path: path.clone(), source };
+    let file = open(&path).map_err(failed)?;
+    if is_alone(&file).map_err(failed)? {
+        return clear_out(bench, &path);
     }
+    Ok(Residue { removed: clean_dead_nodes(bench)?, in_use: true })
 }
 
 /// A member's share of the park file.
@@ -60,20 +58,22 @@ pub(crate) struct Presence {
 impl Presence {
     pub(crate) fn join(bench: &str) -> Result<Self, OpenError> {
         let path = park_path(bench);
-        let attempt = || -> io::Result<(File, MmapRaw)> {
-            let file = loop {
-                let file = open(&path)?;
-                file.lock_shared()?;
-                // The last member may have removed the file between opening and locking it.
-                if file.metadata()?.nlink() > 0 {
-                    break file;
-                }
-            };
-            file.set_len(size_of::<Region>() as u64)?;
-            let map = MmapOptions::new().len(size_of::<Region>()).map_raw(&file)?;
-            Ok((file, map))
+        let failed = |source| OpenError::File { path: path.clone(), source };
+        let file = loop {
+            let file = open(&path).map_err(failed)?;
+            if is_alone(&file).map_err(failed)? {
+                clear(bench, &path).map_err(OpenError::from)?;
+                // All members of a fresh bench start from a park region of zeros.
+                file.set_len(0).map_err(failed)?;
+            }
+            file.lock_shared().map_err(failed)?;
+            // Somebody may have removed the file between opening and locking it.
+            if file.metadata().map_err(failed)?.nlink() > 0 {
+                break file;
+            }
         };
-        let (file, map) = attempt().map_err(|source| OpenError::File { path: path.clone(), source })?;
+        file.set_len(size_of::<Region>() as u64).map_err(failed)?;
+        let map = MmapOptions::new().len(size_of::<Region>()).map_raw(&file).map_err(failed)?;
         Ok(Self { bench: bench.into(), path, file, map })
     }
 
@@ -89,8 +89,8 @@ impl Drop for Presence {
     fn drop(&mut self) {
         // A failed upgrade means that others are still there; a failed removal leaves files that the next
         // member or `remove_residue` finds, and a destructor has nobody to tell.
-        if self.file.try_lock().is_ok()
-            && let Err(error) = clear(&self.bench, &self.path)
+        if is_alone(&self.file).is_ok_and(|alone| alone)
+            && let Err(error) = clear_out(&self.bench, &self.path)
         {
             tracing::warn!("leaving bench \"{}\": {error}", self.bench);
         }
@@ -112,29 +112,56 @@ fn open(path: &Path) -> io::Result<File> {
         .open(path)
 }
 
-/// Lets iceoryx2 clean up after dead nodes; returns how many, and whether a live one was found.
-fn clean_dead_nodes(bench: &str) -> Result<(usize, bool), ResidueError> {
+/// The iceoryx2 nodes of a bench, dead or alive.
+fn nodes(bench: &str) -> Result<Vec<NodeState<ipc::Service>>, ResidueError> {
     let config = config(bench).map_err(ResidueError::Name)?;
-    let (mut cleaned, mut alive) = (0, false);
+    let mut nodes = Vec::new();
     Node::<ipc::Service>::list(&config, |state| {
-        match state {
-            NodeState::Dead(dead) => cleaned += usize::from(dead.try_remove_stale_resources().is_ok()),
-            NodeState::Alive(_) => alive = true,
-            NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
-        }
+        nodes.push(state);
         CallbackProgression::Continue
     })
     .map_err(|e| ResidueError::List { bench: bench.into(), reason: e.to_string() })?;
-    Ok((cleaned, alive))
+    Ok(nodes)
 }
 
-/// Removes everything that carries the bench's name; to be called with the exclusive lock held.
-fn clear(bench: &str, park: &Path) -> Result<Residue, ResidueError> {
-    let (mut removed, alive) = clean_dead_nodes(bench)?;
-    if alive {
-        // A foreign iceoryx2 program, which does not lock the park file, is still on the bench.
-        return Ok(Residue { removed, in_use: true });
+/// Lets iceoryx2 clean up after dead nodes while others are at work; returns how many.
+fn clean_dead_nodes(bench: &str) -> Result<usize, ResidueError> {
+    let cleaned = |state| match state {
+        NodeState::Dead(dead) => dead.try_remove_stale_resources().is_ok(),
+        NodeState::Alive(_) | NodeState::Inaccessible(_) | NodeState::Undefined(_) => false,
+    };
+    Ok(nodes(bench)?.into_iter().map(cleaned).filter(|cleaned| *cleaned).count())
+}
+
+/// Whether this handle now holds the exclusive lock on the file that bears the name, and nobody else is there. A
+/// lock on a file that was removed meanwhile means nothing: others may have made a new one.
+fn is_alone(file: &File) -> io::Result<bool> {
+    match file.try_lock() {
+        Ok(()) => Ok(file.metadata()?.nlink() > 0),
+        Err(TryLockError::WouldBlock) => Ok(false),
+        Err(TryLockError::Error(error)) => Err(error),
     }
+}
+
+/// Removes everything that carries the bench's name, the park file last, because it is the lock: a member that joins
+/// meanwhile waits for it and then starts afresh. To be called with the exclusive lock held.
+fn clear_out(bench: &str, park: &Path) -> Result<Residue, ResidueError> {
+    let mut residue = clear(bench, park)?;
+    if !residue.in_use {
+        residue.removed += gone(std::fs::remove_file(park))
+            .map_err(|source| ResidueError::File { path: park.into(), source })?;
+    }
+    Ok(residue)
+}
+
+/// Removes everything that carries the bench's name but the park file; to be called with the exclusive lock held.
+fn clear(bench: &str, park: &Path) -> Result<Residue, ResidueError> {
+    if nodes(bench)?.iter().any(|state| matches!(state, NodeState::Alive(_))) {
+        // A foreign iceoryx2 program, which does not lock the park file, is still on the bench.
+        return Ok(Residue { removed: clean_dead_nodes(bench)?, in_use: true });
+    }
+    // Not iceoryx2's own cleaning, which can wait for ever on what a killed node left half made.
+    let mut removed = 0;
     let failed = |path: &Path, source: io::Error| ResidueError::File { path: path.into(), source };
     let shared = Path::new(SHARED_MEMORY);
     let prefix = prefix(bench);
@@ -146,8 +173,6 @@ fn clear(bench: &str, park: &Path) -> Result<Residue, ResidueError> {
     }
     let root = root_path(bench);
     removed += gone(std::fs::remove_dir_all(&root)).map_err(|e| failed(&root, e))?;
-    // Last, because it is the lock: a member that joins meanwhile waits for it and then starts afresh.
-    removed += gone(std::fs::remove_file(park)).map_err(|e| failed(park, e))?;
     Ok(Residue { removed, in_use: false })
 }
 

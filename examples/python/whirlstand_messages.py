@@ -106,4 +106,137 @@ def _read_varint(wire: bytes, at: int) -> tuple[int, int]:
 # The layouts below are written by `WHIRLSTAND_BLESS=1 cargo test -p whirlstand-msgs --test wire_format`, and checked
 # by the same test without it. Units and meanings are in docs/wire-format.md.
 # layouts: begin
+
+
+class Imu(Message):
+    TOPIC = "imu"
+    TYPE_NAME = "whirlstand/msg/Imu"
+    SCHEMA_HASH = 0xe4779c170a6eefc9
+    _fields_ = [
+        ("head", Head),
+        ("roll", c_double),
+        ("pitch", c_double),
+        ("yaw", c_double),
+        ("roll_rate", c_double),
+        ("pitch_rate", c_double),
+        ("yaw_rate", c_double),
+        ("valid", c_uint32),
+        ("reserved", c_uint32),
+    ]
+
+
+class Odometry(Message):
+    TOPIC = "odometry"
+    TYPE_NAME = "whirlstand/msg/Odometry"
+    SCHEMA_HASH = 0x7bcae8018f3fb5ef
+    _fields_ = [
+        ("head", Head),
+        ("longitudinal_position", c_double),
+        ("lateral_position", c_double),
+        ("height", c_double),
+        ("longitudinal_speed", c_double),
+        ("lateral_speed", c_double),
+        ("vertical_speed", c_double),
+        ("valid", c_uint32),
+        ("reserved", c_uint32),
+    ]
+
+
+class Estimate(Message):
+    TOPIC = "estimate"
+    TYPE_NAME = "whirlstand/msg/Estimate"
+    SCHEMA_HASH = 0xb773aba67b92e008
+    _fields_ = [
+        ("head", Head),
+        ("x", c_double * 16),
+        ("std", c_double * 16),
+        ("bias", c_double * 4),
+        ("nis", c_double),
+        ("dof", c_uint32),
+        ("count", c_uint32),
+        ("flags", c_uint32),
+        ("reserved", c_uint32),
+    ]
+
+
+class Command(Message):
+    TOPIC = "command"
+    TYPE_NAME = "whirlstand/msg/Command"
+    SCHEMA_HASH = 0x1cac5a74e0dac751
+    _fields_ = [
+        ("head", Head),
+        ("u", c_double * 8),
+        ("count", c_uint32),
+        ("flags", c_uint32),
+    ]
+
+
+class Setpoint(Message):
+    TOPIC = "setpoint"
+    TYPE_NAME = "whirlstand/msg/Setpoint"
+    SCHEMA_HASH = 0x48d955e38cf42608
+    _fields_ = [
+        ("head", Head),
+        ("x", c_double * 16),
+        ("stick", c_double * 8),
+        ("tracked", c_uint64),
+    ]
+
+
+class Truth(Message):
+    TOPIC = "truth"
+    TYPE_NAME = "whirlstand/msg/Truth"
+    SCHEMA_HASH = 0x7b0e9a8ae84bcc18
+    _fields_ = [
+        ("head", Head),
+        ("x", c_double * 16),
+        ("u", c_double * 8),
+        ("states", c_uint32),
+        ("inputs", c_uint32),
+        ("flags", c_uint32),
+        ("reserved", c_uint32),
+    ]
+
+
+class Disturbance(Message):
+    TOPIC = "disturbance"
+    TYPE_NAME = "whirlstand/msg/Disturbance"
+    SCHEMA_HASH = 0xf67c0f135dd1546f
+    _fields_ = [
+        ("head", Head),
+        ("dx", c_double * 16),
+        ("count", c_uint32),
+        ("reserved", c_uint32),
+    ]
+
+
+class Health(Message):
+    TOPIC = "health"
+    TYPE_NAME = "whirlstand/msg/Health"
+    SCHEMA_HASH = 0x14ff200d2d57254b
+    _fields_ = [
+        ("head", Head),
+        ("steps", c_uint64),
+        ("deadline_misses", c_uint64),
+        ("lost", c_uint64),
+        ("rejected", c_uint64),
+        ("latency_max_ns", c_uint64),
+        ("latency", c_uint32 * 32),
+        ("pid", c_uint32),
+        ("state", c_uint32),
+        ("node", c_uint8 * 32),
+    ]
+
+
+class Progress(Message):
+    TOPIC = "progress"
+    TYPE_NAME = "whirlstand/msg/Progress"
+    SCHEMA_HASH = 0x955206214e21eaeb
+    _fields_ = [
+        ("head", Head),
+        ("written", c_uint64),
+        ("lost", c_uint64),
+    ]
+
+
 # layouts: end

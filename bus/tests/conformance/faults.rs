@@ -9,7 +9,7 @@ use whirlstand_msgs::{Command, Imu, Progress};
 use crate::stage::{PATIENCE, PEER, Stage, at, next, until_heard};
 
 /// Publishes `Imu` as fast as somebody takes them, until it dies.
-fn sensor(config: &BusConfig, stop: &AtomicBool) {
+pub fn sensor(config: &BusConfig, stop: &AtomicBool) {
     let bus = Bus::open(config).unwrap();
     let mut publisher = bus.publisher::<Imu>().unwrap();
     let mut step = 0;
@@ -21,7 +21,7 @@ fn sensor(config: &BusConfig, stop: &AtomicBool) {
 }
 
 /// Subscribes to `Command`, says so, and never takes one.
-fn sleeper(config: &BusConfig, stop: &AtomicBool) {
+pub fn sleeper(config: &BusConfig, stop: &AtomicBool) {
     let bus = Bus::open(config).unwrap();
     let _subscriber = bus.subscriber::<Command>(8).unwrap();
     let mut publisher = bus.publisher::<Progress>().unwrap();

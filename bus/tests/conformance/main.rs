@@ -1,9 +1,13 @@
-//! The conformance suite: what holds on every transport. Each body is generic, and instantiated for each.
+//! The conformance suite: what holds on every transport. Each body is generic, and instantiated for each. Beside
+//! it: what only one transport has, and the Python examples.
 
 mod faults;
 mod flow;
+mod python;
+mod residue;
 mod schema;
 mod stage;
+mod zenoh_settings;
 
 /// One test for each body and transport.
 macro_rules! conformance {

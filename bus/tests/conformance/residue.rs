@@ -1,0 +1,91 @@
+//! What killed processes leave in shared memory is removed, and nothing else.
+
+use std::time::Duration;
+
+use whirlstand_bus::{Residue, Transport, remove_residue};
+use whirlstand_msgs::{Imu, Progress};
+
+use crate::faults::{sensor, sleeper};
+use crate::stage::{Stage, at, leftovers, next, until_heard};
+
+#[test]
+fn nothing_is_left_of_killed_nodes() {
+    let neighbour = Stage::new(Transport::Iceoryx2, "residue-n");
+    let bus = neighbour.join("here");
+    let mut publisher = bus.publisher::<Imu>().unwrap();
+    let mut subscriber = bus.subscriber::<Imu>(4).unwrap();
+
+    let stage = Stage::new(Transport::Iceoryx2, "residue");
+    let mut peers = [stage.spawn("sensor", sensor), stage.spawn("sleeper", sleeper)];
+    {
+        // Both are there and at work.
+        let here = stage.join("here");
+        next(&here, &mut here.subscriber::<Imu>(4).unwrap());
+        next(&here, &mut here.subscriber::<Progress>(4).unwrap());
+    }
+    for peer in &mut peers {
+        peer.kill();
+    }
+    assert_ne!(leftovers(&stage.name), Vec::<String>::new(), "or this test shows nothing");
+    let residue = remove_residue(&stage.name).unwrap();
+    assert!(residue.removed > 0 && !residue.in_use, "{residue:?}");
+    assert_eq!(leftovers(&stage.name), Vec::<String>::new());
+    assert_eq!(remove_residue(&stage.name).unwrap(), Residue { removed: 1, in_use: false });
+
+    until_heard(&bus, &mut publisher);
+    publisher.send(&at(3)).unwrap();
+    assert_eq!(next(&bus, &mut subscriber).head.step, 3);
+}
+
+#[test]
+fn what_is_in_use_stays() {
+    let stage = Stage::new(Transport::Iceoryx2, "in-use");
+    let bus = stage.join("here");
+    let mut publisher = bus.publisher::<Imu>().unwrap();
+    let mut subscriber = bus.subscriber::<Imu>(4).unwrap();
+    let mut peer = stage.spawn("sleeper", sleeper);
+    next(&bus, &mut bus.subscriber::<Progress>(4).unwrap());
+    peer.kill();
+    assert!(remove_residue(&stage.name).unwrap().in_use);
+    publisher.send(&at(1)).unwrap();
+    assert_eq!(next(&bus, &mut subscriber).head.step, 1);
+    // Its name begins with that of the other bench, which is not the same.
+    let longer = format!("{}-2", stage.name);
+    remove_residue(&longer).unwrap();
+    publisher.send(&at(2)).unwrap();
+    assert_eq!(next(&bus, &mut subscriber).head.step, 2);
+}
+
+#[test]
+fn whoever_leaves_last_clears_up() {
+    let stage = Stage::new(Transport::Iceoryx2, "last");
+    let (first, last) = (stage.join("first"), stage.join("last"));
+    let publisher = last.publisher::<Imu>().unwrap();
+    drop(first);
+    assert_ne!(leftovers(&stage.name), Vec::<String>::new());
+    drop(last);
+    assert_ne!(leftovers(&stage.name), Vec::<String>::new(), "the publisher still holds the bench");
+    drop(publisher);
+    assert_eq!(leftovers(&stage.name), Vec::<String>::new());
+}
+
+#[test]
+fn a_node_killed_while_it_joins_leaves_a_usable_bench() {
+    let stage = Stage::new(Transport::Iceoryx2, "joining");
+    for attempt in 0..20 {
+        let mut peer = stage.spawn("sensor", sensor);
+        // Not a wait for anything: the moment of death sweeps over the start of the process.
+        std::thread::sleep(Duration::from_micros(500 * attempt));
+        peer.kill();
+        if attempt % 5 == 4 {
+            let bus = stage.join("here");
+            let mut publisher = bus.publisher::<Imu>().unwrap();
+            let mut subscriber = bus.subscriber::<Imu>(4).unwrap();
+            until_heard(&bus, &mut publisher);
+            publisher.send(&at(attempt)).unwrap();
+            assert_eq!(next(&bus, &mut subscriber).head.step, attempt);
+        }
+    }
+    remove_residue(&stage.name).unwrap();
+    assert_eq!(leftovers(&stage.name), Vec::<String>::new());
+}
