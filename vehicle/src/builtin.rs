@@ -10,6 +10,17 @@ const FILES: &[(&str, &str)] = &[
     ("helicopter-lateral", include_str!("../vehicles/helicopter-lateral.toml")),
 ];
 
+/// Structures of the paper without numbers, for identification: no vehicles, since nothing moves before the fit.
+const TEMPLATES: &[(&str, &str)] = &[
+    ("quadrotor-structure", include_str!("../vehicles/quadrotor-structure.toml")),
+    ("helicopter-structure", include_str!("../vehicles/helicopter-structure.toml")),
+];
+
+/// Names of the built-in templates for identification.
+pub fn template_names() -> impl Iterator<Item = &'static str> {
+    TEMPLATES.iter().map(|(name, _)| *name)
+}
+
 /// Names of the built-in vehicles.
 pub fn builtin_names() -> impl Iterator<Item = &'static str> {
     FILES.iter().map(|(name, _)| *name)
@@ -17,7 +28,7 @@ pub fn builtin_names() -> impl Iterator<Item = &'static str> {
 
 /// Text of a built-in vehicle file.
 pub(crate) fn text(name: &str) -> Option<&'static str> {
-    FILES.iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
+    FILES.iter().chain(TEMPLATES).find(|(n, _)| *n == name).map(|(_, text)| *text)
 }
 
 impl Vehicle {
@@ -28,8 +39,8 @@ impl Vehicle {
     pub fn builtin(name: &str) -> Result<Self, VehicleError> {
         let text = text(name).ok_or_else(|| VehicleError::Unknown {
             name: name.into(),
-            nearest: nearest(name, builtin_names()),
-            known: list(builtin_names()),
+            nearest: nearest(name, builtin_names().chain(template_names())),
+            known: list(builtin_names().chain(template_names())),
         })?;
         Ok(Self::parse(text, name)?)
     }

@@ -21,14 +21,16 @@ mod discretise;
 mod effects;
 mod error;
 mod file;
+mod free;
 mod model;
 mod random;
 mod simulator;
 
-pub use builtin::builtin_names;
+pub use builtin::{builtin_names, template_names};
 pub use discretise::{DiscretiseError, discretise, matrix_exponential};
 pub use effects::{Effect, FieldValue, Kind, Matrix, Need, Parameter, Place, PlaceKind, SPECS, Scale, Spec};
 pub use error::{EffectError, FileError, SimulatorError, VehicleError};
+pub use free::{Free, Provenance, Target};
 pub use model::{Engine, Input, Output, SignalUnit, State, Vehicle, Vibration};
 pub use random::Stream;
 pub use simulator::Simulator;

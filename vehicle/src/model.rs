@@ -179,6 +179,12 @@ pub struct Vehicle {
     pub d: DMatrix<f64>,
     /// Effects on the model; [`Vehicle::add_effect`] adds one.
     pub effects: Vec<Effect>,
+    /// What identification may change.
+    pub free: Vec<crate::free::Free>,
+    /// Outputs that identification fits, with their weights; all with weight 1 when empty.
+    pub fit: Vec<(String, f64)>,
+    /// Where a fitted vehicle comes from.
+    pub provenance: crate::free::Provenance,
     /// The file's text as it was read; empty for a vehicle that was not read.
     pub source_text: String,
     /// Folder against which paths in the file are resolved; `None` for built-in vehicles and texts.

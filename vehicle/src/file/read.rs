@@ -9,7 +9,21 @@ use crate::effects::{Effect, FieldValue, Kind};
 use crate::error::FileError;
 use crate::model::{Input, Output, SignalUnit, State, Vehicle, Vibration};
 
-const KEYS: &[&str] = &["name", "description", "A", "B", "C", "D", "states", "inputs", "outputs", "effects"];
+const KEYS: &[&str] = &[
+    "name",
+    "description",
+    "A",
+    "B",
+    "C",
+    "D",
+    "states",
+    "inputs",
+    "outputs",
+    "effects",
+    "free",
+    "fit",
+    "provenance",
+];
 
 impl Vehicle {
     /// Reads a vehicle from the text of a vehicle file; `origin` names it in errors.
@@ -54,6 +68,9 @@ impl Vehicle {
             c,
             d,
             effects: Vec::new(),
+            free: Vec::new(),
+            fit: Vec::new(),
+            provenance: super::free::provenance(&file)?,
             source_text: text.into(),
             folder: folder_of(origin),
         };
@@ -63,6 +80,8 @@ impl Vehicle {
                 vehicle.effects.push(effect);
             }
         }
+        vehicle.free = super::free::free(&file, &vehicle)?;
+        vehicle.fit = super::free::fit(&file, &vehicle)?;
         Ok(vehicle)
     }
 }

@@ -47,6 +47,7 @@ impl Vehicle {
         if self.d.iter().any(|v| *v != 0.0) {
             push_matrix(&mut text, "D", &self.d, &outputs, &inputs);
         }
+        super::free::push_free(&mut text, self);
         for state in &self.states {
             push(&mut text, "\n[[states]]");
             push(
@@ -114,7 +115,7 @@ impl Vehicle {
     }
 }
 
-fn push(text: &mut String, line: &str) {
+pub fn push(text: &mut String, line: &str) {
     text.push_str(line);
     text.push('\n');
 }
@@ -153,7 +154,7 @@ fn push_effects(text: &mut String, effects: &[Effect]) {
 }
 
 /// The shortest number that reads back, times the factor, as `si`; else all digits of the quotient.
-fn number(si: f64, factor: f64) -> String {
+pub fn number(si: f64, factor: f64) -> String {
     let exact = si / factor;
     let mut text = String::with_capacity(24);
     for digits in 0..17 {
@@ -169,6 +170,6 @@ fn number(si: f64, factor: f64) -> String {
     format!("{exact:?}")
 }
 
-fn quoted(text: &str) -> String {
+pub fn quoted(text: &str) -> String {
     toml::Value::String(text.into()).to_string()
 }
