@@ -1,7 +1,7 @@
 //! Measured data against the simulation: what the simulation gets wrong, not why.
 
 mod figures;
-mod grid;
+pub(crate) mod grid;
 mod simulate;
 mod words;
 

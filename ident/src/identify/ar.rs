@@ -1,0 +1,184 @@
+//! Autoregressive models of coloured residuals.
+
+/// e_k = r_k + a_1 r_(k-1) + ... + a_q r_(k-q), e white with variance `variance`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ar {
+    /// a_1 to a_q.
+    pub coefficients: Vec<f64>,
+    /// Variance of e.
+    pub variance: f64,
+}
+
+impl Ar {
+    /// White noise.
+    pub fn white(variance: f64) -> Self {
+        Self { coefficients: Vec::new(), variance }
+    }
+
+    /// Fits runs of residuals (mean not removed) by Burg's method over all runs together, with the order up to
+    /// `most` that BIC prefers. Burg's models are always stable (Burg 1975; Kay and Marple, Proc. IEEE 69, 1981).
+    pub fn fit(runs: &[Vec<f64>], most: usize) -> Self {
+        let total: usize = runs.iter().map(Vec::len).sum();
+        if total == 0 {
+            return Self::white(0.0);
+        }
+        let mut variance = runs.iter().flatten().map(|v| v * v).sum::<f64>() / total as f64;
+        let mut best = (f64::INFINITY, Self::white(variance));
+        let (mut forward, mut backward) = (runs.to_vec(), runs.to_vec());
+        let mut a: Vec<f64> = Vec::new();
+        let n = total as f64;
+        for order in 0..=most.min(total / 10) {
+            if !(variance > 0.0) {
+                break;
+            }
+            let bic = n * variance.ln() + order as f64 * n.ln();
+            if bic < best.0 {
+                best = (bic, Self { coefficients: a.clone(), variance });
+            }
+            let (mut cross, mut power) = (0.0, 0.0);
+            for (f, b) in forward.iter().zip(&backward) {
+                for k in order + 1..f.len() {
+                    cross += f[k] * b[k - 1];
+                    power += f[k] * f[k] + b[k - 1] * b[k - 1];
+                }
+            }
+            if !(power > 0.0) {
+                break;
+            }
+            let reflection = -2.0 * cross / power;
+            for (f, b) in forward.iter_mut().zip(&mut backward) {
+                for k in (order + 1..f.len()).rev() {
+                    let (before, back) = (f[k], b[k - 1]);
+                    f[k] = before + reflection * back;
+                    b[k] = back + reflection * before;
+                }
+            }
+            let previous = a.clone();
+            a.push(reflection);
+            for (i, p) in previous.iter().enumerate() {
+                a[i] = p + reflection * previous[order - 1 - i];
+            }
+            variance *= 1.0 - reflection * reflection;
+        }
+        best.1
+    }
+
+    /// Order.
+    pub fn order(&self) -> usize {
+        self.coefficients.len()
+    }
+
+    /// The white part of a run of residuals; the first `order` values are left out.
+    pub fn whiten(&self, run: &[f64]) -> Vec<f64> {
+        let q = self.order();
+        (q..run.len())
+            .map(|k| run[k] + self.coefficients.iter().enumerate().map(|(i, a)| a * run[k - 1 - i]).sum::<f64>())
+            .collect()
+    }
+}
+
+/// Rows that pass through A(q), or through 1/A(q), on their way.
+#[derive(Debug, Clone)]
+pub struct RowFilter {
+    coefficients: Vec<f64>,
+    inverse: bool,
+    width: usize,
+    /// Ring of the last rows: of what came in, or of what went out for the inverse.
+    ring: Vec<f64>,
+    newest: usize,
+    filled: usize,
+    out: Vec<f64>,
+}
+
+impl RowFilter {
+    /// For rows of `width` numbers.
+    pub fn new(ar: &Ar, inverse: bool, width: usize) -> Self {
+        let q = ar.order();
+        Self {
+            coefficients: ar.coefficients.clone(),
+            inverse,
+            width,
+            ring: vec![0.0; q.max(1) * width],
+            newest: 0,
+            filled: 0,
+            out: vec![0.0; width],
+        }
+    }
+
+    /// Forgets the past: after a gap.
+    pub fn reset(&mut self) {
+        self.filled = 0;
+        self.ring.fill(0.0);
+    }
+
+    /// Takes a row; gives the filtered one, or `None` while A(q) has not seen enough of the past.
+    pub fn next(&mut self, row: &[f64]) -> Option<&[f64]> {
+        let q = self.coefficients.len();
+        self.out.copy_from_slice(row);
+        if q == 0 {
+            return Some(&self.out);
+        }
+        let sign = if self.inverse { -1.0 } else { 1.0 };
+        for (i, a) in self.coefficients.iter().enumerate() {
+            let at = (self.newest + q - i) % q;
+            let past = &self.ring[at * self.width..(at + 1) * self.width];
+            let a = sign * a;
+            self.out.iter_mut().zip(past).for_each(|(o, p)| *o += a * p);
+        }
+        self.newest = (self.newest + 1) % q;
+        let at = self.newest * self.width..(self.newest + 1) * self.width;
+        self.ring[at].copy_from_slice(if self.inverse { &self.out } else { row });
+        let ready = self.inverse || self.filled >= q;
+        self.filled += 1;
+        ready.then_some(&self.out[..])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_vehicle::Stream;
+
+    fn coloured(n: usize, a: &[f64], seed: u64) -> Vec<f64> {
+        let mut stream = Stream::new(seed, "ar");
+        let mut y: Vec<f64> = Vec::new();
+        for k in 0..n {
+            let past: f64 = a.iter().enumerate().map(|(i, a)| if k > i { a * y[k - 1 - i] } else { 0.0 }).sum();
+            y.push(stream.normal() - past);
+        }
+        y
+    }
+
+    #[test]
+    fn burg_finds_order_and_coefficients() {
+        let a = [-1.5, 0.8];
+        let runs = [coloured(4000, &a, 1), coloured(3000, &a, 2)];
+        let ar = Ar::fit(&runs, 20);
+        assert!(ar.order() >= 2 && ar.order() <= 4, "{ar:?}");
+        assert!((ar.coefficients[0] + 1.5).abs() < 0.05 && (ar.coefficients[1] - 0.8).abs() < 0.05, "{ar:?}");
+        assert!((ar.variance - 1.0).abs() < 0.05);
+        assert_eq!(Ar::fit(&[coloured(5000, &[], 3)], 20).order(), 0);
+    }
+
+    #[test]
+    fn the_inverse_filter_undoes_the_filter() {
+        let ar = Ar { coefficients: vec![-1.5, 0.8], variance: 1.0 };
+        let y = coloured(50, &ar.coefficients, 4);
+        let (mut whiten, mut colour) = (RowFilter::new(&ar, false, 1), RowFilter::new(&ar, true, 1));
+        let white = ar.whiten(&y);
+        let mut seen = 0;
+        for v in &y {
+            if let Some(e) = whiten.next(&[*v]) {
+                assert!((e[0] - white[seen]).abs() < 1e-12);
+                seen += 1;
+            }
+        }
+        assert_eq!(seen, white.len());
+        // From rest, 1/A(q) of A(q) y is y.
+        for k in 0..y.len() {
+            let past: f64 = (0..2).map(|i| if k > i { ar.coefficients[i] * y[k - 1 - i] } else { 0.0 }).sum();
+            let back = colour.next(&[y[k] + past]).unwrap()[0];
+            assert!((back - y[k]).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! Why an identification cannot be made.
+
+use whirlstand_vehicle::SimulatorError;
+
+use crate::compare::CompareError;
+
+/// Why an identification cannot be made. Nothing was written.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentifyError {
+    /// The vehicle file frees nothing.
+    #[error(
+        "'{vehicle}' has no free parameter: add free = [{{ entry = \"A[2,1]\", lower = -10.0, upper = 10.0 }}, ...] to its file, or start from a template (quadrotor-structure, helicopter-structure)"
+    )]
+    NothingFree {
+        /// The vehicle.
+        vehicle: String,
+    },
+    /// The record does not fit the vehicle.
+    #[error(transparent)]
+    Record(#[from] CompareError),
+    /// Two logs have different periods.
+    #[error(
+        "{first} has a period of {first_s} s, {other} one of {other_s} s: give one with --period SECONDS, and both are resampled"
+    )]
+    Periods {
+        /// First log.
+        first: String,
+        /// Its period.
+        first_s: f64,
+        /// The other log.
+        other: String,
+        /// Its period.
+        other_s: f64,
+    },
+    /// No input moves.
+    #[error(
+        "{origin}: no input of the vehicle changes between {from_s} s and {until_s} s ({inputs}): a record without excitation determines nothing; fly doublets or the input that `whirlstand excite` designs"
+    )]
+    NoExcitation {
+        /// The log.
+        origin: String,
+        /// Start of the part, s.
+        from_s: f64,
+        /// End of the part, s.
+        until_s: f64,
+        /// The inputs.
+        inputs: String,
+    },
+    /// Fewer samples than unknowns.
+    #[error(
+        "{samples} measured values cannot determine {unknowns} unknowns ({parameters} parameters and the initial state and offsets of each part): give a longer record or free less"
+    )]
+    TooFew {
+        /// Measured values.
+        samples: usize,
+        /// All unknowns.
+        unknowns: usize,
+        /// Parameters among them.
+        parameters: usize,
+    },
+    /// No start from which the simulation stays finite.
+    #[error(
+        "the simulation leaves all bounds from every start ({tried} tried): give start values in the vehicle file (start = ...) that are stable, narrower bounds, or use --noise kalman, which needs no stable simulation"
+    )]
+    UnstableStart {
+        /// How many starts were tried.
+        tried: usize,
+    },
+    /// The Kalman predictor is for linear models.
+    #[error(
+        "--noise kalman is for models without effects, but '{vehicle}' has {effect}: use --noise coloured, which takes every effect"
+    )]
+    EffectsInPredictor {
+        /// The vehicle.
+        vehicle: String,
+        /// The first effect.
+        effect: String,
+    },
+    /// The vehicle cannot be simulated.
+    #[error(transparent)]
+    Simulator(#[from] SimulatorError),
+}

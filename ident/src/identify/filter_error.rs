@@ -1,0 +1,228 @@
+//! Prediction error in Kalman's innovations form: likelihood, gradient and Fisher information.
+//!
+//! The unknowns are the parameters and the logarithms of the noises' standard deviations. The information is that of
+//! Fisher's scoring: from the sensitivities of the prediction and from those of the innovations' covariance (Astrom,
+//! Maximum likelihood and prediction error methods, Automatica 16, 1980).
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::data::Segment;
+use super::linear::Linear;
+use super::normal::Normal;
+use super::output_error::eliminate;
+use super::predictor::{Gains, NoiseStructure, Pattern};
+use super::problem::{Problem, Sweep};
+use super::search::Point;
+
+/// The likelihood at one value of the unknowns.
+#[derive(Debug, Clone)]
+pub struct Evaluation {
+    /// Parameters, then noise parameters.
+    pub unknowns: Vec<f64>,
+    /// Best nuisances of every segment.
+    pub nuisances: Vec<Vec<f64>>,
+    /// Negative logarithm of the likelihood, without constants.
+    pub cost: f64,
+    /// Information about the unknowns, nuisances eliminated.
+    pub information: DMatrix<f64>,
+    /// Minus the gradient.
+    pub right: DVector<f64>,
+    /// For every segment: how the nuisances follow the unknowns.
+    pub coupling: Vec<DMatrix<f64>>,
+}
+
+impl Point for Evaluation {
+    fn position(&self) -> &[f64] {
+        &self.unknowns
+    }
+    fn cost(&self) -> f64 {
+        self.cost
+    }
+    fn information(&self) -> &DMatrix<f64> {
+        &self.information
+    }
+    fn right(&self) -> &DVector<f64> {
+        &self.right
+    }
+}
+
+/// Gains for every segment; equal patterns share theirs.
+fn gains_of(
+    problem: &Problem,
+    structure: &NoiseStructure,
+    segments: &[Segment],
+    theta: &[f64],
+    noise: &[f64],
+    slopes: bool,
+) -> Option<(Vec<Gains>, Vec<usize>)> {
+    let mut patterns: Vec<Pattern> = Vec::new();
+    let mut which = Vec::new();
+    for segment in segments {
+        let pattern = Pattern::of(segment, problem.p());
+        let at = patterns.iter().position(|p| *p == pattern).unwrap_or_else(|| {
+            patterns.push(pattern);
+            patterns.len() - 1
+        });
+        which.push(at);
+    }
+    let gains = patterns.iter().map(|p| Gains::new(problem, structure, p, theta, noise, slopes));
+    Some((gains.collect::<Option<_>>()?, which))
+}
+
+/// Evaluates the likelihood. With `held_noise`, the noise parameters are not unknowns but given.
+pub fn evaluate(
+    problem: &Problem,
+    structure: &NoiseStructure,
+    segments: &[Segment],
+    unknowns: &[f64],
+    nuisances: &[Vec<f64>],
+) -> Option<Evaluation> {
+    let np = problem.parameters.len();
+    let (theta, noise) = unknowns.split_at(np);
+    let (gains, which) = gains_of(problem, structure, segments, theta, noise, true)?;
+    let parts: Vec<Part> = segments
+        .par_iter()
+        .zip(nuisances)
+        .zip(&which)
+        .map(|((segment, nuisance), w)| part(problem, &gains[*w], segment, theta, nuisance))
+        .collect::<Option<_>>()?;
+    let nu = unknowns.len();
+    let mut evaluation = Evaluation {
+        unknowns: unknowns.to_vec(),
+        nuisances: Vec::with_capacity(segments.len()),
+        cost: 0.0,
+        information: DMatrix::zeros(nu, nu),
+        right: DVector::zeros(nu),
+        coupling: Vec::with_capacity(segments.len()),
+    };
+    for ((part, nuisance), w) in parts.into_iter().zip(nuisances).zip(&which) {
+        let reduced = eliminate(&part.sums.information, &part.sums.right, nu)?;
+        let mut step = DVector::zeros(part.sums.right.len());
+        step.rows_mut(nu, reduced.step.len()).copy_from(&reduced.step);
+        evaluation.cost += 0.5 * part.sums.square_after(&step);
+        evaluation.information += &reduced.information;
+        evaluation.right += &reduced.right;
+        evaluation.nuisances.push(nuisance.iter().zip(reduced.step.iter()).map(|(a, b)| a + b).collect());
+        evaluation.coupling.push(reduced.coupling);
+        add_covariance(&mut evaluation, &gains[*w], &part)?;
+    }
+    evaluation.cost.is_finite().then_some(evaluation)
+}
+
+/// What one segment adds.
+struct Part {
+    sums: super::normal::Sums,
+    /// For every phase: number of innovations and the sum of their outer products.
+    phases: Vec<(usize, DMatrix<f64>)>,
+}
+
+fn part(
+    problem: &Problem,
+    gains: &Gains,
+    segment: &Segment,
+    theta: &[f64],
+    nuisance: &[f64],
+) -> Option<Part> {
+    let p = problem.p();
+    let model = Linear::new(problem, theta, Some(gains))?;
+    let columns = model.columns();
+    let whiten: Vec<DMatrix<f64>> = (0..gains.len())
+        .map(|f| {
+            let s = &gains.phase(f).covariance;
+            let factor = s.clone().cholesky()?;
+            factor.l().solve_lower_triangular(&DMatrix::identity(s.nrows(), s.nrows()))
+        })
+        .collect::<Option<_>>()?;
+    let mut phases: Vec<(usize, DMatrix<f64>)> =
+        (0..gains.len()).map(|f| (0, DMatrix::zeros(whiten[f].nrows(), whiten[f].nrows()))).collect();
+    let mut normal = Normal::new(columns);
+    let mut row = vec![0.0; columns];
+    let mut errors = vec![0.0; p];
+    let fine = model.sweep(segment, nuisance, &mut |step| {
+        let phase = gains.phase(step.k);
+        let fresh = &phase.fresh;
+        let measured = &segment.outputs[step.k * p..(step.k + 1) * p];
+        for (e, &o) in errors.iter_mut().zip(fresh) {
+            *e = measured[o] - step.predicted[o];
+        }
+        let errors = &errors[..fresh.len()];
+        if fresh.is_empty() || errors.iter().any(|e| !e.is_finite()) {
+            return;
+        }
+        let f = step.k % gains.len();
+        let (count, products) = &mut phases[f];
+        *count += 1;
+        for i in 0..fresh.len() {
+            for j in 0..fresh.len() {
+                products[(i, j)] += errors[i] * errors[j];
+            }
+            row.fill(0.0);
+            let mut residual = 0.0;
+            for j in 0..=i {
+                let l = whiten[f][(i, j)];
+                if l != 0.0 {
+                    residual += l * errors[j];
+                    let slopes = &step.slopes[fresh[j] * columns..(fresh[j] + 1) * columns];
+                    row.iter_mut().zip(slopes).for_each(|(r, s)| *r += l * s);
+                }
+            }
+            normal.add(&row, residual);
+        }
+    });
+    fine.then(|| Part { sums: normal.finish(), phases })
+}
+
+/// The determinant's part of cost and gradient, and the covariance's part of the information.
+fn add_covariance(evaluation: &mut Evaluation, gains: &Gains, part: &Part) -> Option<()> {
+    for (f, (count, products)) in part.phases.iter().enumerate() {
+        let phase = gains.phase(f);
+        if *count == 0 || phase.fresh.is_empty() {
+            continue;
+        }
+        let n = *count as f64;
+        let factor = phase.covariance.clone().cholesky()?;
+        let inverse = factor.inverse();
+        evaluation.cost += 0.5 * n * 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let turned: Vec<DMatrix<f64>> = phase.covariance_slopes.iter().map(|d| &inverse * d).collect();
+        let rest = DMatrix::identity(inverse.nrows(), inverse.nrows()) * n - products * &inverse;
+        for (i, a) in turned.iter().enumerate() {
+            // tr(S^-1 dS (N I - S^-1 E)) / 2; the gradient's sign is turned.
+            evaluation.right[i] -= 0.5 * (a * rest.transpose()).trace();
+            for (j, b) in turned.iter().enumerate().take(i + 1) {
+                let v = 0.5 * n * a.iter().zip(b.transpose().iter()).map(|(x, y)| x * y).sum::<f64>();
+                evaluation.information[(i, j)] += v;
+                if i != j {
+                    evaluation.information[(j, i)] += v;
+                }
+            }
+        }
+    }
+    Some(())
+}
+
+/// Predictions one step ahead over all segments: steps x outputs each.
+pub fn predict(
+    problem: &Problem,
+    structure: &NoiseStructure,
+    segments: &[Segment],
+    unknowns: &[f64],
+    nuisances: &[Vec<f64>],
+) -> Option<Vec<Vec<f64>>> {
+    let (theta, noise) = unknowns.split_at(problem.parameters.len());
+    let mut fixed = problem.clone();
+    fixed.vehicle = problem.vehicle_at(theta);
+    fixed.parameters.clear();
+    let (gains, which) = gains_of(&fixed, structure, segments, &[], noise, false)?;
+    segments
+        .iter()
+        .zip(nuisances)
+        .zip(&which)
+        .map(|((segment, nuisance), w)| {
+            let model = Linear::new(&fixed, &[], Some(&gains[*w]))?;
+            let mut outputs = Vec::with_capacity(segment.outputs.len());
+            let fine = model.sweep(segment, nuisance, &mut |s| outputs.extend_from_slice(s.predicted));
+            fine.then_some(outputs)
+        })
+        .collect()
+}

@@ -1,0 +1,176 @@
+//! Simulation and one-step prediction of a linear model, with exact sensitivities.
+//!
+//! x+ = Phi x + Gamma u + K e, y = C x + D u + offset, e = y_measured - y (K = 0 for a simulation). The sensitivity
+//! S = dx/d(theta, x0) obeys the derivative of the same recursion; dPhi and dGamma come from the Frechet derivative
+//! of the matrix exponential, so that nothing is differenced. No step allocates.
+
+use nalgebra::DMatrix;
+use whirlstand_vehicle::Matrix;
+
+use super::data::Segment;
+use super::predictor::Gains;
+use super::problem::{Problem, Step, Sweep, split};
+use super::sensitivity::exponential_with_derivatives;
+
+/// Beyond this a signal has lost all meaning.
+const LARGEST: f64 = 1e9;
+/// Columns are padded to whole vectors.
+const LANES: usize = 4;
+
+/// A linear model at one value of the parameters.
+#[derive(Debug)]
+pub struct Linear<'p> {
+    problem: &'p Problem,
+    gains: Option<&'p Gains>,
+    /// [Phi Gamma], row after row.
+    motion: Vec<f64>,
+    /// d[Phi Gamma] by the parameters: (row, column of [x; u]) x padded columns, row after row.
+    motion_slopes: Vec<f64>,
+    /// [C D], row after row.
+    sensing: Vec<f64>,
+    /// Parameters in C and D: parameter, output, index in [x; u].
+    sensing_slopes: Vec<(usize, usize, usize)>,
+    /// Parameters, then those of the noise model.
+    parameters: usize,
+    /// Padded number of sensitivities of the state: parameters and initial state.
+    padded: usize,
+}
+
+impl<'p> Linear<'p> {
+    /// The model at `theta`, predicting with `gains` or simulating without. `None` when the step is not finite.
+    pub fn new(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Self> {
+        let (n, m, p) = (problem.n(), problem.m(), problem.p());
+        let w = n + m;
+        let vehicle = problem.vehicle_at(theta);
+        let block = |a: &DMatrix<f64>, b: &DMatrix<f64>| {
+            let mut block = DMatrix::zeros(w, w);
+            block.view_mut((0, 0), (n, n)).copy_from(a);
+            block.view_mut((0, n), (n, m)).copy_from(b);
+            block * problem.period_s
+        };
+        let (mut directions, mut of) = (Vec::new(), Vec::new());
+        let mut sensing_slopes = Vec::new();
+        for parameter in 0..problem.parameters.len() {
+            match problem.entry(parameter) {
+                Some((Matrix::A, i, j)) => directions.push(Problem::unit(w, w, (i, j)) * problem.period_s),
+                Some((Matrix::B, i, j)) => directions.push(Problem::unit(w, w, (i, n + j)) * problem.period_s),
+                Some((Matrix::C, i, j)) => {
+                    sensing_slopes.push((parameter, i, j));
+                    continue;
+                }
+                Some((Matrix::D, i, j)) => {
+                    sensing_slopes.push((parameter, i, n + j));
+                    continue;
+                }
+                None => continue,
+            }
+            of.push(parameter);
+        }
+        let (value, derivatives) = exponential_with_derivatives(&block(&vehicle.a, &vehicle.b), &directions)?;
+        let parameters = problem.parameters.len() + gains.map_or(0, |g| g.noise_parameters);
+        let states = if problem.nuisance.initial_state { n } else { 0 };
+        // An offset of an output moves a prediction's state, but not that of a simulation.
+        let moved = if gains.is_some() { problem.nuisances() } else { states };
+        let padded = (parameters + moved).next_multiple_of(LANES);
+        let mut motion_slopes = vec![0.0; n * w * padded];
+        for (derivative, parameter) in derivatives.iter().zip(of) {
+            for i in 0..n {
+                for j in 0..w {
+                    motion_slopes[(i * w + j) * padded + parameter] = derivative[(i, j)];
+                }
+            }
+        }
+        let rows = |m: &DMatrix<f64>, count: usize| -> Vec<f64> {
+            (0..count).flat_map(|i| (0..w).map(move |j| (i, j))).map(|at| m[at]).collect()
+        };
+        let mut sensing = DMatrix::zeros(p, w);
+        sensing.view_mut((0, 0), (p, n)).copy_from(&vehicle.c);
+        sensing.view_mut((0, n), (p, m)).copy_from(&vehicle.d);
+        Some(Self {
+            problem,
+            gains,
+            motion: rows(&value, n),
+            motion_slopes,
+            sensing: rows(&sensing, p),
+            sensing_slopes,
+            parameters,
+            padded,
+        })
+    }
+}
+
+impl Sweep for Linear<'_> {
+    fn columns(&self) -> usize {
+        self.parameters + self.problem.nuisances()
+    }
+
+    fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(Step<'_>)) -> bool {
+        let (n, m, p) = (self.problem.n(), self.problem.m(), self.problem.p());
+        let (w, q, columns) = (n + m, self.padded, self.columns());
+        let (initial, offsets) = split(self.problem, nuisance);
+        let parameters = self.parameters.next_multiple_of(LANES).min(q);
+        let first_offset = self.parameters + initial.len();
+        let mut z = vec![0.0; w];
+        z[..initial.len()].copy_from_slice(initial);
+        let mut s = vec![0.0; n * q];
+        for i in 0..initial.len() {
+            s[i * q + self.parameters + i] = 1.0;
+        }
+        let mut next = s.clone();
+        let mut x = vec![0.0; n];
+        let mut predicted = vec![0.0; p];
+        let mut slopes = vec![0.0; p * columns];
+        let mut state_slopes = vec![0.0; p * q];
+        for k in 0..segment.steps {
+            z[n..].copy_from_slice(&segment.inputs[k * m..(k + 1) * m]);
+            for i in 0..p {
+                let row = &self.sensing[i * w..(i + 1) * w];
+                let y: f64 = row.iter().zip(&z).map(|(c, z)| c * z).sum();
+                predicted[i] = y + offsets.get(i).unwrap_or(&0.0);
+                let slope = &mut state_slopes[i * q..(i + 1) * q];
+                slope.fill(0.0);
+                for (j, c) in row[..n].iter().enumerate().filter(|(_, c)| **c != 0.0) {
+                    slope.iter_mut().zip(&s[j * q..(j + 1) * q]).for_each(|(o, s)| *o += c * s);
+                }
+            }
+            for &(parameter, i, j) in &self.sensing_slopes {
+                state_slopes[i * q + parameter] += z[j];
+            }
+            for i in 0..p {
+                let row = &mut slopes[i * columns..(i + 1) * columns];
+                let shared = columns.min(q);
+                row[..shared].copy_from_slice(&state_slopes[i * q..i * q + shared]);
+                if !offsets.is_empty() {
+                    row[first_offset + i] += 1.0;
+                }
+            }
+            visit(Step { k, predicted: &predicted, slopes: &slopes });
+
+            for i in 0..n {
+                let row = &self.motion[i * w..(i + 1) * w];
+                x[i] = row.iter().zip(&z).map(|(a, z)| a * z).sum();
+                let out = &mut next[i * q..(i + 1) * q];
+                out.fill(0.0);
+                for (a, s) in row[..n].iter().zip(s.chunks_exact(q)) {
+                    if *a != 0.0 {
+                        out.iter_mut().zip(s).for_each(|(o, s)| *o += a * s);
+                    }
+                }
+                for (j, z) in z.iter().enumerate() {
+                    let slope = &self.motion_slopes[(i * w + j) * q..][..parameters];
+                    out[..parameters].iter_mut().zip(slope).for_each(|(o, d)| *o += z * d);
+                }
+            }
+            if let Some(gains) = self.gains {
+                let measured = &segment.outputs[k * p..(k + 1) * p];
+                gains.correct(k, measured, &predicted, &slopes, columns, &mut x, &mut next, q);
+            }
+            std::mem::swap(&mut s, &mut next);
+            z[..n].copy_from_slice(&x);
+            if !x.iter().all(|x| x.abs() < LARGEST) {
+                return false;
+            }
+        }
+        true
+    }
+}

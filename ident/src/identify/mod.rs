@@ -1,0 +1,46 @@
+//! Identification: the free parameters of a vehicle from records.
+//!
+//! - [`data`]: stretches of records on an even grid; [`problem`]: what is sought, and simulations with sensitivities.
+//! - [`output_error`] and [`filter_error`]: the costs; [`search`]: Levenberg-Marquardt on either; [`start`]: starts
+//!   from the data alone; [`pem`]: all of it together. [`spread`]: what the data determine, and how well.
+
+pub mod ar;
+pub mod data;
+mod error;
+pub mod filter_error;
+mod linear;
+pub mod normal;
+pub mod output_error;
+pub mod pem;
+pub mod predictor;
+pub mod problem;
+pub mod search;
+mod sensitivity;
+mod simulated;
+pub mod spread;
+pub mod start;
+#[cfg(test)]
+mod tests;
+
+pub use error::IdentifyError;
+
+/// What happens during a search.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Progress {
+    /// A step of Levenberg and Marquardt.
+    Step {
+        /// Number of the step.
+        iteration: usize,
+        /// Cost before it.
+        cost: f64,
+    },
+    /// A generation of the genetic algorithm.
+    Generation {
+        /// Evaluations so far.
+        evaluations: usize,
+        /// Evaluations at most.
+        budget: usize,
+        /// Best cost so far.
+        cost: f64,
+    },
+}

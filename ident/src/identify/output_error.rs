@@ -1,0 +1,278 @@
+//! Output error: the free-running simulation held against the record, output by output, each residual white or
+//! autoregressive.
+//!
+//! The variances of the outputs are concentrated out of the likelihood: the cost is the sum over outputs of
+//! weight N / 2 ln(mean square of the whitened residual). What is estimated for a segment alone (initial state,
+//! offsets) enters linearly and is eliminated exactly (variable projection; Golub and Pereyra 1973), so that a step
+//! moves the parameters with the nuisances always at their best.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::ar::{Ar, RowFilter};
+use super::data::Segment;
+use super::normal::{Normal, Sums, pseudo_inverse};
+use super::problem::{Problem, Sweep};
+
+/// Residuals of one segment as normal equations, one an output; `None` for outputs without weight.
+type OutputSums = Vec<Option<Sums>>;
+
+/// The cost at one value of the parameters, with what a step needs.
+#[derive(Debug, Clone)]
+pub struct Evaluation {
+    /// Parameters.
+    pub theta: Vec<f64>,
+    /// Best nuisances of every segment.
+    pub nuisances: Vec<Vec<f64>>,
+    /// Concentrated negative logarithm of the likelihood, without constants.
+    pub cost: f64,
+    /// Mean square of the whitened residual of every output; 0 for outputs without weight.
+    pub variances: Vec<f64>,
+    /// Number of whitened residuals of every output.
+    pub counts: Vec<usize>,
+    /// Information about the parameters, nuisances eliminated.
+    pub information: DMatrix<f64>,
+    /// Minus the gradient by the parameters.
+    pub right: DVector<f64>,
+    /// For every segment: by how much the best nuisances move when the parameters do; nuisances x parameters.
+    pub coupling: Vec<DMatrix<f64>>,
+}
+
+/// Evaluates the cost at `theta`; the residuals of output i pass through `whitening[i]`. `None` when the simulation
+/// leaves all bounds.
+pub fn evaluate(
+    problem: &Problem,
+    segments: &[Segment],
+    whitening: &[Ar],
+    theta: &[f64],
+    nuisances: &[Vec<f64>],
+) -> Option<Evaluation> {
+    let simulation = problem.simulation(theta)?;
+    let all: Vec<OutputSums> = segments
+        .par_iter()
+        .zip(nuisances)
+        .map(|(segment, nuisance)| sums(problem, &*simulation, segment, whitening, nuisance))
+        .collect::<Option<_>>()?;
+    combine(problem, &all, theta, nuisances)
+}
+
+fn sums(
+    problem: &Problem,
+    simulation: &dyn Sweep,
+    segment: &Segment,
+    whitening: &[Ar],
+    nuisance: &[f64],
+) -> Option<OutputSums> {
+    let (p, columns) = (problem.p(), simulation.columns());
+    let mut gathered: Vec<Option<Channel>> = (0..p)
+        .map(|i| (problem.weights[i] > 0.0).then(|| Channel::new(&whitening[i], columns, segment, i, p)))
+        .collect();
+    let fine = simulation.sweep(segment, nuisance, &mut |step| {
+        for (i, channel) in gathered.iter_mut().enumerate() {
+            if let Some(channel) = channel {
+                let measured = segment.outputs[step.k * p + i];
+                let slopes = &step.slopes[i * columns..(i + 1) * columns];
+                channel.add(step.k, slopes, measured - step.predicted[i]);
+            }
+        }
+    });
+    fine.then(|| gathered.into_iter().map(|c| c.map(|c| c.normal.finish())).collect())
+}
+
+/// What gathers the rows of one output.
+struct Channel {
+    normal: Normal,
+    filter: RowFilter,
+    row: Vec<f64>,
+    plain: bool,
+    /// Usual distance of fresh values, steps.
+    every: usize,
+    last: Option<usize>,
+}
+
+impl Channel {
+    fn new(ar: &Ar, columns: usize, segment: &Segment, i: usize, p: usize) -> Self {
+        Self {
+            normal: Normal::new(columns),
+            filter: RowFilter::new(ar, false, columns + 1),
+            row: vec![0.0; columns + 1],
+            plain: ar.order() == 0,
+            every: spacing(segment, i, p),
+            last: None,
+        }
+    }
+
+    fn add(&mut self, k: usize, slopes: &[f64], residual: f64) {
+        if !residual.is_finite() {
+            return;
+        }
+        if self.plain {
+            self.normal.add(slopes, residual);
+            return;
+        }
+        if self.last.is_some_and(|last| k - last != self.every) {
+            self.filter.reset();
+        }
+        self.last = Some(k);
+        let columns = slopes.len();
+        self.row[..columns].copy_from_slice(slopes);
+        self.row[columns] = residual;
+        if let Some(row) = self.filter.next(&self.row) {
+            self.normal.add(&row[..columns], row[columns]);
+        }
+    }
+}
+
+/// Usual number of steps from one fresh value of an output to the next.
+pub fn spacing(segment: &Segment, i: usize, p: usize) -> usize {
+    let mut gaps = Vec::new();
+    let mut last = None;
+    for k in 0..segment.steps {
+        if segment.outputs[k * p + i].is_finite() {
+            if let Some(last) = last.replace(k) {
+                gaps.push(k - last);
+            }
+        }
+    }
+    gaps.sort_unstable();
+    gaps.get(gaps.len() / 2).copied().unwrap_or(1)
+}
+
+fn combine(
+    problem: &Problem,
+    all: &[OutputSums],
+    theta: &[f64],
+    nuisances: &[Vec<f64>],
+) -> Option<Evaluation> {
+    let (np, p) = (theta.len(), problem.p());
+    let counts: Vec<usize> =
+        (0..p).map(|i| all.iter().filter_map(|s| s[i].as_ref()).map(|s| s.rows).sum()).collect();
+    let total = |steps: &[DVector<f64>], i: usize| -> f64 {
+        all.iter().zip(steps).filter_map(|(s, step)| Some(s[i].as_ref()?.square_after(step))).sum()
+    };
+    let width = np + problem.nuisances();
+    let mut steps = vec![DVector::zeros(width); all.len()];
+    let mut variances: Vec<f64> =
+        (0..p).map(|i| floor(total(&steps, i) / counts[i].max(1) as f64)).collect();
+    let mut result = None;
+    // The best nuisances depend on the variances and these on the nuisances; they settle at once.
+    for _ in 0..3 {
+        let mut information = DMatrix::zeros(np, np);
+        let mut right = DVector::zeros(np);
+        let mut coupling = Vec::with_capacity(all.len());
+        for (segment, step) in all.iter().zip(&mut steps) {
+            let (mut f, mut g) = (DMatrix::zeros(width, width), DVector::zeros(width));
+            for (i, sums) in segment.iter().enumerate() {
+                if let Some(sums) = sums {
+                    let weight = problem.weights[i] / variances[i];
+                    f += &sums.information * weight;
+                    g.axpy(weight, &sums.right, 1.0);
+                }
+            }
+            let reduced = eliminate(&f, &g, np)?;
+            information += &reduced.information;
+            right += &reduced.right;
+            step.rows_mut(np, width - np).copy_from(&reduced.step);
+            coupling.push(reduced.coupling);
+        }
+        variances = (0..p).map(|i| floor(total(&steps, i) / counts[i].max(1) as f64)).collect();
+        result = Some((information, right, coupling));
+    }
+    let (information, right, coupling) = result?;
+    let cost = (0..p)
+        .filter(|i| counts[*i] > 0)
+        .map(|i| 0.5 * problem.weights[i] * counts[i] as f64 * variances[i].ln())
+        .sum();
+    let nuisances = nuisances
+        .iter()
+        .zip(&steps)
+        .map(|(old, step)| old.iter().zip(step.rows(np, width - np).iter()).map(|(a, b)| a + b).collect())
+        .collect();
+    Some(Evaluation { theta: theta.to_vec(), nuisances, cost, variances, counts, information, right, coupling })
+}
+
+/// A residual of exactly zero would make the cost infinite.
+fn floor(variance: f64) -> f64 {
+    variance.max(1e-30)
+}
+
+/// Normal equations of the parameters alone.
+pub struct Reduced {
+    /// F - B D^-1 B'.
+    pub information: DMatrix<f64>,
+    /// g - B D^-1 d.
+    pub right: DVector<f64>,
+    /// Step of the nuisances with the parameters held.
+    pub step: DVector<f64>,
+    /// -D^-1 B': how the nuisances follow the parameters.
+    pub coupling: DMatrix<f64>,
+}
+
+/// Eliminates all unknowns from `np` on.
+pub fn eliminate(f: &DMatrix<f64>, g: &DVector<f64>, np: usize) -> Option<Reduced> {
+    let rest = f.nrows() - np;
+    let inverse = pseudo_inverse(&f.view((np, np), (rest, rest)).into_owned())?;
+    let b = f.view((0, np), (np, rest));
+    let d = g.rows(np, rest);
+    let coupling = -&inverse * b.transpose();
+    Some(Reduced {
+        information: f.view((0, 0), (np, np)) + b * &coupling,
+        right: g.rows(0, np) + coupling.transpose() * d,
+        step: &inverse * d,
+        coupling,
+    })
+}
+
+/// Residuals of every output as runs without gaps, at the given parameters and nuisances.
+pub fn residual_runs(
+    problem: &Problem,
+    segments: &[Segment],
+    theta: &[f64],
+    nuisances: &[Vec<f64>],
+) -> Option<Vec<Vec<Vec<f64>>>> {
+    let p = problem.p();
+    let simulated = simulate(problem, segments, theta, nuisances)?;
+    let mut runs: Vec<Vec<Vec<f64>>> = vec![Vec::new(); p];
+    for (segment, outputs) in segments.iter().zip(&simulated) {
+        for (i, runs) in runs.iter_mut().enumerate() {
+            let every = spacing(segment, i, p);
+            let mut last = None;
+            for k in 0..segment.steps {
+                let residual = segment.outputs[k * p + i] - outputs[k * p + i];
+                if residual.is_finite() {
+                    if last.is_none_or(|l| k - l != every) {
+                        runs.push(Vec::new());
+                    }
+                    last = Some(k);
+                    if let Some(run) = runs.last_mut() {
+                        run.push(residual);
+                    }
+                }
+            }
+        }
+    }
+    Some(runs)
+}
+
+/// Free runs over all segments: steps x outputs each.
+pub fn simulate(
+    problem: &Problem,
+    segments: &[Segment],
+    theta: &[f64],
+    nuisances: &[Vec<f64>],
+) -> Option<Vec<Vec<f64>>> {
+    // Without free parameters a sweep is a plain simulation.
+    let mut fixed = problem.clone();
+    fixed.vehicle = problem.vehicle_at(theta);
+    fixed.parameters.clear();
+    let simulation = fixed.simulation(&[])?;
+    segments
+        .iter()
+        .zip(nuisances)
+        .map(|(segment, nuisance)| {
+            let mut outputs = Vec::with_capacity(segment.outputs.len());
+            let fine = simulation.sweep(segment, nuisance, &mut |s| outputs.extend_from_slice(s.predicted));
+            fine.then_some(outputs)
+        })
+        .collect()
+}

@@ -1,0 +1,367 @@
+//! From data to parameters: starts, search, noise model, and what the data cannot determine.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::ar::Ar;
+use super::data::Segment;
+use super::output_error::{self, Evaluation};
+use super::predictor::NoiseStructure;
+use super::problem::{Parameter, Problem};
+use super::search::{Limits, Outcome, Point, search};
+use super::spread::{self, Undetermined};
+use super::{IdentifyError, Progress, filter_error, start};
+
+/// How residuals are modelled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Noise {
+    /// White on every output: the free-running simulation comes as near as it can.
+    White,
+    /// Autoregressive on every output: maximum likelihood under coloured residuals.
+    Coloured,
+    /// Process and measurement noise: Kalman's innovations form.
+    Kalman,
+}
+
+/// Largest order of an autoregressive model of a residual.
+const MOST_AR: usize = 30;
+
+impl Point for Evaluation {
+    fn position(&self) -> &[f64] {
+        &self.theta
+    }
+    fn cost(&self) -> f64 {
+        self.cost
+    }
+    fn information(&self) -> &DMatrix<f64> {
+        &self.information
+    }
+    fn right(&self) -> &DVector<f64> {
+        &self.right
+    }
+}
+
+/// A parameter that was fixed because the data do not determine it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fixed {
+    /// The parameter.
+    pub parameter: Parameter,
+    /// The value at which it was fixed, SI.
+    pub value: f64,
+    /// Why, in a sentence.
+    pub why: String,
+}
+
+/// The noise as it was found.
+#[derive(Debug, Clone)]
+pub enum NoiseFit {
+    /// One model an output: what the cost weighed by.
+    Outputs(Vec<Ar>),
+    /// Process and measurement noise: logarithms of standard deviations.
+    Kalman(NoiseStructure, Vec<f64>),
+}
+
+/// The result of a search.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The problem without what was fixed.
+    pub problem: Problem,
+    /// Parameters of `problem`.
+    pub theta: Vec<f64>,
+    /// Nuisances of every segment.
+    pub nuisances: Vec<Vec<f64>>,
+    /// Covariance of the parameters.
+    pub covariance: DMatrix<f64>,
+    /// What was fixed.
+    pub fixed: Vec<Fixed>,
+    /// The noise.
+    pub noise: NoiseFit,
+    /// Cost at the end.
+    pub cost: f64,
+    /// How the search went.
+    pub outcome: Outcome,
+}
+
+/// Nuisances before the first sweep.
+pub fn no_nuisances(problem: &Problem, segments: &[Segment]) -> Vec<Vec<f64>> {
+    vec![vec![0.0; problem.nuisances()]; segments.len()]
+}
+
+/// White noise on every output.
+pub fn white(problem: &Problem) -> Vec<Ar> {
+    vec![Ar::white(1.0); problem.p()]
+}
+
+fn bounds(problem: &Problem) -> Vec<(f64, f64)> {
+    problem.parameters.iter().map(|p| (p.lower, p.upper)).collect()
+}
+
+/// Moves from `theta` to the nearest minimum of the output-error cost. `None` when the simulation at `theta` leaves
+/// all bounds.
+pub fn output_error(
+    problem: &Problem,
+    segments: &[Segment],
+    whitening: &[Ar],
+    theta: &[f64],
+    nuisances: &[Vec<f64>],
+    limits: Limits,
+    observe: &dyn Fn(Progress),
+) -> Option<(Evaluation, Outcome)> {
+    let first = output_error::evaluate(problem, segments, whitening, theta, nuisances)?;
+    let at = |from: &Evaluation, theta: &[f64], step: &DVector<f64>| {
+        let follow = |(old, coupling): (&Vec<f64>, &DMatrix<f64>)| -> Vec<f64> {
+            let moved = coupling * step;
+            old.iter().zip(moved.iter()).map(|(a, b)| a + b).collect()
+        };
+        let nuisances: Vec<Vec<f64>> = from.nuisances.iter().zip(&from.coupling).map(follow).collect();
+        let next = output_error::evaluate(problem, segments, whitening, theta, &nuisances)?;
+        next.cost.is_finite().then_some(next)
+    };
+    let told = |iteration, cost| observe(Progress::Step { iteration, cost });
+    Some(search(first, &bounds(problem), limits, at, told))
+}
+
+/// The best of all starts, after a short search from each.
+///
+/// # Errors
+/// [`IdentifyError::UnstableStart`].
+fn from_starts(
+    problem: &Problem,
+    segments: &[Segment],
+    extra: &[Vec<f64>],
+    observe: &dyn Fn(Progress),
+) -> Result<Evaluation, IdentifyError> {
+    let white = white(problem);
+    let nuisances = no_nuisances(problem, segments);
+    let mut starts = extra.to_vec();
+    starts.extend(start::candidates(problem, segments));
+    if extra.is_empty() {
+        starts.push(start::given(problem));
+        starts.extend(start::scattered(problem));
+    }
+    let mut first: Vec<Evaluation> = starts
+        .iter()
+        .filter_map(|theta| output_error::evaluate(problem, segments, &white, theta, &nuisances))
+        .filter(|e| e.cost.is_finite())
+        .collect();
+    first.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    first.dedup_by(|a, b| a.cost == b.cost);
+    // A few steps tell whether a start is in the right valley.
+    let short = Limits { iterations: 12, ..Limits::default() };
+    let mut best: Option<Evaluation> = None;
+    for e in first.iter().take(3) {
+        let found = output_error(problem, segments, &white, &e.theta, &e.nuisances, short, observe);
+        if let Some((found, outcome)) = found {
+            let better = best.as_ref().is_none_or(|b| found.cost < b.cost);
+            if better {
+                best = Some(found);
+            }
+            if outcome.converged && best.as_ref().is_some_and(|b| explains(problem, segments, b)) {
+                break;
+            }
+        }
+    }
+    best.ok_or(IdentifyError::UnstableStart { tried: starts.len() })
+}
+
+/// True when the simulation explains at least four fifths of the variance of each fitted output.
+fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
+    let p = problem.p();
+    (0..p).filter(|i| problem.weights[*i] > 0.0).all(|i| {
+        let values: Vec<f64> =
+            segments.iter().flat_map(|s| s.output(i, p)).filter(|v| v.is_finite()).collect();
+        let mean = crate::stats::mean(&values);
+        let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / values.len().max(1) as f64;
+        e.variances[i] < 0.2 * variance
+    })
+}
+
+/// Fits by output error or prediction error, fixing what the data do not determine. `extra` are starts from
+/// elsewhere (a genetic algorithm); without any, the data give them.
+///
+/// # Errors
+/// [`IdentifyError::UnstableStart`], [`IdentifyError::EffectsInPredictor`].
+pub fn fit(
+    problem: &Problem,
+    segments: &[Segment],
+    noise: Noise,
+    extra: &[Vec<f64>],
+    observe: &dyn Fn(Progress),
+) -> Result<Fit, IdentifyError> {
+    if noise == Noise::Kalman && !problem.is_plain() {
+        let effect = problem.vehicle.effects.first().map_or(String::new(), |e| e.kind().to_string());
+        return Err(IdentifyError::EffectsInPredictor { vehicle: problem.vehicle.name.clone(), effect });
+    }
+    let mut problem = problem.clone();
+    let mut fixed = Vec::new();
+    let tried = IdentifyError::UnstableStart { tried: 1 };
+    let mut theta = if noise == Noise::Kalman {
+        kalman_start(&problem, segments, extra)
+    } else {
+        from_starts(&problem, segments, extra, observe)?.theta
+    };
+    loop {
+        let fit = match noise {
+            Noise::Kalman => kalman(&problem, segments, &theta, observe),
+            _ => outputs(&problem, segments, noise, &theta, observe),
+        };
+        let Some((fit, information)) = fit else { return Err(tried) };
+        match spread::undetermined(&information, &fit.covariance, &problem.parameters) {
+            Some(Undetermined { index, why }) if problem.parameters.len() > 1 => {
+                let parameter = problem.parameters.remove(index);
+                let value = problem.vehicle.free_value(&parameter.target).clamp(parameter.lower, parameter.upper);
+                // The value lies within the bounds, which were checked against the effect's range.
+                let set = problem.vehicle.set_free(&parameter.target, value);
+                debug_assert!(set.is_ok());
+                theta = fit.theta;
+                theta.remove(index);
+                fixed.push(Fixed { parameter, value, why });
+            }
+            _ => return Ok(Fit { fixed, ..fit }),
+        }
+    }
+}
+
+/// Output error with white or autoregressive residuals.
+fn outputs(
+    problem: &Problem,
+    segments: &[Segment],
+    noise: Noise,
+    theta: &[f64],
+    observe: &dyn Fn(Progress),
+) -> Option<(Fit, DMatrix<f64>)> {
+    let mut whitening = white(problem);
+    let nuisances = no_nuisances(problem, segments);
+    let limits = Limits::default();
+    let (mut found, mut outcome) =
+        output_error(problem, segments, &whitening, theta, &nuisances, limits, observe)?;
+    if noise == Noise::Coloured {
+        // Noise model and parameters in turn; a few rounds settle them.
+        for _ in 0..6 {
+            let before = found.theta.clone();
+            whitening = models(problem, segments, &found)?;
+            let (next, how) =
+                output_error(problem, segments, &whitening, &found.theta, &found.nuisances, limits, observe)?;
+            outcome.iterations += how.iterations;
+            outcome.evaluations += how.evaluations;
+            outcome.converged = how.converged;
+            let step = DVector::from_fn(before.len(), |i, _| next.theta[i] - before[i]);
+            let length = step.dot(&(&next.information * &step)).max(0.0).sqrt();
+            found = next;
+            if length < 0.03 {
+                break;
+            }
+        }
+    }
+    let residual = match noise {
+        Noise::White => models(problem, segments, &found)?,
+        _ => whitening.iter().zip(&found.variances).map(|(_, v)| Ar::white(*v)).collect(),
+    };
+    let covariance = spread::covariance(problem, segments, &whitening, &residual, &found)?;
+    let noise = match noise {
+        Noise::White => residual,
+        _ => whitening.iter().zip(&found.variances).map(|(ar, v)| Ar { variance: *v, ..ar.clone() }).collect(),
+    };
+    let fit = Fit {
+        problem: problem.clone(),
+        theta: found.theta,
+        nuisances: found.nuisances,
+        covariance,
+        fixed: Vec::new(),
+        noise: NoiseFit::Outputs(noise),
+        cost: found.cost,
+        outcome,
+    };
+    Some((fit, found.information))
+}
+
+/// Autoregressive models of the residuals at a fit.
+pub fn models(problem: &Problem, segments: &[Segment], found: &Evaluation) -> Option<Vec<Ar>> {
+    let runs = output_error::residual_runs(problem, segments, &found.theta, &found.nuisances)?;
+    Some(runs.iter().map(|runs| Ar::fit(runs, MOST_AR)).collect())
+}
+
+/// The start with the best short predictions: an equation-error fit is enough, since the filter follows the record.
+fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>]) -> Vec<f64> {
+    let structure = NoiseStructure::new(problem);
+    let noise = first_noise(problem, segments, &structure);
+    let nuisances = no_nuisances(problem, segments);
+    let mut starts = extra.to_vec();
+    starts.extend(start::candidates(problem, segments));
+    starts.push(start::given(problem));
+    let cost = |theta: &Vec<f64>| {
+        let unknowns: Vec<f64> = theta.iter().chain(&noise).copied().collect();
+        filter_error::evaluate(problem, &structure, segments, &unknowns, &nuisances)
+            .map_or(f64::INFINITY, |e| e.cost)
+    };
+    let costs: Vec<f64> = starts.iter().map(cost).collect();
+    let best = (0..starts.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
+    starts.swap_remove(best)
+}
+
+/// Noise at the start: measurement noise as the record shows it, process noise that follows it within a few steps.
+fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructure) -> Vec<f64> {
+    let p = problem.p();
+    let measured: Vec<f64> = structure
+        .outputs
+        .iter()
+        .map(|&i| {
+            let values: Vec<f64> =
+                segments.iter().flat_map(|s| s.output(i, p)).filter(|v| v.is_finite()).collect();
+            let mean = crate::stats::mean(&values);
+            let spread = crate::stats::rms(&values.iter().map(|v| v - mean).collect::<Vec<_>>());
+            crate::stats::white_noise_std(&values).max(1e-4 * spread).max(1e-12)
+        })
+        .collect();
+    let driven = structure.states.iter().map(|&j| {
+        let at = structure.outputs.iter().position(|&i| problem.vehicle.c[(i, j)] != 0.0);
+        let size = match at {
+            Some(at) => measured[at] / problem.vehicle.c[(structure.outputs[at], j)].abs(),
+            None => crate::stats::mean(&measured),
+        };
+        (0.3 * size / problem.period_s.sqrt()).ln()
+    });
+    driven.chain(measured.iter().map(|s| s.ln())).collect()
+}
+
+/// Prediction error by Kalman's innovations.
+fn kalman(
+    problem: &Problem,
+    segments: &[Segment],
+    theta: &[f64],
+    observe: &dyn Fn(Progress),
+) -> Option<(Fit, DMatrix<f64>)> {
+    let structure = NoiseStructure::new(problem);
+    let noise = first_noise(problem, segments, &structure);
+    let np = theta.len();
+    let mut limits = bounds(problem);
+    // From a millionth of the start, where a noise no longer acts, to a thousand times it.
+    limits.extend(noise.iter().map(|v| (v - 14.0, v + 7.0)));
+    let unknowns: Vec<f64> = theta.iter().chain(&noise).copied().collect();
+    let first =
+        filter_error::evaluate(problem, &structure, segments, &unknowns, &no_nuisances(problem, segments))?;
+    let at = |from: &filter_error::Evaluation, unknowns: &[f64], step: &DVector<f64>| {
+        let follow = |(old, coupling): (&Vec<f64>, &DMatrix<f64>)| -> Vec<f64> {
+            let moved = coupling * step;
+            old.iter().zip(moved.iter()).map(|(a, b)| a + b).collect()
+        };
+        let nuisances: Vec<Vec<f64>> = from.nuisances.iter().zip(&from.coupling).map(follow).collect();
+        filter_error::evaluate(problem, &structure, segments, unknowns, &nuisances)
+    };
+    let told = |iteration, cost| observe(Progress::Step { iteration, cost });
+    let search_limits = Limits { iterations: 60, tolerance: 0.01 };
+    let (found, outcome) = search(first, &limits, search_limits, at, told);
+    let information = spread::marginal(&found.information, np)?;
+    let covariance = super::normal::pseudo_inverse(&information)?;
+    let fit = Fit {
+        problem: problem.clone(),
+        theta: found.unknowns[..np].to_vec(),
+        nuisances: found.nuisances,
+        covariance,
+        fixed: Vec::new(),
+        noise: NoiseFit::Kalman(structure, found.unknowns[np..].to_vec()),
+        cost: found.cost,
+        outcome,
+    };
+    Some((fit, information))
+}

@@ -1,0 +1,183 @@
+//! Levenberg-Marquardt within bounds, for any cost that gives an information matrix.
+
+use nalgebra::{DMatrix, DVector};
+
+/// What the search needs to know at a point.
+pub trait Point {
+    /// Where it is.
+    fn position(&self) -> &[f64];
+    /// The cost.
+    fn cost(&self) -> f64;
+    /// Information matrix: positive semidefinite, about the second derivative.
+    fn information(&self) -> &DMatrix<f64>;
+    /// Minus the gradient.
+    fn right(&self) -> &DVector<f64>;
+}
+
+/// How a search went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Outcome {
+    /// Steps taken.
+    pub iterations: usize,
+    /// Costs evaluated.
+    pub evaluations: usize,
+    /// True when the last step was below a thousandth of a standard error.
+    pub converged: bool,
+}
+
+/// Limits of a search.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Most steps.
+    pub iterations: usize,
+    /// The search ends when a step is shorter than this many standard errors (norm over all parameters).
+    pub tolerance: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { iterations: 100, tolerance: 1e-3 }
+    }
+}
+
+/// Moves from `start` downhill, every coordinate i within `bounds[i]`. `at` gives the point at a position with the
+/// step that led there, or `None` where the cost does not exist.
+///
+/// Damping follows Nielsen (IMM-REP-1999-05): it falls smoothly with the gain ratio and grows twice as fast at each
+/// failure. A coordinate at a bound that pushes outwards is held there.
+pub fn search<P: Point>(
+    start: P,
+    bounds: &[(f64, f64)],
+    limits: Limits,
+    mut at: impl FnMut(&P, &[f64], &DVector<f64>) -> Option<P>,
+    mut observe: impl FnMut(usize, f64),
+) -> (P, Outcome) {
+    let mut point = start;
+    let mut outcome = Outcome { iterations: 0, evaluations: 1, converged: false };
+    let (mut damping, mut growth) = (1e-3, 2.0);
+    while outcome.iterations < limits.iterations {
+        outcome.iterations += 1;
+        observe(outcome.iterations, point.cost());
+        let mut stepped = false;
+        for _ in 0..30 {
+            let Some((position, step)) = step(&point, bounds, damping) else { break };
+            let curved = point.information() * &step;
+            let length = step.dot(&curved).max(0.0).sqrt();
+            if length < limits.tolerance {
+                outcome.converged = true;
+                return (point, outcome);
+            }
+            outcome.evaluations += 1;
+            let predicted = point.right().dot(&step) - 0.5 * step.dot(&curved);
+            if let Some(next) = at(&point, &position, &step)
+                && next.cost() < point.cost()
+            {
+                let ratio = (point.cost() - next.cost()) / predicted.max(1e-300);
+                damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(1.0 / 5.0, 1.0);
+                damping = damping.max(1e-12);
+                growth = 2.0;
+                point = next;
+                stepped = true;
+                break;
+            }
+            damping *= growth;
+            growth *= 2.0;
+        }
+        if !stepped {
+            // Nothing near is lower: rounding, or a kink.
+            break;
+        }
+    }
+    (point, outcome)
+}
+
+/// The damped step and where it leads, within the bounds.
+fn step(point: &impl Point, bounds: &[(f64, f64)], damping: f64) -> Option<(Vec<f64>, DVector<f64>)> {
+    let (position, f, g) = (point.position(), point.information(), point.right());
+    let n = position.len();
+    let mut held: Vec<bool> = (0..n)
+        .map(|i| {
+            let (lower, upper) = bounds[i];
+            f[(i, i)] <= 0.0 || position[i] <= lower && g[i] < 0.0 || position[i] >= upper && g[i] > 0.0
+        })
+        .collect();
+    // A step that leaves the bounds is cut there and the others are found anew.
+    for _ in 0..=n {
+        let free: Vec<usize> = (0..n).filter(|i| !held[*i]).collect();
+        let mut step = DVector::zeros(n);
+        if !free.is_empty() {
+            let scale: Vec<f64> = free.iter().map(|i| 1.0 / f[(*i, *i)].sqrt()).collect();
+            let mut scaled = DMatrix::from_fn(free.len(), free.len(), |a, b| {
+                f[(free[a], free[b])] * scale[a] * scale[b]
+            });
+            for a in 0..free.len() {
+                scaled[(a, a)] += damping;
+            }
+            let right = DVector::from_fn(free.len(), |a, _| g[free[a]] * scale[a]);
+            let solution = scaled.cholesky()?.solve(&right);
+            for (a, i) in free.iter().enumerate() {
+                step[*i] = solution[a] * scale[a];
+            }
+        }
+        let beyond = (0..n).filter(|i| !held[*i]).find(|i| {
+            let (lower, upper) = bounds[*i];
+            let to = position[*i] + step[*i];
+            (to < lower && position[*i] <= lower) || (to > upper && position[*i] >= upper)
+        });
+        if let Some(i) = beyond {
+            held[i] = true;
+            continue;
+        }
+        let to: Vec<f64> = (0..n).map(|i| (position[i] + step[i]).clamp(bounds[i].0, bounds[i].1)).collect();
+        let taken = DVector::from_fn(n, |i, _| to[i] - position[i]);
+        return taken.iter().all(|v| v.is_finite()).then_some((to, taken));
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Rosenbrock {
+        x: Vec<f64>,
+        f: DMatrix<f64>,
+        g: DVector<f64>,
+        cost: f64,
+    }
+
+    impl Rosenbrock {
+        fn new(x: &[f64]) -> Self {
+            let r = DVector::from_vec(vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]]);
+            let j = DMatrix::from_row_slice(2, 2, &[-20.0 * x[0], 10.0, -1.0, 0.0]);
+            Self { x: x.to_vec(), f: j.transpose() * &j, g: -j.transpose() * &r, cost: 0.5 * r.norm_squared() }
+        }
+    }
+
+    impl Point for Rosenbrock {
+        fn position(&self) -> &[f64] {
+            &self.x
+        }
+        fn cost(&self) -> f64 {
+            self.cost
+        }
+        fn information(&self) -> &DMatrix<f64> {
+            &self.f
+        }
+        fn right(&self) -> &DVector<f64> {
+            &self.g
+        }
+    }
+
+    #[test]
+    fn the_valley_is_followed_and_bounds_hold() {
+        let limits = Limits { iterations: 200, tolerance: 1e-9 };
+        let at = |_: &Rosenbrock, x: &[f64], _: &DVector<f64>| Some(Rosenbrock::new(x));
+        let free = [(-5.0, 5.0), (-5.0, 5.0)];
+        let (best, outcome) = search(Rosenbrock::new(&[-1.2, 1.0]), &free, limits, at, |_, _| ());
+        assert!(outcome.converged && (best.x[0] - 1.0).abs() < 1e-6 && (best.x[1] - 1.0).abs() < 1e-6);
+        let bounded = [(-5.0, 0.5), (-5.0, 5.0)];
+        let (best, _) = search(Rosenbrock::new(&[-1.2, 1.0]), &bounded, limits, at, |_, _| ());
+        assert!((best.x[0] - 0.5).abs() < 1e-9 && (best.x[1] - 0.25).abs() < 1e-6, "{:?}", best.x);
+    }
+}

@@ -1,0 +1,152 @@
+//! How well the data determine the parameters: covariance, and what they cannot determine.
+
+use nalgebra::DMatrix;
+
+use super::ar::{Ar, RowFilter};
+use super::data::Segment;
+use super::normal::{Normal, pseudo_inverse};
+use super::output_error::{Evaluation, eliminate, spacing};
+use super::problem::{Parameter, Problem};
+
+/// Covariance of the parameters of an output-error fit.
+///
+/// The fit weighs residuals as `whitening` says. Where what is left is still coloured, `residual` describes it by an
+/// autoregressive model of each output, and the covariance is F^-1 (sum J' R J) F^-1 with R the residual's
+/// autocovariance (Maine and Iliff, NASA RP-1138, 1985; Morelli and Klein, J. Aircraft 34, 1997). R J is taken through
+/// the model's filter, |1/A|^2, in one sweep.
+pub fn covariance(
+    problem: &Problem,
+    segments: &[Segment],
+    whitening: &[Ar],
+    residual: &[Ar],
+    fit: &Evaluation,
+) -> Option<DMatrix<f64>> {
+    let inverse = pseudo_inverse(&fit.information)?;
+    if residual.iter().all(|ar| ar.order() == 0) {
+        return Some(inverse);
+    }
+    let np = fit.theta.len();
+    let simulation = problem.simulation(&fit.theta)?;
+    let columns = simulation.columns();
+    let p = problem.p();
+    let mut spread = DMatrix::zeros(np, np);
+    for ((segment, nuisance), coupling) in segments.iter().zip(&fit.nuisances).zip(&fit.coupling) {
+        let mut channels: Vec<Option<(RowFilter, RowFilter, Normal, usize, Option<usize>)>> = (0..p)
+            .map(|i| {
+                (problem.weights[i] > 0.0).then(|| {
+                    (
+                        RowFilter::new(&whitening[i], false, columns),
+                        RowFilter::new(&residual[i], true, columns),
+                        Normal::new(columns),
+                        spacing(segment, i, p),
+                        None,
+                    )
+                })
+            })
+            .collect();
+        simulation.sweep(segment, nuisance, &mut |step| {
+            for (i, channel) in channels.iter_mut().enumerate() {
+                let Some((whiten, colour, normal, every, last)) = channel else { continue };
+                if !segment.outputs[step.k * p + i].is_finite() {
+                    continue;
+                }
+                if last.is_some_and(|l| step.k - l != *every) {
+                    whiten.reset();
+                    colour.reset();
+                }
+                *last = Some(step.k);
+                let slopes = &step.slopes[i * columns..(i + 1) * columns];
+                if let Some(row) = whiten.next(slopes)
+                    && let Some(row) = colour.next(row)
+                {
+                    normal.add(row, 0.0);
+                }
+            }
+        });
+        // The nuisances follow the parameters: the columns of the parameters with the nuisances eliminated.
+        let mut turn = DMatrix::zeros(columns, np);
+        turn.fill_diagonal(1.0);
+        turn.view_mut((np, 0), coupling.shape()).copy_from(coupling);
+        for (i, channel) in channels.into_iter().enumerate() {
+            let Some((_, _, normal, ..)) = channel else { continue };
+            let weight = (problem.weights[i] / fit.variances[i]).powi(2) * residual[i].variance;
+            spread += turn.transpose() * normal.finish().information * &turn * weight;
+        }
+    }
+    Some(&inverse * spread * &inverse)
+}
+
+/// A parameter that the data do not determine, and why.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Undetermined {
+    /// Index of the parameter.
+    pub index: usize,
+    /// Why, in a sentence.
+    pub why: String,
+}
+
+/// Largest standard error that still counts as determined, as a share of the parameter's range.
+const WIDEST: f64 = 0.1;
+/// Least eigenvalue of the information, scaled to a diagonal of ones, that is not rounding.
+const SINGULAR: f64 = 1e-10;
+
+/// The parameter that the data determine least, if they do not determine it.
+pub fn undetermined(
+    information: &DMatrix<f64>,
+    covariance: &DMatrix<f64>,
+    parameters: &[Parameter],
+) -> Option<Undetermined> {
+    let n = parameters.len();
+    let scale: Vec<f64> = (0..n).map(|i| information[(i, i)].max(0.0).sqrt()).collect();
+    let size = |i: usize| scale[i] * (parameters[i].upper - parameters[i].lower);
+    if let Some(index) = (0..n).find(|i| !(size(*i) > 1e-6)) {
+        return Some(Undetermined { index, why: "the fitted outputs do not depend on it".into() });
+    }
+    let scaled = DMatrix::from_fn(n, n, |i, j| information[(i, j)] / (scale[i] * scale[j]));
+    let eigen = scaled.symmetric_eigen();
+    let weakest = eigen.eigenvalues.imin();
+    if eigen.eigenvalues[weakest] < SINGULAR * eigen.eigenvalues.max() {
+        let vector = eigen.eigenvectors.column(weakest);
+        let index = vector.iamax();
+        let with: Vec<&str> = (0..n)
+            .filter(|i| *i != index && vector[*i].abs() > 0.1 * vector[index].abs())
+            .map(|i| parameters[i].name.as_str())
+            .collect();
+        let why = format!("the data show only a combination of it with {}", with.join(", "));
+        return Some(Undetermined { index, why });
+    }
+    let ratio = |i: usize| covariance[(i, i)].max(0.0).sqrt() / (parameters[i].upper - parameters[i].lower);
+    let worst = (0..n).max_by(|a, b| ratio(*a).total_cmp(&ratio(*b)))?;
+    (ratio(worst) > WIDEST).then(|| {
+        let p = &parameters[worst];
+        let error = covariance[(worst, worst)].max(0.0).sqrt() / p.factor;
+        let partner = (0..n)
+            .filter(|i| *i != worst)
+            .map(|i| (i, correlation(covariance, i, worst)))
+            .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+        let with = match partner {
+            Some((i, r)) if r.abs() > 0.9 => {
+                format!(", correlated by {r:.2} with {}", parameters[i].name)
+            }
+            _ => String::new(),
+        };
+        let why = format!(
+            "its standard error would be {error:.3}, more than a tenth of its range from {:.3} to {:.3}{with}",
+            p.lower / p.factor,
+            p.upper / p.factor
+        );
+        Undetermined { index: worst, why }
+    })
+}
+
+/// Correlation of two parameters.
+pub fn correlation(covariance: &DMatrix<f64>, i: usize, j: usize) -> f64 {
+    let scale = (covariance[(i, i)] * covariance[(j, j)]).sqrt();
+    if scale > 0.0 { covariance[(i, j)] / scale } else { 0.0 }
+}
+
+/// Information about the first `np` unknowns with the others eliminated.
+pub fn marginal(information: &DMatrix<f64>, np: usize) -> Option<DMatrix<f64>> {
+    let right = nalgebra::DVector::zeros(information.nrows());
+    Some(eliminate(information, &right, np)?.information)
+}

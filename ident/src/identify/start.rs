@@ -1,0 +1,248 @@
+//! Start values from the data: an equation-error fit with modulating functions.
+//!
+//! Each equation dx_i/dt = sum a_ij x_j + sum b_ij u_j + c is multiplied by phi(t) = sin^2(pi t / L) exp(-i w t) over
+//! windows of length L and integrated by parts, so that no measured signal is differentiated (Shinbrot, NACA TN 3288,
+//! 1954; Preisig and Rippin, Comput. Chem. Eng. 17, 1993). That is linear regression for the free entries of A and B.
+//! A state without a sensor is the derivative of a measured one where the model says so.
+
+use nalgebra::{DMatrix, DVector};
+use whirlstand_vehicle::{Kind, Matrix, Target, Vehicle};
+
+use super::data::Segment;
+use super::problem::Problem;
+
+/// Where the signal of a state comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Source {
+    /// Output over gain.
+    Measured(usize, f64),
+    /// Derivative of output over gain.
+    Derived(usize, f64),
+}
+
+/// Candidates for a start, coarse windows first; empty when some state with free entries cannot be had from the
+/// outputs.
+pub fn candidates(problem: &Problem, segments: &[Segment]) -> Vec<Vec<f64>> {
+    let given: Vec<f64> = given(problem);
+    if problem.parameters.iter().all(|p| p.start.is_some()) {
+        return vec![given];
+    }
+    let mut found = Vec::new();
+    let vehicle = problem.vehicle_at(&given);
+    let Some(sources) = sources(&vehicle, &problem.weights) else { return found };
+    let longest = segments.iter().map(|s| s.steps).max().unwrap_or(0);
+    for (divisor, share) in [(1, 0.02), (4, 0.02), (4, 0.05), (10, 0.05), (10, 0.1), (25, 0.1), (25, 0.25)] {
+        let window = (longest / divisor).max(32).min(longest);
+        if let Some(start) = regress(problem, &vehicle, &sources, segments, window, share, &given) {
+            found.push(start);
+        }
+    }
+    found
+}
+
+/// What the file gives: start, or the value that the vehicle has, within the bounds.
+pub fn given(problem: &Problem) -> Vec<f64> {
+    let value = |p: &super::problem::Parameter| {
+        p.start.unwrap_or_else(|| problem.vehicle.free_value(&p.target)).clamp(p.lower, p.upper)
+    };
+    problem.parameters.iter().map(value).collect()
+}
+
+fn sources(vehicle: &Vehicle, weights: &[f64]) -> Option<Vec<Source>> {
+    let n = vehicle.states.len();
+    let is_free =
+        |m: Matrix, i: usize| vehicle.free.iter().any(|f| matches!(f.target, Target::Entry(x, r, _) if x == m && r == i));
+    let measured = |j: usize| {
+        (0..vehicle.outputs.len()).find_map(|i| {
+            let row = vehicle.c.row(i);
+            let alone = row.iter().enumerate().all(|(k, c)| (k == j) == (*c != 0.0));
+            let direct = vehicle.d.row(i).iter().any(|d| *d != 0.0) || is_free(Matrix::D, i);
+            (weights[i] > 0.0 && alone && !direct && !is_free(Matrix::C, i)).then(|| Source::Measured(i, row[j]))
+        })
+    };
+    let direct: Vec<Option<Source>> = (0..n).map(measured).collect();
+    (0..n)
+        .map(|j| {
+            direct[j].or_else(|| {
+                (0..n).find_map(|r| {
+                    let Some(Source::Measured(output, gain)) = direct[r] else { return None };
+                    let row = vehicle.a.row(r);
+                    let kinematic = !is_free(Matrix::A, r)
+                        && !is_free(Matrix::B, r)
+                        && row.iter().enumerate().all(|(k, a)| (k == j) == (*a != 0.0))
+                        && vehicle.b.row(r).iter().all(|b| *b == 0.0);
+                    kinematic.then(|| Source::Derived(output, gain * row[j]))
+                })
+            })
+        })
+        .collect()
+}
+
+/// Integrals of phi, its first and its second derivative times a signal, for one window and frequency: real and
+/// imaginary parts.
+type Integrals = [[f64; 2]; 3];
+
+/// The modulating function and its derivatives at time t of a window of length l.
+fn modulate(t: f64, l: f64, w: f64) -> Integrals {
+    let a = std::f64::consts::PI / l;
+    let (s, c) = (a * t).sin_cos();
+    // w0 = sin^2, w1 = a sin 2at, w2 = 2 a^2 cos 2at.
+    let (w0, w1, w2) = (s * s, 2.0 * a * s * c, 2.0 * a * a * (c * c - s * s));
+    let (ws, wc) = (w * t).sin_cos();
+    // exp(-iwt) = wc - i ws; derivative of the product by the product rule.
+    let times = |re: f64, im: f64| [re * wc + im * ws, im * wc - re * ws];
+    [times(w0, 0.0), times(w1, -w * w0), times(w2 - w * w * w0, -2.0 * w * w1)]
+}
+
+fn regress(
+    problem: &Problem,
+    vehicle: &Vehicle,
+    sources: &[Source],
+    segments: &[Segment],
+    window: usize,
+    share: f64,
+    given: &[f64],
+) -> Option<Vec<f64>> {
+    let (n, m, p) = (problem.n(), problem.m(), problem.p());
+    let dt = problem.period_s;
+    let l = window as f64 * dt;
+    // Harmonics up to a share of the sampling frequency.
+    let highest = ((share / dt) * l).floor().max(2.0) as usize;
+    let stride = (highest / 60).max(1);
+    let delays: Vec<f64> = (0..m).map(|j| delay(vehicle, j)).collect();
+    // One equation a window, frequency and part: [derivatives, states, inputs, one].
+    let mut equations: Vec<Vec<f64>> = Vec::new();
+    for segment in segments {
+        let filled: Vec<Vec<f64>> =
+            (0..p).map(|i| crate::compare::filled(&segment.output(i, p))).collect();
+        let starts = (0..).map(|i| i * (window / 2)).take_while(|s| s + window < segment.steps + 1);
+        for start in starts {
+            for h in (0..=highest).step_by(stride) {
+                let w = std::f64::consts::TAU * h as f64 / l;
+                let mut outputs = vec![[[0.0; 2]; 3]; p];
+                let mut inputs = vec![[0.0; 2]; m];
+                let mut one = [0.0; 2];
+                for k in 0..window.min(segment.steps - start) {
+                    let phi = modulate(k as f64 * dt, l, w);
+                    for (integrals, y) in outputs.iter_mut().zip(&filled) {
+                        let y = y[start + k];
+                        for (sum, phi) in integrals.iter_mut().zip(&phi) {
+                            sum[0] += phi[0] * y;
+                            sum[1] += phi[1] * y;
+                        }
+                    }
+                    one[0] += phi[0][0];
+                    one[1] += phi[0][1];
+                    for (j, sum) in inputs.iter_mut().enumerate() {
+                        // A held input acts in the middle of its period, later by the delay.
+                        let phi = modulate((k as f64 + 0.5) * dt + delays[j], l, w)[0];
+                        let u = segment.inputs[(start + k) * m + j];
+                        sum[0] += phi[0] * u;
+                        sum[1] += phi[1] * u;
+                    }
+                }
+                for part in 0..2 {
+                    let mut row = Vec::with_capacity(2 * n + m + 1);
+                    for source in sources {
+                        row.push(match *source {
+                            Source::Measured(i, gain) => -outputs[i][1][part] / gain,
+                            Source::Derived(i, gain) => outputs[i][2][part] / gain,
+                        });
+                    }
+                    for source in sources {
+                        row.push(match *source {
+                            Source::Measured(i, gain) => outputs[i][0][part] / gain,
+                            Source::Derived(i, gain) => -outputs[i][1][part] / gain,
+                        });
+                    }
+                    row.extend(inputs.iter().map(|u| u[part]));
+                    row.push(one[part]);
+                    equations.push(row);
+                }
+            }
+        }
+    }
+    let mut theta = given.to_vec();
+    for i in 0..n {
+        solve_row(problem, vehicle, i, &equations, &mut theta)?;
+    }
+    Some(theta)
+}
+
+/// Total delay of an input, s.
+fn delay(vehicle: &Vehicle, input: usize) -> f64 {
+    let name = &vehicle.inputs[input].name;
+    let own = vehicle.effects.iter().filter(|e| e.kind() == Kind::InputDelay && e.place() == name);
+    own.filter_map(|e| e.parameter("delay_s")).sum()
+}
+
+/// Regression for the free entries of row `i` of A and B.
+fn solve_row(
+    problem: &Problem,
+    vehicle: &Vehicle,
+    i: usize,
+    equations: &[Vec<f64>],
+    theta: &mut [f64],
+) -> Option<()> {
+    let n = problem.n();
+    let mut free: Vec<(usize, usize)> = Vec::new();
+    for (parameter, p) in problem.parameters.iter().enumerate() {
+        match p.target {
+            Target::Entry(Matrix::A, r, j) if r == i => free.push((parameter, n + j)),
+            Target::Entry(Matrix::B, r, j) if r == i => free.push((parameter, 2 * n + j)),
+            _ => {}
+        }
+    }
+    if free.is_empty() {
+        return Some(());
+    }
+    let columns = free.len() + 1;
+    let mut matrix = DMatrix::zeros(equations.len(), columns);
+    let mut right = DVector::zeros(equations.len());
+    for (e, row) in equations.iter().enumerate() {
+        let known: f64 = (0..n)
+            .filter(|j| !free.iter().any(|(_, c)| *c == n + j))
+            .map(|j| vehicle.a[(i, j)] * row[n + j])
+            .chain(
+                (0..problem.m())
+                    .filter(|j| !free.iter().any(|(_, c)| *c == 2 * n + j))
+                    .map(|j| vehicle.b[(i, j)] * row[2 * n + j]),
+            )
+            .sum();
+        right[e] = row[i] - known;
+        for (c, (_, column)) in free.iter().enumerate() {
+            matrix[(e, c)] = row[*column];
+        }
+        matrix[(e, columns - 1)] = row[row.len() - 1];
+    }
+    let normal = matrix.transpose() * &matrix;
+    let solution = super::normal::solve(&normal, &(matrix.transpose() * right))?;
+    for (c, (parameter, _)) in free.iter().enumerate() {
+        let p = &problem.parameters[*parameter];
+        if p.start.is_none() && solution[c].is_finite() {
+            theta[*parameter] = solution[c].clamp(p.lower, p.upper);
+        }
+    }
+    Some(())
+}
+
+/// Starts scattered over the inner tenth of the bounds, damped: for structures whose states the outputs do not show.
+pub fn scattered(problem: &Problem) -> Vec<Vec<f64>> {
+    let mut stream = whirlstand_vehicle::Stream::new(1, "scattered starts");
+    let base = given(problem);
+    (0..12)
+        .map(|_| {
+            problem
+                .parameters
+                .iter()
+                .zip(&base)
+                .map(|(p, base)| {
+                    let unit = stream.uniform() - 0.5;
+                    let diagonal = matches!(p.target, Target::Entry(Matrix::A, i, j) if i == j);
+                    let move_by = 0.1 * (p.upper - p.lower) * if diagonal { -unit.abs() } else { unit };
+                    if p.start.is_some() { *base } else { (base + move_by).clamp(p.lower, p.upper) }
+                })
+                .collect()
+        })
+        .collect()
+}
