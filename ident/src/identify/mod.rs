@@ -4,16 +4,22 @@
 //! - [`output_error`] and [`filter_error`]: the costs; [`search`]: Levenberg-Marquardt on either; [`start`]: starts
 //!   from the data alone; [`pem`]: all of it together. [`spread`]: what the data determine, and how well.
 
+pub mod answer;
 pub mod ar;
+pub mod batch;
 pub mod data;
 mod error;
 pub mod filter_error;
+pub mod ga;
 mod linear;
 pub mod normal;
+pub mod options;
 pub mod output_error;
 pub mod pem;
 pub mod predictor;
 pub mod problem;
+pub mod quality;
+mod run;
 pub mod search;
 mod sensitivity;
 mod simulated;
@@ -21,8 +27,15 @@ pub mod spread;
 pub mod start;
 #[cfg(test)]
 mod tests;
+mod words;
 
+pub use answer::{IDENTIFICATION_SCHEMA, Identification, Log};
+pub use data::Segment;
 pub use error::IdentifyError;
+pub use options::{Method, Options};
+pub use pem::Noise;
+pub use problem::Nuisance;
+pub use run::{Source, identify};
 
 /// What happens during a search.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -105,7 +105,7 @@ pub fn output_error(
     theta: &[f64],
     nuisances: &[Vec<f64>],
     limits: Limits,
-    observe: &dyn Fn(Progress),
+    observe: &(dyn Fn(Progress) + Sync),
 ) -> Option<(Evaluation, Outcome)> {
     let first = output_error::evaluate(problem, segments, whitening, theta, nuisances)?;
     let at = |from: &Evaluation, theta: &[f64], step: &DVector<f64>| {
@@ -129,7 +129,7 @@ fn from_starts(
     problem: &Problem,
     segments: &[Segment],
     extra: &[Vec<f64>],
-    observe: &dyn Fn(Progress),
+    observe: &(dyn Fn(Progress) + Sync),
 ) -> Result<Evaluation, IdentifyError> {
     let white = white(problem);
     let nuisances = no_nuisances(problem, segments);
@@ -186,7 +186,7 @@ pub fn fit(
     segments: &[Segment],
     noise: Noise,
     extra: &[Vec<f64>],
-    observe: &dyn Fn(Progress),
+    observe: &(dyn Fn(Progress) + Sync),
 ) -> Result<Fit, IdentifyError> {
     if noise == Noise::Kalman && !problem.is_plain() {
         let effect = problem.vehicle.effects.first().map_or(String::new(), |e| e.kind().to_string());
@@ -228,7 +228,7 @@ fn outputs(
     segments: &[Segment],
     noise: Noise,
     theta: &[f64],
-    observe: &dyn Fn(Progress),
+    observe: &(dyn Fn(Progress) + Sync),
 ) -> Option<(Fit, DMatrix<f64>)> {
     let mut whitening = white(problem);
     let nuisances = no_nuisances(problem, segments);
@@ -329,7 +329,7 @@ fn kalman(
     problem: &Problem,
     segments: &[Segment],
     theta: &[f64],
-    observe: &dyn Fn(Progress),
+    observe: &(dyn Fn(Progress) + Sync),
 ) -> Option<(Fit, DMatrix<f64>)> {
     let structure = NoiseStructure::new(problem);
     let noise = first_noise(problem, segments, &structure);

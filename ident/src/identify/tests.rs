@@ -90,3 +90,24 @@ fn helicopters_from_their_structure_alone() {
         }
     }
 }
+
+#[test]
+fn the_genetic_algorithm_finds_the_quadrotor() {
+    let vehicle = Vehicle::builtin("quadrotor").unwrap();
+    let structure = Vehicle::builtin("quadrotor-structure").unwrap();
+    let segments = [record(&vehicle, &pilot(1000, 2, 0.03, 10.0, 1), 0.03, 1)];
+    let problem = Problem::new(&structure, &segments, Nuisance::default()).unwrap();
+    let batch = super::batch::Batch::new(&problem, &segments);
+    let mut point = truth(&problem, &vehicle);
+    point.extend([0.0; 4]);
+    let best = batch.costs(&[&point])[0];
+    let mut failed = 0;
+    for seed in 1..=10 {
+        let start = std::time::Instant::now();
+        let options = super::Options { seed, ..super::Options::default() };
+        let found = super::ga::search(&problem, &segments, &options, &|_| ()).unwrap();
+        println!("ga {:?} cost {} true {best} {} evaluations {} generations {}", start.elapsed(), found.cost, found.evaluations, found.generations, found.stagnated);
+        failed += usize::from(found.cost > 1.01 * best);
+    }
+    assert_eq!(failed, 0);
+}

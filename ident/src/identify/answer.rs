@@ -1,0 +1,226 @@
+//! What an identification answers.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use whirlstand_vehicle::Vehicle;
+
+use super::options::Method;
+use super::pem::Noise;
+
+/// Schema of [`Identification`].
+pub const IDENTIFICATION_SCHEMA: &str = "whirlstand.identification.v1";
+
+/// A fitted vehicle, how sure it is, and how well it repeats the records.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Identification {
+    /// [`IDENTIFICATION_SCHEMA`].
+    pub schema: String,
+    /// The answer in a sentence.
+    pub verdict: String,
+    /// Name of the vehicle.
+    pub vehicle: String,
+    /// How the cost was minimised.
+    pub method: Method,
+    /// How residuals were modelled.
+    pub noise: Noise,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Version of this program.
+    pub version: String,
+    /// The data.
+    pub data: Vec<DataPart>,
+    /// Period, s.
+    pub period_s: f64,
+    /// How the search ended.
+    pub search: SearchSummary,
+    /// Fitted parameters.
+    pub parameters: Vec<ParameterAnswer>,
+    /// Correlations of the fitted parameters, in their order, row after row.
+    pub correlations: Vec<Vec<f64>>,
+    /// Parameters that the data do not determine, fixed.
+    pub fixed: Vec<FixedAnswer>,
+    /// Poles of the fitted model.
+    pub poles: Vec<Pole>,
+    /// Figures of the outputs, by name.
+    pub outputs: BTreeMap<String, OutputAnswer>,
+    /// What else should be known.
+    pub remarks: Vec<String>,
+    /// The fitted vehicle file, if it was written.
+    pub fitted_vehicle: Option<String>,
+    /// The fitted vehicle itself.
+    #[serde(skip)]
+    pub fitted: Option<Box<Vehicle>>,
+    /// The signals, for the report.
+    #[serde(skip)]
+    pub series: Vec<PartSeries>,
+}
+
+/// A part of a log.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Log {
+    /// The file.
+    pub file: String,
+    /// SHA-256 of the file, hexadecimal; empty for data that came from no file.
+    pub sha256: String,
+}
+
+/// One stretch of data and what it served for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DataPart {
+    /// Where it was read from.
+    pub log: Log,
+    /// Start, s of the record's clock.
+    pub from_s: f64,
+    /// End, s of the record's clock.
+    pub until_s: f64,
+    /// Number of steps.
+    pub samples: usize,
+    /// Identification or control.
+    pub role: Role,
+    /// State at the start, by name, SI.
+    pub initial_state: BTreeMap<String, f64>,
+    /// Constant error of the outputs, by name, SI; empty when none was estimated.
+    pub offsets: BTreeMap<String, f64>,
+}
+
+/// What data served for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Parameters were fitted to it.
+    Identification,
+    /// It was held out.
+    Control,
+}
+
+/// How a search ended.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SearchSummary {
+    /// True when it stands at a minimum.
+    pub converged: bool,
+    /// Steps.
+    pub iterations: usize,
+    /// Costs evaluated, the genetic algorithm's included.
+    pub evaluations: usize,
+    /// Cost at the end: for `ga` the mean of the normalised mean square errors, else the negative log-likelihood.
+    pub cost: f64,
+    /// Wall-clock time, s.
+    pub seconds: f64,
+}
+
+/// A fitted parameter, in the units of the vehicle file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ParameterAnswer {
+    /// Name, as `A[2,1]` or `input_delay(u_roll).delay_s`.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Standard error; `None` where the method gives none.
+    pub standard_error: Option<f64>,
+    /// Least value allowed.
+    pub lower: f64,
+    /// Greatest value allowed.
+    pub upper: f64,
+    /// True when it lies at one of them.
+    pub at_bound: bool,
+    /// Value in SI.
+    pub value_si: f64,
+}
+
+/// A parameter that was fixed, in the units of the vehicle file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FixedAnswer {
+    /// Name.
+    pub name: String,
+    /// The value at which it was fixed.
+    pub value: f64,
+    /// Why the data do not determine it.
+    pub why: String,
+}
+
+/// A pole of the model.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Pole {
+    /// Real part, 1/s.
+    pub re: f64,
+    /// Imaginary part, rad/s.
+    pub im: f64,
+    /// Natural frequency, Hz.
+    pub frequency_hz: f64,
+    /// Damping ratio; 1 for a real stable pole.
+    pub damping_ratio: f64,
+}
+
+/// Figures of one output, SI.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OutputAnswer {
+    /// SI unit.
+    pub unit: String,
+    /// On the data that were fitted.
+    pub identification: Option<Quality>,
+    /// On the data that were held out.
+    pub control: Option<Quality>,
+    /// Standard deviation of what one step ahead cannot be predicted.
+    pub noise_std: f64,
+    /// Order of the noise's autoregressive model; 0 for white noise and for Kalman's form.
+    pub noise_order: usize,
+    /// Are the one-step residuals white?
+    pub whiteness: Option<Whiteness>,
+}
+
+/// How well an output is repeated.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Quality {
+    /// 100 (1 - norm(y - y_sim) / norm(y - mean y)) of the free-running simulation, %.
+    pub free_run_fit: Option<f64>,
+    /// The same after the mean of the residual is taken off.
+    pub free_run_fit_bias_removed: Option<f64>,
+    /// Root of the mean square error of the free-running simulation.
+    pub free_run_rmse: Option<f64>,
+    /// Fit of the prediction one step ahead, %.
+    pub one_step_fit: Option<f64>,
+}
+
+/// Ljung and Box's test on the one-step residuals.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Whiteness {
+    /// Lags in the test.
+    pub lags: usize,
+    /// Probability of a statistic as great from white noise.
+    pub p_value: f64,
+    /// Greatest autocorrelation at a lag from 1 on.
+    pub greatest: f64,
+    /// True when the residuals pass at 1 %.
+    pub white: bool,
+}
+
+/// The signals of one part of the data.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PartSeries {
+    /// Identification or control.
+    pub role: Role,
+    /// Where it was read from.
+    pub origin: String,
+    /// Time, s of the record's clock.
+    pub t: Vec<f64>,
+    /// Period, s.
+    pub period_s: f64,
+    /// Inputs: name, unit, values.
+    pub inputs: Vec<(String, String, Vec<f64>)>,
+    /// Fitted outputs.
+    pub outputs: Vec<OutputSeries>,
+}
+
+/// The signals of one output, SI; NaN where there is no value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OutputSeries {
+    /// Name.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+    /// Measured.
+    pub measured: Vec<f64>,
+    /// Free-running simulation, offset included.
+    pub simulated: Vec<f64>,
+}

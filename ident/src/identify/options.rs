@@ -1,0 +1,65 @@
+//! What can be chosen.
+
+use serde::{Deserialize, Serialize};
+
+use super::pem::Noise;
+use super::problem::Nuisance;
+
+/// How the cost is minimised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Method {
+    /// Genetic algorithm on the mean square error of the simulation.
+    #[serde(rename = "ga")]
+    Ga,
+    /// Gauss-Newton and Levenberg-Marquardt on output or prediction error.
+    #[serde(rename = "pem")]
+    Pem,
+    /// The second from where the first ends.
+    #[serde(rename = "ga+pem")]
+    GaPem,
+}
+
+impl Method {
+    /// The word on the command line.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Ga => "ga",
+            Self::Pem => "pem",
+            Self::GaPem => "ga+pem",
+        }
+    }
+}
+
+/// Options of an identification.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// How the cost is minimised.
+    pub method: Method,
+    /// How residuals are modelled; `None` chooses: Kalman's form for closed loops and for models that are not
+    /// stable, autoregressive where effects keep the Kalman predictor out, white otherwise.
+    pub noise: Option<Noise>,
+    /// The record was taken with a controller in the loop.
+    pub closed_loop: bool,
+    /// What is estimated for each part of the data alone.
+    pub nuisance: Nuisance,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Most simulations of the genetic algorithm.
+    pub budget: usize,
+    /// Generations without progress after which the genetic algorithm stops.
+    pub stagnation: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            method: Method::Pem,
+            noise: None,
+            closed_loop: false,
+            nuisance: Nuisance::default(),
+            seed: 1,
+            budget: 400_000,
+            stagnation: 100,
+        }
+    }
+}

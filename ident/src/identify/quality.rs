@@ -1,0 +1,259 @@
+//! How well a fitted model repeats records, and whether what is left is white.
+
+use super::answer::{OutputSeries, PartSeries, Quality, Role, Whiteness};
+use super::ar::Ar;
+use super::data::Segment;
+use super::output_error::{evaluate, simulate};
+use super::pem::{Fit, NoiseFit, no_nuisances, white};
+use super::problem::{Nuisance, Problem};
+use super::{filter_error, start};
+
+/// The runs of a fit over some parts of data.
+pub struct Runs {
+    /// Nuisances of each part.
+    pub nuisances: Vec<Vec<f64>>,
+    /// Free-running simulations, steps x outputs; `None` where they left all bounds.
+    pub simulated: Option<Vec<Vec<f64>>>,
+    /// Residuals one step ahead, for every output one run a part.
+    pub one_step: Vec<Vec<Vec<f64>>>,
+}
+
+/// The model without free parameters.
+fn frozen(fit: &Fit) -> Problem {
+    let mut problem = fit.problem.clone();
+    problem.vehicle = fit.problem.vehicle_at(&fit.theta);
+    problem.parameters.clear();
+    problem
+}
+
+/// Runs the fitted model over the data it was fitted to.
+pub fn identification_runs(fit: &Fit, segments: &[Segment]) -> Runs {
+    runs(fit, segments, fit.nuisances.clone())
+}
+
+/// Runs the fitted model over held-out data: the initial state is fitted there (where a record happens to start is no
+/// error of the model), offsets stay those of the identification data.
+pub fn control_runs(fit: &Fit, segments: &[Segment]) -> Runs {
+    let p = fit.problem.p();
+    let offsets: Vec<f64> = if fit.problem.nuisance.output_offsets {
+        let count = fit.nuisances.len().max(1) as f64;
+        let at = fit.problem.nuisances() - p;
+        (0..p).map(|i| fit.nuisances.iter().map(|n| n[at + i]).sum::<f64>() / count).collect()
+    } else {
+        Vec::new()
+    };
+    let mut problem = frozen(fit);
+    problem.nuisance = Nuisance { output_offsets: false, ..problem.nuisance };
+    let shifted: Vec<Segment> = segments
+        .iter()
+        .map(|s| {
+            let mut s = s.clone();
+            if !offsets.is_empty() {
+                s.outputs.iter_mut().enumerate().for_each(|(k, y)| *y -= offsets[k % p]);
+            }
+            s
+        })
+        .collect();
+    let first = no_nuisances(&problem, &shifted);
+    let found = match &fit.noise {
+        NoiseFit::Outputs(_) => evaluate(&problem, &shifted, &white(&problem), &[], &first).map(|e| e.nuisances),
+        NoiseFit::Kalman(structure, noise) => {
+            let free_run = evaluate(&problem, &shifted, &white(&problem), &[], &first).map(|e| e.nuisances);
+            free_run.or_else(|| {
+                filter_error::evaluate(&problem, structure, &shifted, noise, &first).map(|e| e.nuisances)
+            })
+        }
+    };
+    let nuisances = found.unwrap_or(first);
+    let nuisances = nuisances.into_iter().map(|mut n| {
+        n.extend_from_slice(&offsets);
+        n
+    });
+    runs(fit, segments, nuisances.collect())
+}
+
+fn runs(fit: &Fit, segments: &[Segment], nuisances: Vec<Vec<f64>>) -> Runs {
+    let problem = frozen(fit);
+    let p = problem.p();
+    let mut free_nuisances = nuisances.clone();
+    if let NoiseFit::Kalman(..) = fit.noise {
+        // The initial state of a free run is that which suits the whole run; the filter's suits its first steps.
+        let first = nuisances.clone();
+        if let Some(e) = evaluate(&problem, segments, &white(&problem), &[], &first) {
+            free_nuisances = e.nuisances;
+        }
+    }
+    let simulated = simulate(&problem, segments, &[], &free_nuisances);
+    let one_step = match (&fit.noise, &simulated) {
+        (NoiseFit::Outputs(models), Some(simulated)) => whitened(&problem, segments, simulated, models),
+        (NoiseFit::Kalman(structure, noise), _) => {
+            let predicted = filter_error::predict(&problem, structure, segments, noise, &nuisances);
+            let whites = vec![Ar::white(1.0); p];
+            predicted.map_or(vec![Vec::new(); p], |y| whitened(&problem, segments, &y, &whites))
+        }
+        _ => vec![Vec::new(); p],
+    };
+    Runs { nuisances: free_nuisances, simulated, one_step }
+}
+
+fn whitened(problem: &Problem, segments: &[Segment], outputs: &[Vec<f64>], models: &[Ar]) -> Vec<Vec<Vec<f64>>> {
+    let p = problem.p();
+    (0..p)
+        .map(|i| {
+            segments
+                .iter()
+                .zip(outputs)
+                .map(|(s, y)| {
+                    let residual: Vec<f64> = (0..s.steps)
+                        .map(|k| s.outputs[k * p + i] - y[k * p + i])
+                        .filter(|r| r.is_finite())
+                        .collect();
+                    models[i].whiten(&residual)
+                })
+                .collect()
+        })
+        .collect()
+}
+
+/// Figures of output `i`; `None` when the data do not have it.
+pub fn quality(problem: &Problem, segments: &[Segment], runs: &Runs, i: usize) -> Option<Quality> {
+    let p = problem.p();
+    let measured: Vec<Vec<f64>> = segments.iter().map(|s| s.output(i, p)).collect();
+    let known: Vec<f64> = measured.iter().flatten().copied().filter(|v| v.is_finite()).collect();
+    if known.is_empty() {
+        return None;
+    }
+    let norm = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
+    // The mean of each part is its own trim.
+    let spread = measured
+        .iter()
+        .map(|m| {
+            let known: Vec<f64> = m.iter().copied().filter(|v| v.is_finite()).collect();
+            let mean = crate::stats::mean(&known);
+            known.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>()
+        })
+        .sum::<f64>()
+        .sqrt();
+    let fit = |error: f64| (spread > 0.0).then(|| 100.0 * (1.0 - error / spread));
+    let residual = runs.simulated.as_ref().map(|outputs| {
+        segments
+            .iter()
+            .zip(outputs)
+            .flat_map(|(s, y)| (0..s.steps).map(move |k| s.outputs[k * p + i] - y[k * p + i]))
+            .filter(|r| r.is_finite())
+            .collect::<Vec<f64>>()
+    });
+    let bias_removed = residual.as_ref().map(|r| {
+        let mean = crate::stats::mean(r);
+        norm(&r.iter().map(|v| v - mean).collect::<Vec<_>>())
+    });
+    let one: Vec<f64> = runs.one_step[i].iter().flatten().copied().collect();
+    let scale = (known.len() as f64 / one.len().max(1) as f64).sqrt();
+    Some(Quality {
+        free_run_fit: residual.as_ref().and_then(|r| fit(norm(r))),
+        free_run_fit_bias_removed: bias_removed.and_then(fit),
+        free_run_rmse: residual.as_ref().map(|r| crate::stats::rms(r)),
+        one_step_fit: if one.is_empty() { None } else { fit(norm(&one) * scale) },
+    })
+}
+
+/// Ljung and Box's test (Biometrika 65, 1978) over runs of residuals, lags up to the logarithm's rule of thumb.
+pub fn whiteness(runs: &[Vec<f64>]) -> Option<Whiteness> {
+    let n: usize = runs.iter().map(Vec::len).sum();
+    if n < 60 {
+        return None;
+    }
+    let lags = ((10.0 * (n as f64).log10()) as usize).min(n / 5);
+    let mean = runs.iter().flatten().sum::<f64>() / n as f64;
+    let variance = runs.iter().flatten().map(|v| (v - mean) * (v - mean)).sum::<f64>();
+    if !(variance > 0.0) {
+        return None;
+    }
+    let (mut statistic, mut greatest) = (0.0, 0.0f64);
+    for lag in 1..=lags {
+        let sum: f64 = runs
+            .iter()
+            .map(|r| (lag..r.len()).map(|k| (r[k] - mean) * (r[k - lag] - mean)).sum::<f64>())
+            .sum();
+        let r = sum / variance;
+        statistic += r * r / (n - lag) as f64;
+        if r.abs() > greatest.abs() {
+            greatest = r;
+        }
+    }
+    statistic *= n as f64 * (n as f64 + 2.0);
+    let p_value = chi_square_tail(statistic, lags as f64);
+    Some(Whiteness { lags, p_value, greatest, white: p_value > 0.01 })
+}
+
+/// Probability that a chi-square variable exceeds `x`, by Wilson and Hilferty's cube root (1931).
+pub fn chi_square_tail(x: f64, degrees: f64) -> f64 {
+    let k = 2.0 / (9.0 * degrees);
+    let z = ((x / degrees).cbrt() - (1.0 - k)) / k.sqrt();
+    0.5 * libm::erfc(z / std::f64::consts::SQRT_2)
+}
+
+/// The signals of some parts.
+pub fn series(problem: &Problem, segments: &[Segment], runs: &Runs, role: Role) -> Vec<PartSeries> {
+    let (m, p) = (problem.m(), problem.p());
+    let vehicle = &problem.vehicle;
+    segments
+        .iter()
+        .enumerate()
+        .map(|(s, segment)| PartSeries {
+            role,
+            origin: segment.origin.clone(),
+            t: (0..segment.steps).map(|k| segment.time(k)).collect(),
+            period_s: segment.period_s,
+            inputs: (0..m)
+                .map(|j| {
+                    let input = &vehicle.inputs[j];
+                    let values = segment.inputs.iter().skip(j).step_by(m).copied().collect();
+                    (input.name.clone(), input.unit.si_symbol(), values)
+                })
+                .collect(),
+            outputs: (0..p)
+                .filter(|i| problem.weights[*i] > 0.0)
+                .map(|i| OutputSeries {
+                    name: vehicle.outputs[i].name.clone(),
+                    unit: vehicle.outputs[i].unit.si_symbol(),
+                    measured: segment.output(i, p),
+                    simulated: match &runs.simulated {
+                        Some(outputs) => outputs[s].iter().skip(i).step_by(p).copied().collect(),
+                        None => vec![f64::NAN; segment.steps],
+                    },
+                })
+                .collect(),
+        })
+        .collect()
+}
+
+/// True when the model at the start that the data give is stable by a margin: no pole in or on the right half plane.
+pub fn stable_at_start(problem: &Problem, segments: &[Segment]) -> bool {
+    let theta = start::candidates(problem, segments).pop().unwrap_or_else(|| start::given(problem));
+    let poles = problem.vehicle_at(&theta).a.complex_eigenvalues();
+    poles.iter().all(|p| p.re < -1e-3 / (problem.period_s * 1e3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_vehicle::Stream;
+
+    #[test]
+    fn the_tail_agrees_with_tables() {
+        // scipy.stats.chi2.sf([18.31, 43.77, 23.0], [10, 30, 30])
+        for (x, d, p) in [(18.307_04, 10.0, 0.05), (43.772_97, 30.0, 0.05), (50.892_18, 30.0, 0.01)] {
+            assert!((chi_square_tail(x, d) / p - 1.0).abs() < 0.03, "{x} {d} {}", chi_square_tail(x, d));
+        }
+    }
+
+    #[test]
+    fn white_noise_passes_and_coloured_does_not() {
+        let mut stream = Stream::new(5, "white");
+        let white: Vec<f64> = (0..2000).map(|_| stream.normal()).collect();
+        assert!(whiteness(&[white.clone()]).unwrap().white);
+        let coloured: Vec<f64> = white.windows(2).map(|w| w[1] + 0.2 * w[0]).collect();
+        assert!(!whiteness(&[coloured]).unwrap().white);
+    }
+}

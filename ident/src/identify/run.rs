@@ -1,0 +1,266 @@
+//! The whole identification: checks, search, answer.
+
+use std::collections::BTreeMap;
+
+use super::answer::{
+    DataPart, FixedAnswer, IDENTIFICATION_SCHEMA, Identification, Log, OutputAnswer, ParameterAnswer, Pole, Role,
+    SearchSummary,
+};
+use super::data::Segment;
+use super::options::{Method, Options};
+use super::pem::{self, Fit, Noise, NoiseFit};
+use super::problem::{Problem, split};
+use super::quality::{self, Runs};
+use super::spread::correlation;
+use super::{IdentifyError, Progress, ga, words};
+use whirlstand_vehicle::Vehicle;
+
+/// Data with where they come from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Source {
+    /// The log.
+    pub log: Log,
+    /// The part of it.
+    pub segment: Segment,
+}
+
+/// Fits the free parameters of `vehicle` to `fitted` and holds the result against `control`.
+///
+/// # Errors
+/// [`IdentifyError`]: nothing is free, no excitation, too few samples, no start from which a simulation stays finite.
+pub fn identify(
+    vehicle: &Vehicle,
+    fitted: &[Source],
+    control: &[Source],
+    options: &Options,
+    observe: &(dyn Fn(Progress) + Sync),
+) -> Result<Identification, IdentifyError> {
+    let begun = std::time::Instant::now();
+    let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
+    let held: Vec<Segment> = control.iter().map(|s| s.segment.clone()).collect();
+    let every: Vec<Segment> = segments.iter().chain(&held).cloned().collect();
+    Problem::new(vehicle, &every, options.nuisance)?;
+    let problem = Problem::new(vehicle, &segments, options.nuisance)?;
+    check(&problem, &segments)?;
+    let noise = options.noise.unwrap_or_else(|| choose(&problem, &segments, options.closed_loop));
+    let mut evaluations = 0;
+    let mut starts = Vec::new();
+    if options.method != Method::Pem {
+        let found = ga::search(&problem, &segments, options, observe)?;
+        evaluations = found.evaluations;
+        if options.method == Method::Ga {
+            let fit = ga::as_fit(&problem, &segments, &found)
+                .ok_or(IdentifyError::UnstableStart { tried: found.evaluations })?;
+            return Ok(answer(fit, fitted, control, options, Noise::White, evaluations, begun));
+        }
+        starts.push(found.theta);
+    }
+    let fit = pem::fit(&problem, &segments, noise, &starts, observe)?;
+    Ok(answer(fit, fitted, control, options, noise, evaluations, begun))
+}
+
+/// Is there anything to learn from?
+fn check(problem: &Problem, segments: &[Segment]) -> Result<(), IdentifyError> {
+    let m = problem.m();
+    let moves = |s: &Segment| {
+        (0..m).any(|j| {
+            let mut u = s.inputs.iter().skip(j).step_by(m);
+            let first = u.next().copied().unwrap_or(0.0);
+            u.any(|v| (v - first).abs() > 1e-9 * first.abs().max(1e-9))
+        })
+    };
+    if let (false, Some(first)) = (segments.iter().any(moves), segments.first()) {
+        return Err(IdentifyError::NoExcitation {
+            origin: first.origin.clone(),
+            from_s: first.start_s,
+            until_s: first.time(first.steps.saturating_sub(1)),
+            inputs: problem.vehicle.inputs.iter().map(|u| u.name.clone()).collect::<Vec<_>>().join(", "),
+        });
+    }
+    let samples = segments.iter().flat_map(|s| &s.outputs).filter(|y| y.is_finite()).count();
+    let unknowns = problem.parameters.len() + problem.nuisances() * segments.len();
+    if samples <= unknowns {
+        return Err(IdentifyError::TooFew { samples, unknowns, parameters: problem.parameters.len() });
+    }
+    Ok(())
+}
+
+/// The noise model for data and vehicle.
+fn choose(problem: &Problem, segments: &[Segment], closed_loop: bool) -> Noise {
+    if closed_loop || !quality::stable_at_start(problem, segments) {
+        if problem.is_plain() { Noise::Kalman } else { Noise::Coloured }
+    } else {
+        Noise::White
+    }
+}
+
+fn answer(
+    fit: Fit,
+    fitted: &[Source],
+    control: &[Source],
+    options: &Options,
+    noise: Noise,
+    evaluations: usize,
+    begun: std::time::Instant,
+) -> Identification {
+    let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
+    let held: Vec<Segment> = control.iter().map(|s| s.segment.clone()).collect();
+    let own = quality::identification_runs(&fit, &segments);
+    let other = quality::control_runs(&fit, &held);
+    let problem = &fit.problem;
+    let mut vehicle = problem.vehicle_at(&fit.theta);
+    vehicle.provenance = provenance(options, noise, fitted);
+    let mut answer = Identification {
+        schema: IDENTIFICATION_SCHEMA.into(),
+        verdict: String::new(),
+        vehicle: vehicle.name.clone(),
+        method: options.method,
+        noise,
+        seed: options.seed,
+        version: env!("CARGO_PKG_VERSION").into(),
+        data: parts(problem, fitted, &own, Role::Identification)
+            .chain(parts(problem, control, &other, Role::Control))
+            .collect(),
+        period_s: problem.period_s,
+        search: SearchSummary {
+            converged: fit.outcome.converged,
+            iterations: fit.outcome.iterations,
+            evaluations: fit.outcome.evaluations + evaluations,
+            cost: fit.cost,
+            seconds: begun.elapsed().as_secs_f64(),
+        },
+        parameters: parameters(&fit, options.method != Method::Ga),
+        correlations: correlations(&fit),
+        fixed: fixed(&fit),
+        poles: poles(&vehicle),
+        outputs: outputs(&fit, &segments, &own, &held, &other),
+        remarks: Vec::new(),
+        fitted_vehicle: None,
+        series: quality::series(problem, &segments, &own, Role::Identification),
+        fitted: Some(Box::new(vehicle)),
+    };
+    answer.series.extend(quality::series(problem, &held, &other, Role::Control));
+    answer.remarks = words::remarks(&answer);
+    answer.verdict = words::verdict(&answer);
+    answer
+}
+
+fn provenance(options: &Options, noise: Noise, fitted: &[Source]) -> Vec<(String, String)> {
+    let mut all = vec![
+        ("program".into(), format!("whirlstand {}", env!("CARGO_PKG_VERSION"))),
+        ("method".into(), options.method.word().into()),
+        ("noise".into(), words::noise(noise).into()),
+        ("seed".into(), options.seed.to_string()),
+    ];
+    for (i, source) in fitted.iter().enumerate() {
+        let s = &source.segment;
+        let part = format!("{} from {} s to {} s", source.log.file, s.start_s, s.time(s.steps.saturating_sub(1)));
+        all.push((format!("log_{}", i + 1), part));
+        if !source.log.sha256.is_empty() {
+            all.push((format!("log_{}_sha256", i + 1), source.log.sha256.clone()));
+        }
+    }
+    all
+}
+
+fn parts<'a>(
+    problem: &'a Problem,
+    sources: &'a [Source],
+    runs: &'a Runs,
+    role: Role,
+) -> impl Iterator<Item = DataPart> + 'a {
+    let vehicle = &problem.vehicle;
+    sources.iter().zip(&runs.nuisances).map(move |(source, nuisance)| {
+        let (initial, offsets) = split(problem, nuisance);
+        let states = vehicle.states.iter().zip(initial).map(|(s, v)| (s.name.clone(), *v));
+        let fitted = vehicle.outputs.iter().zip(offsets).zip(&problem.weights).filter(|(_, w)| **w > 0.0);
+        DataPart {
+            log: source.log.clone(),
+            from_s: source.segment.start_s,
+            until_s: source.segment.time(source.segment.steps.saturating_sub(1)),
+            samples: source.segment.steps,
+            role,
+            initial_state: states.collect(),
+            offsets: fitted.map(|((o, v), _)| (o.name.clone(), *v)).collect(),
+        }
+    })
+}
+
+fn parameters(fit: &Fit, errors: bool) -> Vec<ParameterAnswer> {
+    let all = fit.problem.parameters.iter().zip(&fit.theta).enumerate();
+    all.map(|(i, (p, value))| {
+        let edge = 1e-6 * (p.upper - p.lower);
+        ParameterAnswer {
+            name: p.name.clone(),
+            value: value / p.factor,
+            standard_error: errors.then(|| fit.covariance[(i, i)].max(0.0).sqrt() / p.factor),
+            lower: p.lower / p.factor,
+            upper: p.upper / p.factor,
+            at_bound: *value <= p.lower + edge || *value >= p.upper - edge,
+            value_si: *value,
+        }
+    })
+    .collect()
+}
+
+fn correlations(fit: &Fit) -> Vec<Vec<f64>> {
+    let n = fit.theta.len();
+    (0..n).map(|i| (0..n).map(|j| correlation(&fit.covariance, i, j)).collect()).collect()
+}
+
+fn fixed(fit: &Fit) -> Vec<FixedAnswer> {
+    fit.fixed
+        .iter()
+        .map(|f| FixedAnswer {
+            name: f.parameter.name.clone(),
+            value: f.value / f.parameter.factor,
+            why: f.why.clone(),
+        })
+        .collect()
+}
+
+fn poles(vehicle: &Vehicle) -> Vec<Pole> {
+    let mut poles: Vec<Pole> = vehicle
+        .a
+        .complex_eigenvalues()
+        .iter()
+        .map(|p| {
+            let size = p.norm();
+            Pole {
+                re: p.re,
+                im: p.im,
+                frequency_hz: size / std::f64::consts::TAU,
+                damping_ratio: if size > 0.0 { -p.re / size } else { 1.0 },
+            }
+        })
+        .collect();
+    poles.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz).then(b.im.total_cmp(&a.im)));
+    poles
+}
+
+fn outputs(
+    fit: &Fit,
+    segments: &[Segment],
+    own: &Runs,
+    held: &[Segment],
+    other: &Runs,
+) -> BTreeMap<String, OutputAnswer> {
+    let problem = &fit.problem;
+    let all = problem.vehicle.outputs.iter().enumerate().filter(|(i, _)| problem.weights[*i] > 0.0);
+    all.map(|(i, output)| {
+        let residuals: Vec<f64> = own.one_step[i].iter().flatten().copied().collect();
+        let answer = OutputAnswer {
+            unit: output.unit.si_symbol(),
+            identification: quality::quality(problem, segments, own, i),
+            control: quality::quality(problem, held, other, i),
+            noise_std: crate::stats::rms(&residuals),
+            noise_order: match &fit.noise {
+                NoiseFit::Outputs(models) => models[i].order(),
+                NoiseFit::Kalman(..) => 0,
+            },
+            whiteness: quality::whiteness(&own.one_step[i]),
+        };
+        (output.name.clone(), answer)
+    })
+    .collect()
+}
