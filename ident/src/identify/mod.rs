@@ -19,6 +19,7 @@ pub mod pem;
 pub mod predictor;
 pub mod problem;
 pub mod quality;
+pub mod response;
 mod run;
 pub mod search;
 mod sensitivity;

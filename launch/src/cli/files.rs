@@ -86,6 +86,102 @@ pub(crate) struct CompareArgs {
     pub out: Option<PathBuf>,
 }
 
+/// Fit the free parameters of a vehicle to records: identification as in the paper, and beyond it.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand identify out/flight --vehicle quadrotor-structure --output mine.toml --out out/identify\n  \
+    whirlstand identify flight.csv --vehicle mine.toml --map roll=phi[deg] --from 3 --hold-out 60:84 --offsets\n  \
+    whirlstand identify a.csv b.csv --control c.csv --vehicle mine.toml --method ga+pem --json -")]
+pub(crate) struct IdentifyArgs {
+    /// Logs to fit: MCAP, CSV or PX4 ULog.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// Built-in vehicle, template (quadrotor-structure, helicopter-structure) or path of a vehicle file with `free`
+    /// parameters.
+    #[arg(long)]
+    pub vehicle: String,
+    /// ga: genetic algorithm on the mean square error; pem: output or prediction error; ga+pem: one after the other.
+    #[arg(long, value_enum, default_value_t = IdentifyMethod::Pem)]
+    pub method: IdentifyMethod,
+    /// Model of the residuals [default: kalman for closed loops and models that are not stable, else white]
+    #[arg(long, value_enum)]
+    pub noise: Option<IdentifyNoise>,
+    /// The records were taken with a controller in the loop (own logs say it themselves).
+    #[arg(long)]
+    pub closed_loop: bool,
+    /// Logs to hold the result against: control data.
+    #[arg(long, value_name = "LOG")]
+    pub control: Vec<PathBuf>,
+    /// Start of the part that is used, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// End of the part that is used, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub to: Option<f64>,
+    /// Part of the logs that is not fitted but held out as control data, for example 60:84; may be repeated.
+    #[arg(long, value_name = "FROM:TO", value_parser = interval)]
+    pub hold_out: Vec<(f64, f64)>,
+    /// Estimate a constant offset of every output too: sensor bias, trim.
+    #[arg(long)]
+    pub offsets: bool,
+    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+    pub map: Vec<String>,
+    /// Period of the simulation, s [default: that of the record]
+    #[arg(long, value_name = "S")]
+    pub period: Option<f64>,
+    /// Seed of everything random.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Most simulations of the genetic algorithm.
+    #[arg(long, value_name = "N", default_value_t = 400_000)]
+    pub budget: usize,
+    /// Generations without progress after which the genetic algorithm stops.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub stagnation: usize,
+    /// Writes the fitted vehicle file.
+    #[arg(long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Writes the answer as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Folder for report.html.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// How a cost is minimised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum IdentifyMethod {
+    /// Genetic algorithm on the mean square error of the simulation, as in the paper.
+    Ga,
+    /// Gauss-Newton and Levenberg-Marquardt with analytic sensitivities.
+    Pem,
+    /// The second from where the first ends.
+    #[value(name = "ga+pem")]
+    GaPem,
+}
+
+/// How residuals are modelled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum IdentifyNoise {
+    /// Output error: the free-running simulation comes as near as it can.
+    White,
+    /// Output error with autoregressive residuals.
+    Coloured,
+    /// Prediction error in Kalman's innovations form.
+    Kalman,
+}
+
+/// Reads `FROM:TO`.
+fn interval(text: &str) -> Result<(f64, f64), String> {
+    let parts = text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    match parts {
+        Some((from, to)) if from < to => Ok((from, to)),
+        _ => Err(format!("'{text}' is not a part of a record: write FROM:TO in seconds, as in 60:84")),
+    }
+}
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum LogCommand {
     /// What a log holds: signals, units, rates, length, and the files inside it.

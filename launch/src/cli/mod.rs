@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use whirlstand_msgs::units::{Quantity, Unit};
 
-pub(crate) use files::{CompareArgs, DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand};
+pub(crate) use files::{CompareArgs, DesignArgs, IdentifyArgs, IdentifyMethod, IdentifyNoise, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand};
 
 /// A hardware-in-the-loop bench for small VTOL control.
 ///
@@ -41,6 +41,7 @@ pub(crate) enum Command {
     Design(DesignArgs),
     Simulate(SimulateArgs),
     Compare(CompareArgs),
+    Identify(IdentifyArgs),
     /// Look into logs: what they hold, as CSV, and where two of them differ.
     #[command(subcommand)]
     Log(LogCommand),

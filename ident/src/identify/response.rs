@@ -1,0 +1,144 @@
+//! Frequency responses from records, with coherence.
+//!
+//! With several inputs at once each response is conditioned on the others: H(f) = S_uu(f)^-1 S_uy(f), and its
+//! coherence is the partial one, the share of the output's power that this input explains and no other does
+//! (Tischler and Remple, Aircraft and Rotorcraft System Identification, AIAA 2012, chapter 9). Spectra are Welch's
+//! with Hann's window and half overlap.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Complex, DMatrix, DVector};
+use rustfft::FftPlanner;
+
+type C64 = Complex<f64>;
+
+/// The response of one output to all inputs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Response {
+    /// Frequencies, Hz, ascending, without zero.
+    pub frequency_hz: Vec<f64>,
+    /// For every input the response at each frequency.
+    pub gain: Vec<Vec<C64>>,
+    /// For every input the partial coherence at each frequency, 0 to 1.
+    pub coherence: Vec<Vec<f64>>,
+}
+
+/// Estimates the response over parts of records with one period. `inputs[part][input]` and `output[part]` are equally
+/// long and free of NaN. `None` when no part is long enough for four windows.
+pub fn response(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], period_s: f64) -> Option<Response> {
+    let m = inputs.first()?.len();
+    let total: usize = output.iter().map(Vec::len).sum();
+    let longest = output.iter().map(Vec::len).max()?;
+    // Ten windows' worth of averaging, or as many as the record allows.
+    let window = (total / 6).clamp(32, 8192).min(longest / 2);
+    if window < 16 || m == 0 {
+        return None;
+    }
+    let mut planner = FftPlanner::new();
+    let fft = planner.plan_fft_forward(window);
+    let hann: Vec<f64> =
+        (0..window).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / window as f64).cos()).collect();
+    let transform = |part: &[f64]| -> Vec<C64> {
+        let mean = crate::stats::mean(part);
+        let mut buffer: Vec<C64> = part.iter().zip(&hann).map(|(v, w)| C64::new((v - mean) * w, 0.0)).collect();
+        fft.process(&mut buffer);
+        buffer
+    };
+    let bins = window / 2;
+    let mut uu = vec![DMatrix::<C64>::zeros(m, m); bins];
+    let mut uy = vec![DVector::<C64>::zeros(m); bins];
+    let mut yy = vec![0.0; bins];
+    let mut count = 0;
+    for (inputs, output) in inputs.iter().zip(output) {
+        for start in (0..=output.len().saturating_sub(window)).step_by((window / 2).max(1)) {
+            if start + window > output.len() {
+                break;
+            }
+            let y = transform(&output[start..start + window]);
+            let u: Vec<Vec<C64>> = inputs.iter().map(|u| transform(&u[start..start + window])).collect();
+            count += 1;
+            for f in 1..bins {
+                yy[f] += y[f].norm_sqr();
+                for a in 0..m {
+                    uy[f][a] += u[a][f].conj() * y[f];
+                    for b in 0..m {
+                        uu[f][(a, b)] += u[a][f].conj() * u[b][f];
+                    }
+                }
+            }
+        }
+    }
+    if count < m + 2 {
+        return None;
+    }
+    let mut result = Response { frequency_hz: Vec::new(), gain: vec![Vec::new(); m], coherence: vec![Vec::new(); m] };
+    for f in 1..bins {
+        let frequency = f as f64 / (window as f64 * period_s);
+        let inverse = uu[f].clone().try_inverse().filter(|i| i.iter().all(|v| v.re.is_finite()));
+        let h = inverse.as_ref().map(|inverse| inverse * &uy[f]);
+        // What all inputs together leave of the output's power.
+        let explained = h.as_ref().map_or(0.0, |h| h.iter().zip(uy[f].iter()).map(|(h, s)| (h.conj() * s).re).sum());
+        let left = (yy[f] - explained).max(0.0);
+        result.frequency_hz.push(frequency);
+        for a in 0..m {
+            let (gain, coherence) = match (&h, &inverse) {
+                (Some(h), Some(inverse)) => {
+                    // |h_a|^2 / (S_uu^-1)_aa is the power that only input a explains.
+                    let own = h[a].norm_sqr() / inverse[(a, a)].re.max(1e-300);
+                    (h[a], if own + left > 0.0 { own / (own + left) } else { 0.0 })
+                }
+                _ => (C64::new(f64::NAN, f64::NAN), 0.0),
+            };
+            result.gain[a].push(gain);
+            result.coherence[a].push(coherence);
+        }
+    }
+    Some(result)
+}
+
+impl Response {
+    /// Gain in dB and phase in degrees (unwrapped) of the response to an input.
+    pub fn bode(&self, input: usize) -> (Vec<f64>, Vec<f64>) {
+        let gain = self.gain[input].iter().map(|h| 20.0 * h.norm().log10()).collect();
+        let mut phase: Vec<f64> = self.gain[input].iter().map(|h| h.arg().to_degrees()).collect();
+        for k in 1..phase.len() {
+            let turns = ((phase[k] - phase[k - 1]) / 360.0).round();
+            if turns.is_finite() {
+                phase[k] -= 360.0 * turns;
+            }
+        }
+        (gain, phase)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_vehicle::Stream;
+
+    #[test]
+    fn two_correlated_inputs_are_told_apart() {
+        let mut stream = Stream::new(1, "response");
+        let n = 20_000;
+        let u1: Vec<f64> = (0..n).map(|_| stream.normal()).collect();
+        let u2: Vec<f64> = u1.iter().map(|u| 0.7 * u + 0.5 * stream.normal()).collect();
+        // y = lag(u1) - 2 u2 + noise.
+        let mut x = 0.0;
+        let y: Vec<f64> = (0..n)
+            .map(|k| {
+                let out = x - 2.0 * u2[k] + 0.01 * stream.normal();
+                x = 0.9 * x + 0.1 * u1[k];
+                out
+            })
+            .collect();
+        let r = response(&[vec![u1, u2]], &[y], 0.01).unwrap();
+        let at = r.frequency_hz.iter().position(|f| *f > 1.0).unwrap();
+        let z = C64::from_polar(1.0, TAU * r.frequency_hz[at] * 0.01);
+        let exact = C64::new(0.1, 0.0) / (z - 0.9);
+        assert!((r.gain[0][at] - exact).norm() < 0.05 * exact.norm(), "{} {exact}", r.gain[0][at]);
+        assert!((r.gain[1][at] + 2.0).norm() < 0.02);
+        assert!(r.coherence[0][at] > 0.98 && r.coherence[1][at] > 0.999);
+        let high = r.frequency_hz.len() - 2;
+        assert!(r.coherence[0][high] < r.coherence[0][at]);
+    }
+}

@@ -1,0 +1,273 @@
+//! The report of an identification: the paper's figures 2 to 9, frequency responses, parameters.
+
+use super::ReportError;
+use super::page::{Attachment, Cell, Level, Page, Row, Section, Table};
+use super::plot::{Look, Plot, Trace};
+use crate::compare::filled;
+use crate::identify::answer::{Identification, PartSeries, Role};
+use crate::identify::response::{Response, response};
+use crate::units::{number, shown, shown_factor, shown_unit};
+
+/// The report as one HTML text.
+///
+/// # Errors
+/// [`ReportError`], which would be a bug.
+pub fn identification_report(answer: &Identification) -> Result<String, ReportError> {
+    let mut sections = vec![figures(answer)];
+    for (index, part) in answer.series.iter().enumerate() {
+        sections.push(real_and_simulated(part, index));
+    }
+    for (index, part) in answer.series.iter().enumerate() {
+        sections.push(quadratic_errors(part, index));
+    }
+    sections.extend(responses(answer));
+    sections.push(parameters(answer));
+    let level = if answer.search.converged { Level::Good } else { Level::Warn };
+    let mut attachments = Vec::new();
+    if let Some(vehicle) = &answer.fitted {
+        attachments.push(Attachment { title: "fitted vehicle file".into(), text: vehicle.to_toml() });
+    }
+    Page {
+        kind: "identification".into(),
+        title: answer.vehicle.clone(),
+        verdict: answer.verdict.clone(),
+        level,
+        remarks: answer.remarks.iter().map(|r| (Level::Warn, r.clone())).collect(),
+        sections,
+        facts: facts(answer),
+        attachments,
+    }
+    .to_html()
+}
+
+fn facts(answer: &Identification) -> Vec<(String, String)> {
+    let mut facts: Vec<(String, String)> = answer
+        .data
+        .iter()
+        .map(|d| {
+            let role = if d.role == Role::Identification { "identification data" } else { "control data" };
+            let text = format!("{} from {} s to {} s, {} steps", d.log.file, number(d.from_s), number(d.until_s), d.samples);
+            (role.to_string(), text)
+        })
+        .collect();
+    let s = &answer.search;
+    facts.push(("method".into(), format!("{} with {} residuals", answer.method.word(), noise_word(answer))));
+    facts.push(("search".into(), format!("{} iterations, {} evaluations, {:.2} s", s.iterations, s.evaluations, s.seconds)));
+    facts.push(("period".into(), format!("{} s", answer.period_s)));
+    facts.push(("seed".into(), answer.seed.to_string()));
+    facts.push(("program".into(), format!("whirlstand {}", answer.version)));
+    facts
+}
+
+fn noise_word(answer: &Identification) -> String {
+    serde_json::to_value(answer.noise).ok().and_then(|v| v.as_str().map(str::to_string)).unwrap_or_default()
+}
+
+/// Fit of every output.
+fn figures(answer: &Identification) -> Section {
+    let head = [
+        "output", "free run, %", "bias removed, %", "one step, %", "held out: free run, %", "bias removed, %",
+        "one step, %", "noise", "residual white",
+    ];
+    let percent = |v: Option<f64>| Cell::new(v.map_or("-".into(), |v| format!("{v:.2}")));
+    let rows = answer.outputs.iter().map(|(name, o)| {
+        let mut cells = Vec::new();
+        for q in [o.identification, o.control] {
+            cells.push(percent(q.and_then(|q| q.free_run_fit)));
+            cells.push(percent(q.and_then(|q| q.free_run_fit_bias_removed)));
+            cells.push(percent(q.and_then(|q| q.one_step_fit)));
+        }
+        cells.push(Cell::new(shown(o.noise_std, &o.unit)));
+        cells.push(match o.whiteness {
+            None => Cell::new("-"),
+            Some(w) if w.white => Cell::leveled("yes", Level::Good),
+            Some(w) => Cell::leveled(format!("no ({:+.2})", w.greatest), Level::Warn),
+        });
+        Row { label: name.clone(), group: false, cells }
+    });
+    Section {
+        title: "How well it repeats the records".into(),
+        tables: vec![Table {
+            head: head.iter().map(|h| h.to_string()).collect(),
+            rows: rows.collect(),
+            note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)). Noise: what cannot be predicted one step ahead."
+                .into(),
+        }],
+        ..Section::default()
+    }
+}
+
+fn role_words(part: &PartSeries) -> &'static str {
+    match part.role {
+        Role::Identification => "identification data",
+        Role::Control => "control data",
+    }
+}
+
+fn real_and_simulated(part: &PartSeries, index: usize) -> Section {
+    let mut plots = Vec::new();
+    for o in &part.outputs {
+        let factor = shown_factor(&o.unit);
+        let scaled = |v: &[f64]| filled(v).iter().map(|v| v * factor).collect::<Vec<f64>>();
+        let mut plot = Plot::over_time(format!("real-{index}-{}", o.name), o.name.clone(), shown_unit(&o.unit));
+        plot.traces.push(Trace::new("real", 5, Look::Main, &part.t, &scaled(&o.measured)));
+        plot.traces.push(Trace::new("simulated", 0, Look::Second, &part.t, &scaled(&o.simulated)));
+        plots.push(plot);
+    }
+    for (name, unit, values) in &part.inputs {
+        let factor = shown_factor(unit);
+        let mut plot = Plot::over_time(format!("input-{index}-{name}"), name.clone(), shown_unit(unit));
+        let values: Vec<f64> = values.iter().map(|v| v * factor).collect();
+        plot.traces.push(Trace::new(name.clone(), 2, Look::Held, &part.t, &values));
+        plot.height = 200;
+        plots.push(plot);
+    }
+    Section {
+        title: format!("Real and simulated, {}", role_words(part)),
+        text: format!("{}. The simulation runs freely from the first step on.", part.origin),
+        plots,
+        two_columns: true,
+        ..Section::default()
+    }
+}
+
+fn quadratic_errors(part: &PartSeries, index: usize) -> Section {
+    let plots = part.outputs.iter().map(|o| {
+        let factor = shown_factor(&o.unit);
+        let unit = shown_unit(&o.unit);
+        let square: Vec<f64> =
+            o.measured.iter().zip(&o.simulated).map(|(y, s)| ((y - s) * factor).powi(2)).collect();
+        let label = if unit.is_empty() { String::new() } else { format!("({unit})²") };
+        let mut plot = Plot::over_time(format!("quadratic-{index}-{}", o.name), o.name.clone(), label);
+        plot.traces.push(Trace::new("quadratic error", 0, Look::Main, &part.t, &filled(&square)));
+        plot
+    });
+    Section {
+        title: format!("Quadratic error, {}", role_words(part)),
+        text: part.origin.clone(),
+        plots: plots.collect(),
+        two_columns: true,
+        ..Section::default()
+    }
+}
+
+/// Frequency responses of record and simulation over the identification data.
+fn responses(answer: &Identification) -> Option<Section> {
+    let parts: Vec<&PartSeries> = answer.series.iter().filter(|p| p.role == Role::Identification).collect();
+    let first = parts.first()?;
+    let inputs: Vec<Vec<Vec<f64>>> =
+        parts.iter().map(|p| p.inputs.iter().map(|(.., v)| v.clone()).collect()).collect();
+    let of = |o: usize, real: bool| -> Option<Response> {
+        let output: Vec<Vec<f64>> = parts
+            .iter()
+            .map(|p| filled(if real { &p.outputs[o].measured } else { &p.outputs[o].simulated }))
+            .collect();
+        if output.iter().flatten().any(|v| !v.is_finite()) {
+            return None;
+        }
+        response(&inputs, &output, first.period_s)
+    };
+    let mut plots = Vec::new();
+    for (o, output) in first.outputs.iter().enumerate() {
+        let Some(real) = of(o, true) else { continue };
+        let simulated = of(o, false);
+        for (i, (input, ..)) in first.inputs.iter().enumerate() {
+            let id = |what: &str| format!("{what}-{}-{input}", output.name);
+            let mut gain = Plot::new(id("gain"), format!("{} / {input}: gain", output.name), "frequency, Hz", "dB");
+            let mut phase = Plot::new(id("phase"), format!("{} / {input}: phase", output.name), "frequency, Hz", "deg");
+            let mut coherence =
+                Plot::new(id("coherence"), format!("{} / {input}: partial coherence", output.name), "frequency, Hz", "");
+            let (db, deg) = real.bode(i);
+            gain.traces.push(Trace::new("real", 5, Look::Main, &real.frequency_hz, &db));
+            phase.traces.push(Trace::new("real", 5, Look::Main, &real.frequency_hz, &deg));
+            if let Some(simulated) = &simulated {
+                let (db, deg) = simulated.bode(i);
+                gain.traces.push(Trace::new("simulated", 0, Look::Second, &simulated.frequency_hz, &db));
+                phase.traces.push(Trace::new("simulated", 0, Look::Second, &simulated.frequency_hz, &deg));
+            }
+            coherence.traces.push(Trace::new("partial coherence", 5, Look::Main, &real.frequency_hz, &real.coherence[i]));
+            for mut plot in [gain, phase, coherence] {
+                plot.log_x = true;
+                plot.height = 220;
+                plots.push(plot);
+            }
+        }
+    }
+    (!plots.is_empty()).then(|| Section {
+        title: "Frequency responses".into(),
+        text: "Identification data; each response is conditioned on the other inputs. Trust a response where its partial coherence is above 0.6."
+            .into(),
+        plots,
+        two_columns: true,
+        ..Section::default()
+    })
+}
+
+fn parameters(answer: &Identification) -> Section {
+    let rows = answer.parameters.iter().map(|p| Row {
+        label: p.name.clone(),
+        group: false,
+        cells: vec![
+            Cell::new(format!("{:.5}", p.value)),
+            Cell::new(p.standard_error.map_or("-".into(), number)),
+            Cell::new(number(p.lower)),
+            Cell::new(number(p.upper)),
+            if p.at_bound { Cell::leveled("at bound", Level::Warn) } else { Cell::default() },
+        ],
+    });
+    let fixed = answer.fixed.iter().map(|f| Row {
+        label: f.name.clone(),
+        group: false,
+        cells: vec![
+            Cell::new(format!("{:.5}", f.value)),
+            Cell::new("-"),
+            Cell::default(),
+            Cell::default(),
+            Cell::leveled(format!("fixed: {}", f.why), Level::Warn),
+        ],
+    });
+    let head = ["parameter", "value", "standard error", "lower", "upper", ""];
+    let poles = answer.poles.iter().map(|p| Row {
+        label: format!("{:.4} {:+.4}i", p.re, p.im),
+        group: false,
+        cells: vec![
+            Cell::new(number(p.frequency_hz)),
+            Cell::leveled(number(p.damping_ratio), if p.re > 0.0 { Level::Bad } else { Level::Neutral }),
+        ],
+    });
+    let names: Vec<String> = answer.parameters.iter().map(|p| p.name.clone()).collect();
+    let correlation = answer.correlations.iter().enumerate().map(|(i, row)| Row {
+        label: names[i].clone(),
+        group: false,
+        cells: row
+            .iter()
+            .enumerate()
+            .map(|(j, r)| {
+                let strong = i != j && r.abs() > 0.9;
+                Cell::leveled(format!("{r:.2}"), if strong { Level::Warn } else { Level::Neutral })
+            })
+            .collect(),
+    });
+    Section {
+        title: "Parameters".into(),
+        tables: vec![
+            Table {
+                head: head.iter().map(|h| h.to_string()).collect(),
+                rows: rows.chain(fixed).collect(),
+                note: "In the units of the vehicle file. Standard errors are Cramer and Rao's, corrected for coloured residuals."
+                    .into(),
+            },
+            Table {
+                head: ["pole, 1/s", "frequency, Hz", "damping ratio"].iter().map(|h| h.to_string()).collect(),
+                rows: poles.collect(),
+                note: String::new(),
+            },
+            Table {
+                head: std::iter::once("correlation".to_string()).chain(names.clone()).collect(),
+                rows: correlation.collect(),
+                note: String::new(),
+            },
+        ],
+        ..Section::default()
+    }
+}

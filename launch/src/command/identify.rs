@@ -1,0 +1,217 @@
+//! `whirlstand identify`: the free parameters of a vehicle, from records.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use sha2::{Digest, Sha256};
+use whirlstand_ident::identify::{
+    Log, Method, Noise, Nuisance, Options, Progress, Segment, Source, identify as run,
+};
+use whirlstand_logs::Record;
+use whirlstand_vehicle::Vehicle;
+
+use super::vehicles::find;
+use super::{print, write, write_json};
+use crate::cli::{IdentifyArgs, IdentifyMethod, IdentifyNoise};
+use crate::error::Failure;
+
+/// Runs the command.
+pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
+    check(args)?;
+    let vehicle = find(&args.vehicle)?;
+    let (mut fitted, mut control, mut closed_loop) = (Vec::new(), Vec::new(), args.closed_loop);
+    for path in &args.logs {
+        let (log, record) = open(path, args, &vehicle)?;
+        closed_loop |= steered(&record);
+        let (from, to) = (args.from.unwrap_or(f64::NEG_INFINITY), args.to.unwrap_or(f64::INFINITY));
+        for (from, to) in rest((from, to), &args.hold_out) {
+            let segment = part(&record, &vehicle, args, (from, to))?;
+            fitted.push(Source { log: log.clone(), segment });
+        }
+        for &(a, b) in &args.hold_out {
+            let segment = part(&record, &vehicle, args, (a.max(from), b.min(to)))?;
+            control.push(Source { log: log.clone(), segment });
+        }
+    }
+    for path in &args.control {
+        let (log, record) = open(path, args, &vehicle)?;
+        let segment = part(&record, &vehicle, args, (f64::NEG_INFINITY, f64::INFINITY))?;
+        control.push(Source { log, segment });
+    }
+    let bar = Bar::new();
+    let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &|p| bar.show(p));
+    bar.finish();
+    let mut answer = answer.map_err(Failure::mend)?;
+    if let (Some(path), Some(fitted)) = (&args.output, &answer.fitted) {
+        write(path, &fitted.to_toml())?;
+        answer.fitted_vehicle = Some(path.display().to_string());
+    }
+    if let Some(path) = &args.json {
+        write_json(&answer, path)?;
+    }
+    let report = args.out.as_ref().map(|folder| folder.join("report.html"));
+    if let Some(path) = &report {
+        write(path, &whirlstand_ident::report::identification_report(&answer).map_err(Failure::run)?)?;
+    }
+    if args.json.as_deref() != Some(Path::new("-")) {
+        let mut text = answer.text();
+        for (what, path) in [("vehicle", args.output.as_ref()), ("report", report.as_ref())] {
+            if let Some(path) = path {
+                text.push_str(&format!("{what:7} {}\n", path.display()));
+            }
+        }
+        print(&text)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn check(args: &IdentifyArgs) -> Result<(), Failure> {
+    if args.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
+        return Err(Failure::Mend("--period: a time above 0 s is expected".into()));
+    }
+    if let (Some(from), Some(to)) = (args.from, args.to)
+        && from >= to
+    {
+        return Err(Failure::Mend(format!("--from {from} lies behind --to {to}: nothing is left to fit")));
+    }
+    Ok(())
+}
+
+fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
+    Options {
+        method: match args.method {
+            IdentifyMethod::Ga => Method::Ga,
+            IdentifyMethod::Pem => Method::Pem,
+            IdentifyMethod::GaPem => Method::GaPem,
+        },
+        noise: args.noise.map(|noise| match noise {
+            IdentifyNoise::White => Noise::White,
+            IdentifyNoise::Coloured => Noise::Coloured,
+            IdentifyNoise::Kalman => Noise::Kalman,
+        }),
+        closed_loop,
+        nuisance: Nuisance { initial_state: true, output_offsets: args.offsets },
+        seed: args.seed,
+        budget: args.budget,
+        stagnation: args.stagnation,
+    }
+}
+
+/// Reads a log, on the wanted clock, with the hash of its file.
+fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<(Log, Record), Failure> {
+    let mut record = super::log::read(path, &args.map)?;
+    if let Some(period) = args.period {
+        if record.time_unit == "samples" {
+            record = record.with_sample_period(period);
+        } else if record.len() > 1 && period > 1.2 * record.duration() / (record.len() - 1) as f64 {
+            // Coarser: through the filter that keeps what is faster from folding into it.
+            let held = |name: &str| vehicle.input_index(name).is_some();
+            record = record.resampled(period, held).map_err(Failure::mend)?;
+        }
+    }
+    Ok((Log { file: path.display().to_string(), sha256: hash(path)? }, record))
+}
+
+/// SHA-256 of a file; of a folder's log.
+fn hash(path: &Path) -> Result<String, Failure> {
+    let file: PathBuf = if path.is_dir() { path.join("log.mcap") } else { path.into() };
+    let mut reader = std::fs::File::open(&file).map_err(|e| Failure::file("read", &file, &e))?;
+    let mut hash = Sha256::new();
+    std::io::copy(&mut reader, &mut hash).map_err(|e| Failure::file("read", &file, &e))?;
+    Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
+}
+
+/// True when an own log shows that references were tracked: a controller was in the loop.
+fn steered(record: &Record) -> bool {
+    record.signals().iter().any(|s| {
+        s.name.starts_with("setpoint.")
+            && !s.name.starts_with("setpoint.stick.")
+            && s.values.iter().any(|v| v.is_finite())
+    })
+}
+
+fn part(
+    record: &Record,
+    vehicle: &Vehicle,
+    args: &IdentifyArgs,
+    (from, to): (f64, f64),
+) -> Result<Segment, Failure> {
+    let some = |v: f64| v.is_finite().then_some(v);
+    Segment::new(record, vehicle, args.period, (some(from), some(to))).map_err(Failure::mend)
+}
+
+/// What is left of an interval without others.
+fn rest(whole: (f64, f64), without: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let mut sorted = without.to_vec();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut left = Vec::new();
+    let mut from = whole.0;
+    for (a, b) in sorted {
+        if a > from {
+            left.push((from, a.min(whole.1)));
+        }
+        from = from.max(b);
+    }
+    if from < whole.1 {
+        left.push((from, whole.1));
+    }
+    left.retain(|(a, b)| a < b);
+    left
+}
+
+/// What is seen of a search that takes longer than two seconds.
+struct Bar {
+    begun: Instant,
+    bar: Mutex<Option<ProgressBar>>,
+}
+
+impl Bar {
+    fn new() -> Self {
+        Self { begun: Instant::now(), bar: Mutex::new(None) }
+    }
+
+    fn show(&self, progress: Progress) {
+        if self.begun.elapsed() < Duration::from_secs(2) {
+            return;
+        }
+        // A poisoned lock only means that another thread died while it drew.
+        let mut slot = self.bar.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let bar = slot.get_or_insert_with(|| {
+            let style = ProgressStyle::with_template("{bar:24.cyan/dim} {percent:>3}%  {msg}");
+            ProgressBar::new(100).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        });
+        match progress {
+            Progress::Generation { evaluations, budget, cost } => {
+                bar.set_length(budget as u64);
+                bar.set_position(evaluations as u64);
+                bar.set_message(format!("{evaluations} simulations, best cost {cost:.6e}"));
+            }
+            Progress::Step { iteration, cost } => {
+                bar.set_length(100);
+                bar.set_position(iteration as u64);
+                bar.set_message(format!("step {iteration}, cost {cost:.6e}"));
+            }
+        }
+    }
+
+    fn finish(self) {
+        if let Some(bar) = self.bar.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_held_out_is_not_fitted() {
+        assert_eq!(rest((3.0, 84.0), &[(60.0, 84.0)]), [(3.0, 60.0)]);
+        assert_eq!(rest((0.0, 10.0), &[(6.0, 7.0), (2.0, 3.0)]), [(0.0, 2.0), (3.0, 6.0), (7.0, 10.0)]);
+        assert!(rest((0.0, 1.0), &[(-1.0, 2.0)]).is_empty());
+    }
+}
