@@ -225,6 +225,10 @@ impl Follower for Estimator {
         self.pending.map_or(due, |(_, since)| due.min(since + self.companions))
     }
 
+    fn is_due(&self, now: Instant) -> bool {
+        self.peers.is_due(now)
+    }
+
     fn is_starting(&self) -> bool {
         self.peers.is_starting()
     }

@@ -1,0 +1,163 @@
+//! Two hosts: network namespaces joined by a veth pair; the controller on one, the rest of the bench on the other.
+//!
+//! Making namespaces needs root and iproute2. Where they are not to be had, the tests say so and pass.
+
+mod support;
+
+use std::path::Path;
+use std::process::Command;
+
+use support::{Finished, json, run, spawn, whirlstand};
+
+/// Two joined namespaces with addresses 10.213.N.1 and 10.213.N.2; removed on drop.
+struct TwoHosts {
+    names: [String; 2],
+    subnet: u8,
+}
+
+impl TwoHosts {
+    /// `None`, with the reason on standard error, where the system does not allow it.
+    fn new(subnet: u8) -> Option<Self> {
+        let id = std::process::id();
+        let names = [format!("whirl{id}a{subnet}"), format!("whirl{id}b{subnet}")];
+        let hosts = Self { names, subnet };
+        let [a, b] = &hosts.names;
+        let (inner_a, inner_b) = (format!("wa{id}{subnet}"), format!("wb{id}{subnet}"));
+        let (address_a, address_b) = (format!("{}/24", hosts.address(0)), format!("{}/24", hosts.address(1)));
+        let steps: [&[&str]; 9] = [
+            &["netns", "add", a],
+            &["netns", "add", b],
+            &["link", "add", &inner_a, "netns", a, "type", "veth", "peer", "name", &inner_b, "netns", b],
+            &["-n", a, "addr", "add", &address_a, "dev", &inner_a],
+            &["-n", b, "addr", "add", &address_b, "dev", &inner_b],
+            &["-n", a, "link", "set", &inner_a, "up"],
+            &["-n", b, "link", "set", &inner_b, "up"],
+            &["-n", a, "link", "set", "lo", "up"],
+            &["-n", b, "link", "set", "lo", "up"],
+        ];
+        for step in steps {
+            let done = Command::new("ip").args(step).output();
+            let why = match done {
+                Ok(done) if done.status.success() => continue,
+                Ok(done) => String::from_utf8_lossy(&done.stderr).trim().to_string(),
+                Err(e) => e.to_string(),
+            };
+            eprintln!("skipped: `ip {}` says: {why}", step.join(" "));
+            return None;
+        }
+        Some(hosts)
+    }
+
+    fn address(&self, host: usize) -> String {
+        format!("10.213.{}.{}", self.subnet, host + 1)
+    }
+
+    /// The same command, on one of the hosts.
+    fn on(&self, host: usize, command: &Command) -> Command {
+        let mut there = Command::new("ip");
+        there.args(["netns", "exec", &self.names[host]]).arg(command.get_program()).args(command.get_args());
+        for (key, value) in command.get_envs() {
+            if let Some(value) = value {
+                there.env(key, value);
+            }
+        }
+        there
+    }
+
+    /// Adds delay and loss in both directions; false, with the reason, where the kernel has no netem.
+    fn impair(&self, netem: &[&str]) -> bool {
+        let prefix = ["wa", "wb"];
+        (0..2).all(|host| {
+            let device = format!("{}{}{}", prefix[host], std::process::id(), self.subnet);
+            let done = Command::new("tc")
+                .args(["-n", &self.names[host], "qdisc", "add", "dev", &device, "root", "netem"])
+                .args(netem)
+                .output();
+            match done {
+                Ok(done) if done.status.success() => true,
+                Ok(done) => {
+                    eprintln!("skipped: netem: {}", String::from_utf8_lossy(&done.stderr).trim());
+                    false
+                }
+                Err(e) => {
+                    eprintln!("skipped: tc: {e}");
+                    false
+                }
+            }
+        })
+    }
+}
+
+impl Drop for TwoHosts {
+    fn drop(&mut self) {
+        for name in &self.names {
+            let _ = Command::new("ip").args(["netns", "del", name]).output();
+        }
+    }
+}
+
+/// Flies the bench on host 0 with its controller on host 1.
+fn fly(hosts: &TwoHosts, out: &Path, mode: &str, more: &[&str]) -> Finished {
+    let endpoint = format!("tcp/{}:7447", hosts.address(0));
+    // The plant alone listens where the other host can reach it.
+    let listen = format!("nodes.plant.listen=[\"{endpoint}\"]");
+    let bench = format!("two-hosts-{}-{}", std::process::id(), hosts.subnet);
+    let name = format!("name=\"{bench}\"");
+    let bench_args = ["run", "quadrotor", "--transport", "zenoh", "--mode", mode, "--duration", "8", "--out"];
+    let external =
+        ["--set", "nodes.controller.external=true", "--set", &listen, "--set", &name, "--bench", &bench];
+    let here = whirlstand(
+        bench_args.into_iter().chain([out.to_str().unwrap()]).chain(external).chain(more.iter().copied()),
+    );
+    let there = whirlstand(
+        [
+            "node",
+            "controller",
+            "--launch",
+            "quadrotor",
+            "--transport",
+            "zenoh",
+            "--mode",
+            mode,
+            "--duration",
+            "8",
+        ]
+        .into_iter()
+        .chain(["--bench", &bench, "--connect", &endpoint])
+        .chain(more.iter().copied()),
+    );
+    let controller = spawn(hosts.on(1, &there));
+    let finished = spawn(hosts.on(0, &here)).finish();
+    drop(controller);
+    finished
+}
+
+#[test]
+fn controller_on_another_host_flies_the_same_flight() {
+    let Some(hosts) = TwoHosts::new(11) else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let apart = dir.path().join("apart");
+    fly(&hosts, &apart, "lockstep", &[]).success();
+    let together = dir.path().join("together");
+    run(["run", "quadrotor", "--mode", "lockstep", "--duration", "8", "--out", together.to_str().unwrap()])
+        .success();
+    let diff = run([
+        "log",
+        "diff",
+        apart.join("log.mcap").to_str().unwrap(),
+        together.join("log.mcap").to_str().unwrap(),
+    ]);
+    assert_eq!(diff.code(), 0, "{}", diff.stdout);
+}
+
+#[test]
+fn a_bad_link_between_hosts_is_flown_counted_and_reported() {
+    let Some(hosts) = TwoHosts::new(12) else { return };
+    if !hosts.impair(&["delay", "5ms", "loss", "1%"]) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    // 5 ms each way is more than a 200 Hz period: at 50 Hz the answer comes in time but for retransmissions.
+    fly(&hosts, dir.path(), "realtime", &["--set", "rate_hz=50", "--set", "expect={}"]).success();
+    assert_slow_link_was_seen(dir.path());
+}
