@@ -22,6 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         repeat: number("REPEAT", 3.0)? as u32,
         realtime_seconds: seconds,
         priority: (priority > 0).then_some(priority),
+        cpus: std::env::var("CPUS").unwrap_or_default().split(',').filter_map(|c| c.parse().ok()).collect(),
         member: vec![std::env::current_exe()?.to_string_lossy().into_owned(), "--member".into()],
     };
     run(&options, |f| {

@@ -6,8 +6,8 @@ use whirlstand_bus::{Bus, BusConfig};
 
 use super::BenchError;
 use crate::NodeError;
-use crate::config::{NodeConfig, Role};
-use crate::os::StopFlag;
+use crate::config::{NodeConfig, RealtimeOptions, Role};
+use crate::os::{StopFlag, apply_realtime};
 use crate::plant::Plant;
 use crate::process::{get_ready, run_node_until, run_plant};
 use crate::setup::Setup;
@@ -33,6 +33,8 @@ pub enum Member {
         bare: bool,
         /// Laps to time.
         laps: u64,
+        /// CPUs that it may use; empty: all.
+        cpus: Vec<usize>,
     },
 }
 
@@ -58,7 +60,9 @@ pub(super) struct Words {
 pub fn run_member(member: &Member) -> Result<String, BenchError> {
     let words = match member {
         Member::Node { role, config } => node(*role, config)?,
-        Member::Ring { position, bus, bare, laps } => {
+        Member::Ring { position, bus, bare, laps, cpus } => {
+            apply_realtime(&RealtimeOptions { cpus: cpus.clone(), ..RealtimeOptions::default() })
+                .map_err(NodeError::from)?;
             let ring = Ring { bus: bus.clone(), bare: *bare, laps: *laps };
             let seconds = ring.run(*position)?.map_or(0.0, |t| t.as_secs_f64());
             Words { count: *laps, seconds, ..Words::default() }

@@ -38,6 +38,9 @@ pub struct Options {
     pub realtime_seconds: f64,
     /// SCHED_FIFO priority of the real-time measurement; `None` for an ordinary one.
     pub priority: Option<u8>,
+    /// CPUs on which plant, estimator and controller run in the lockstep measurement, and the positions of the ring
+    /// beside it alike; empty: the scheduler decides.
+    pub cpus: Vec<usize>,
     /// Program and arguments that start a [`Member`].
     pub member: Vec<String>,
 }

@@ -11,7 +11,7 @@ use whirlstand_vehicle::{Simulator, Vehicle};
 use super::fleet::Fleet;
 use super::member::Words;
 use super::{BenchError, Figure, Member, Options, config};
-use crate::config::{Mode, NodeConfig, RecorderConfig, Role};
+use crate::config::{Mode, NodeConfig, RealtimeOptions, RecorderConfig, Role};
 use crate::os::StopFlag;
 
 /// Steps between two looks at the clock.
@@ -64,7 +64,8 @@ pub(super) fn lockstep(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let (mut rates, mut laps, mut bus_laps) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..options.repeat {
         laps.push(ring(options, Transport::Iceoryx2, true)? * 1e6);
-        let config = config("lockstep", Transport::Iceoryx2, Mode::Lockstep, u64::MAX)?;
+        let mut config = config("lockstep", Transport::Iceoryx2, Mode::Lockstep, u64::MAX)?;
+        place(options, &mut config);
         let (plant, _) = fly(options, &config, &[])?;
         rates.push(plant.count as f64 / plant.seconds);
         bus_laps.push(ring(options, Transport::Iceoryx2, false)? * 1e6);
@@ -139,7 +140,8 @@ fn ring(options: &Options, transport: Transport, bare: bool) -> Result<f64, Benc
             bus.zenoh.listen = vec![endpoints[position].clone()];
             bus.zenoh.connect = endpoints[..position].to_vec();
         }
-        (name(position), Member::Ring { position, bus, bare, laps })
+        let cpus = options.cpus.get(position).copied().into_iter().collect();
+        (name(position), Member::Ring { position, bus, bare, laps, cpus })
     });
     let mut fleet = Fleet::start(options, members)?;
     let lead = fleet.finish(&name(0))?;
@@ -184,6 +186,16 @@ fn fly(options: &Options, config: &NodeConfig, endpoints: &[String]) -> Result<(
     };
     sweep(&config.bench);
     Ok((plant, recorder))
+}
+
+/// Puts the nodes of the loop where the positions of the ring are.
+fn place(options: &Options, config: &mut NodeConfig) {
+    let loop_order = [Role::Plant, Role::Estimator, Role::Controller];
+    config.realtime = loop_order
+        .into_iter()
+        .zip(&options.cpus)
+        .map(|(role, &cpu)| (role, RealtimeOptions { cpus: vec![cpu], ..RealtimeOptions::default() }))
+        .collect();
 }
 
 /// One loopback endpoint for each position, free at this moment.
