@@ -21,7 +21,9 @@ pub fn udp(server: SocketAddr, delay: Duration, loss: f64) -> SocketAddr {
         let mut buffer = vec![0; 65_536];
         while let Ok((n, from)) = inbound.recv_from(&mut buffer) {
             *known.lock().expect("no panic holds it") = Some(from);
-            if dice.keeps(loss) && to_server.send((Instant::now() + delay, server, buffer[..n].to_vec())).is_err() {
+            if dice.keeps(loss)
+                && to_server.send((Instant::now() + delay, server, buffer[..n].to_vec())).is_err()
+            {
                 break;
             }
         }
@@ -32,7 +34,9 @@ pub fn udp(server: SocketAddr, delay: Duration, loss: f64) -> SocketAddr {
         let mut buffer = vec![0; 65_536];
         while let Ok((n, _)) = back.recv_from(&mut buffer) {
             let Some(client) = *client.lock().expect("no panic holds it") else { continue };
-            if dice.keeps(loss) && to_client.send((Instant::now() + delay, client, buffer[..n].to_vec())).is_err() {
+            if dice.keeps(loss)
+                && to_client.send((Instant::now() + delay, client, buffer[..n].to_vec())).is_err()
+            {
                 break;
             }
         }
