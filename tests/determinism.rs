@@ -12,10 +12,23 @@ const DURATION_S: &str = "3";
 fn fly(out: &Path, launch: &str, mode: &str, transport: &str, seed: &str) -> PathBuf {
     let disturbed_early = ["--set", "effects.0.at_s=1.5"];
     let out_arg = out.to_str().expect("utf-8 path");
-    run(["run", launch, "--mode", mode, "--transport", transport, "--seed", seed, "--duration", DURATION_S, "--out", out_arg]
-        .into_iter()
-        .chain(disturbed_early)
-        .chain(["--set", "expect={}"]))
+    run([
+        "run",
+        launch,
+        "--mode",
+        mode,
+        "--transport",
+        transport,
+        "--seed",
+        seed,
+        "--duration",
+        DURATION_S,
+        "--out",
+        out_arg,
+    ]
+    .into_iter()
+    .chain(disturbed_early)
+    .chain(["--set", "expect={}"]))
     .success();
     out.join("log.mcap")
 }
@@ -32,7 +45,8 @@ fn lockstep_logs_are_the_same_over_every_transport_and_twice_in_a_row() {
     for launch in ["quadrotor", "helicopter-hover-lqr"] {
         let reference = fly(&dir.path().join(format!("{launch}-0")), launch, "lockstep", "iceoryx2", "7");
         for (i, transport) in ["iceoryx2", "zenoh", "inproc"].into_iter().enumerate() {
-            let again = fly(&dir.path().join(format!("{launch}-{}", i + 1)), launch, "lockstep", transport, "7");
+            let again =
+                fly(&dir.path().join(format!("{launch}-{}", i + 1)), launch, "lockstep", transport, "7");
             assert_same(&reference, &again);
         }
     }
@@ -58,7 +72,8 @@ fn realtime_without_a_miss_gives_the_log_of_lockstep() {
         let unmissed = (0..8).find_map(|attempt| {
             let out = dir.path().join(format!("{transport}-{attempt}"));
             let log = fly(&out, "quadrotor", "realtime", transport, "11");
-            let missed = json(out.join("summary.json"))["timing"]["deadline_misses"].as_u64().expect("a count");
+            let missed =
+                json(out.join("summary.json"))["timing"]["deadline_misses"].as_u64().expect("a count");
             misses.push(missed);
             (missed == 0).then_some(log)
         });

@@ -28,6 +28,22 @@ fn ready(running: &mut Running, node: &str) -> i32 {
     number.and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"))
 }
 
+/// Process numbers of several nodes, which become ready in any order.
+#[track_caller]
+fn all_ready<const N: usize>(running: &mut Running, nodes: [&str; N]) -> [i32; N] {
+    let mut pids = [0; N];
+    while pids.contains(&0) {
+        let line = running.wait_for_stderr(") is ready");
+        for (node, pid) in nodes.iter().zip(&mut pids) {
+            if let Some((_, number)) = line.split_once(&format!("{node} (process ")) {
+                *pid =
+                    number.split(')').next().and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"));
+            }
+        }
+    }
+    pids
+}
+
 /// Sends a signal to a node.
 fn signal(pid: i32, signal: i32) {
     // SAFETY: kill(2) touches no memory of ours; the process is a node of a bench that this test started.
@@ -66,7 +82,7 @@ fn an_interrupted_run_ends_in_order_with_log_and_report() {
             let name = format!("{name}-{transport}");
             let dir = tempfile::tempdir().unwrap();
             let mut running = start(&name, "1000", dir.path(), &["--transport", transport]);
-            let pids = ["plant", "controller"].map(|node| ready(&mut running, node));
+            let pids = all_ready(&mut running, ["recorder", "estimator", "controller", "plant"]);
             running.signal(number);
             let end = running.finish();
             assert_eq!(end.code(), code, "{}\n{}", end.stdout, end.stderr);
@@ -116,7 +132,7 @@ fn a_node_that_hangs_is_killed_and_started_again() {
 fn a_killed_launcher_takes_its_nodes_along() {
     let dir = tempfile::tempdir().unwrap();
     let mut running = start("orphans", "1000", dir.path(), &[]);
-    let pids = ["controller", "plant"].map(|node| ready(&mut running, node));
+    let pids = all_ready(&mut running, ["recorder", "estimator", "controller", "plant"]);
     running.signal(libc::SIGKILL);
     assert_eq!(running.finish().code(), 128 + libc::SIGKILL);
     pids.into_iter().for_each(gone);

@@ -207,15 +207,19 @@ impl<M: Message> Publisher<M> {
     ///
     /// # Errors
     /// [`SendError`] when the transport fails. The sequence number is used up all the same.
+    #[inline]
     pub fn send(&mut self, message: &M) -> Result<(), SendError> {
-        let mut message = *message;
-        message.head_mut().seq = self.seq;
+        let seq = self.seq;
         self.seq += 1;
         match &mut self.port {
-            PublisherPort::Iceoryx2(port) => port.send(&self.topic, &message)?,
-            PublisherPort::Inproc(port) => port.send(&message),
-            // The receiving side of the network wakes its own process.
-            PublisherPort::Zenoh(port) => return port.send(&self.topic, &message),
+            PublisherPort::Iceoryx2(port) => port.send(&self.topic, message, seq)?,
+            PublisherPort::Inproc(port) => port.send(message, seq),
+            PublisherPort::Zenoh(port) => {
+                let mut message = *message;
+                message.head_mut().seq = seq;
+                // The receiving side of the network wakes its own process.
+                return port.send(&self.topic, &message);
+            }
         }
         self.shared.region().wake(self.bit);
         Ok(())
@@ -260,6 +264,7 @@ impl<M: Message> Subscriber<M> {
     /// # Errors
     /// [`RecvError::Refused`] once for each message of another version or with damaged content: the message
     /// is dropped and the next call goes on. [`RecvError::Transport`] when the transport fails.
+    #[inline]
     pub fn try_recv(&mut self) -> Result<Option<M>, RecvError> {
         match &mut self.port {
             SubscriberPort::Iceoryx2(port) => port.try_recv(&self.topic),

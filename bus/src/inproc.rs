@@ -23,12 +23,14 @@ impl<M> Queue<M> {
     }
 
     /// Never waits and never allocates.
+    #[inline]
     pub(crate) fn push(&self, message: M) {
         if self.ring.force_push(message).is_some() {
             self.displaced.fetch_add(1, Ordering::Relaxed);
         }
     }
 
+    #[inline]
     pub(crate) fn pop(&self) -> Option<M> {
         self.ring.pop()
     }
@@ -130,10 +132,13 @@ pub(crate) struct Publisher<M> {
 }
 
 impl<M: Message> Publisher<M> {
-    pub(crate) fn send(&mut self, message: &M) {
+    #[inline]
+    pub(crate) fn send(&mut self, message: &M, seq: u64) {
         self.refresh();
         for queue in &self.queues {
-            queue.push(*message);
+            let mut message = *message;
+            message.head_mut().seq = seq;
+            queue.push(message);
         }
     }
 
@@ -158,6 +163,7 @@ pub(crate) struct Subscriber<M> {
 }
 
 impl<M: Message> Subscriber<M> {
+    #[inline]
     pub(crate) fn try_recv(&mut self) -> Option<M> {
         self.queue.pop()
     }

@@ -47,14 +47,19 @@ impl Region {
     }
 
     /// Wakes everybody who sleeps and listens to the topic; to be called after publishing.
+    #[inline]
     pub(crate) fn wake(&self, topic: TopicBit) {
         // Orders the publication before the look at the sleepers. A sleeper sets its bit, fences and then looks for
         // messages: of the two sides at least one sees the other.
         fence(Ordering::SeqCst);
         let word = &self.topics[topic.0].parked;
-        if word.load(Ordering::Relaxed) == 0 {
-            return;
+        if word.load(Ordering::Relaxed) != 0 {
+            self.rouse(word);
         }
+    }
+
+    #[cold]
+    fn rouse(&self, word: &AtomicU64) {
         let mut sleepers = word.swap(0, Ordering::AcqRel);
         while sleepers != 0 {
             let slot = &self.slots[sleepers.trailing_zeros() as usize];

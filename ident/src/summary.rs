@@ -59,7 +59,7 @@ pub struct OutputFigures {
     pub ise: f64,
     /// Root of the mean square error over the run.
     pub rms_error: f64,
-    /// Greatest distance from the value before the onset, over all disturbances; `None` without a disturbance.
+    /// Greatest distance from the baseline (see [`Recovery`]), over all disturbances; `None` without a disturbance.
     pub peak: Option<f64>,
     /// Longest recovery; `None` without a disturbance or when it did not recover: see `recovered`.
     pub recovery_s: Option<f64>,
@@ -195,7 +195,8 @@ fn output_figures(run: &Run, i: usize, events: &[DisturbanceEvent]) -> OutputFig
     let (wanted_t, wanted) = (&run.setpoint.t, run.wanted(i));
     let steps_at = setpoint_steps(wanted_t, &wanted);
     let tracked = wanted.iter().any(|w| w.is_finite());
-    let error = errors(t, &y, wanted_t, &wanted);
+    let held = held(t, wanted_t, &wanted);
+    let error: Vec<f64> = held.iter().zip(&y).map(|(w, y)| if w.is_finite() { w - y } else { -y }).collect();
     let duration = t.last().zip(t.first()).map_or(0.0, |(b, a)| b - a);
     let ise = integral(t, &error, |e| e * e);
 
@@ -212,7 +213,15 @@ fn output_figures(run: &Run, i: usize, events: &[DisturbanceEvent]) -> OutputFig
         .collect();
     let disturbances: Vec<Recovery> = onsets
         .iter()
-        .filter_map(|&at| recovery(t, &y, at, next(at, &onsets).min(next(at, &times))))
+        .filter_map(|&at| {
+            // The sample of the next step already has the new setpoint.
+            let step = next(at, &times) - 0.5 * run.period_s();
+            let until =
+                next(at, &onsets).min(if times.iter().any(|t| *t > at) { step } else { f64::INFINITY });
+            let part = t.partition_point(|v| *v < at - 1e-9)..t.partition_point(|v| *v <= until + 1e-9);
+            let tracked = held.get(part).is_some_and(|w| w.iter().all(|w| w.is_finite()));
+            recovery(t, &y, tracked.then_some(&held), at, until)
+        })
         .collect();
     let all = |any: bool, all: bool| any.then_some(all);
     OutputFigures {
@@ -234,17 +243,16 @@ fn output_figures(run: &Run, i: usize, events: &[DisturbanceEvent]) -> OutputFig
     }
 }
 
-/// Setpoint minus output; the setpoint is held from message to message, and zero (trim) where nothing is tracked.
-fn errors(t: &[f64], y: &[f64], wanted_t: &[f64], wanted: &[f64]) -> Vec<f64> {
+/// The setpoint at the times `t`, held from message to message; NaN where nothing is tracked.
+fn held(t: &[f64], wanted_t: &[f64], wanted: &[f64]) -> Vec<f64> {
     let mut at = 0;
     t.iter()
-        .zip(y)
-        .map(|(t, y)| {
+        .map(|t| {
             while at < wanted_t.len() && wanted_t[at] <= t + 1e-9 {
                 at += 1;
             }
             let w = if at == 0 { wanted.first() } else { wanted.get(at - 1) };
-            w.copied().filter(|w| w.is_finite()).unwrap_or(0.0) - y
+            w.copied().unwrap_or(f64::NAN)
         })
         .collect()
 }

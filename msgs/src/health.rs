@@ -8,6 +8,18 @@ pub const LATENCY_BUCKETS: usize = 32;
 /// Upper edge of bucket 0 of the latency histogram, ns.
 const FIRST_EDGE_NS: f64 = 500.0;
 
+/// Upper edges of all buckets but the open one: a table, because a node looks one up in every step.
+const UPPER_EDGES_NS: [f64; LATENCY_BUCKETS - 1] = {
+    let mut edges = [0.0; LATENCY_BUCKETS - 1];
+    let mut i = 0;
+    while i < edges.len() {
+        let half_octave = if i % 2 == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
+        edges[i] = FIRST_EDGE_NS * half_octave * (1u64 << (i / 2)) as f64;
+        i += 1;
+    }
+    edges
+};
+
 message! {
     /// Health of one node. `head.step` is the last step done, `head.stamp_ns` wall-clock time since the Unix epoch.
     Health on "health" {
@@ -76,13 +88,13 @@ impl NodeState {
 
 /// Bucket of a latency: two buckets an octave from 0.5 us, the last one open.
 pub fn latency_bucket(latency_ns: u64) -> usize {
-    let octaves = (latency_ns as f64 / FIRST_EDGE_NS).log2();
-    ((2.0 * octaves).floor() + 1.0).clamp(0.0, (LATENCY_BUCKETS - 1) as f64) as usize
+    let latency_ns = latency_ns as f64;
+    UPPER_EDGES_NS.partition_point(|&edge| edge <= latency_ns)
 }
 
 /// Upper edge of a bucket, ns; infinite for the last one.
 pub fn latency_bucket_upper_ns(bucket: usize) -> f64 {
-    if bucket + 1 >= LATENCY_BUCKETS { f64::INFINITY } else { FIRST_EDGE_NS * 2f64.powf(bucket as f64 / 2.0) }
+    UPPER_EDGES_NS.get(bucket).copied().unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]

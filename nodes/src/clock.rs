@@ -27,6 +27,11 @@ impl Clock {
         self.every == 1
     }
 
+    /// The time of the last look.
+    pub fn last(&self) -> Instant {
+        self.last
+    }
+
     /// The time.
     #[inline]
     pub fn now(&mut self) -> Instant {

@@ -27,6 +27,7 @@ impl InputLimits {
     }
 
     /// Brings `u` within the limits; true when something had to move.
+    #[inline]
     fn limit(&self, u: &mut [f64; MAX_INPUTS]) -> bool {
         let mut moved = false;
         for ((value, lower), upper) in u.iter_mut().zip(self.lower).zip(self.upper).take(self.count) {
@@ -94,12 +95,14 @@ impl Gate {
     ///
     /// # Errors
     /// The [`Fault`]; all but [`Fault::OutOfRange`] leave the gate as it was.
+    #[inline]
     pub fn offer(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
         let result = self.judge(command, awaited);
         self.rejected += u64::from(result.is_err());
         result
     }
 
+    #[inline]
     fn judge(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
         let count = self.limits.count;
         match command.head.step.cmp(&awaited) {
@@ -125,12 +128,14 @@ impl Gate {
     }
 
     /// Whether the awaited command is there.
+    #[inline]
     pub fn is_ready(&self) -> bool {
         self.accepted.is_some()
     }
 
     /// Closes the step: the accepted command comes into force, or a miss is counted. With `failsafe_at_once`
     /// a single miss leads to the failsafe.
+    #[inline]
     pub fn close(&mut self, failsafe_at_once: bool) -> Applied {
         self.last = match self.accepted.take() {
             Some(applied) => {
@@ -152,6 +157,7 @@ impl Gate {
     }
 
     /// What is in force now.
+    #[inline]
     pub fn applied(&self) -> Applied {
         self.last
     }

@@ -15,9 +15,6 @@ use crate::plant::Plant;
 use crate::recorder::{LOOK_PERIOD, LOOK_PERIOD_REALTIME, Recorder};
 use crate::setup::Setup;
 
-/// Answers between two looks at the clock for the node's report.
-const ANSWERS_PER_LOOK: u32 = 64;
-
 /// Runs a node until its end: the plant until the last step, the others until `SIGTERM`.
 ///
 /// # Errors
@@ -37,9 +34,9 @@ pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Resul
     let bus = Bus::open(&Setup::bus_config(config, role))?;
     match role {
         Role::Plant => {
-            let plant = Plant::open(&bus, config, &setup)?;
+            let mut plant = Plant::open(&bus, config, &setup)?;
             get_ready(role, config, &bus)?;
-            run_plant(&bus, plant, stop)
+            run_plant(&bus, &mut plant, stop)
         }
         Role::Estimator => {
             let node = Estimator::open(&bus, config, &setup)?;
@@ -80,6 +77,9 @@ pub trait Follower {
     /// Whether it still waits to hear its peers.
     fn is_starting(&self) -> bool;
 
+    /// Whether a report is due.
+    fn is_due(&self, now: Instant) -> bool;
+
     /// When to take a turn even if no message comes.
     fn wake_at(&self) -> Instant;
 
@@ -91,14 +91,14 @@ pub trait Follower {
 }
 
 /// After the ports are open, because threads of the transport must not run at the node's priority.
-fn get_ready(role: Role, config: &NodeConfig, bus: &Bus) -> Result<(), NodeError> {
+pub(crate) fn get_ready(role: Role, config: &NodeConfig, bus: &Bus) -> Result<(), NodeError> {
     if let Some(options) = config.realtime.get(&role) {
         apply_realtime(options)?;
     }
     notify_ready(bus.locators()).map_err(|source| NodeError::System { action: "tell NOTIFY_SOCKET", source })
 }
 
-fn run_plant(bus: &Bus, mut plant: Plant, stop: &StopFlag) -> Result<Health, NodeError> {
+pub(crate) fn run_plant(bus: &Bus, plant: &mut Plant, stop: &StopFlag) -> Result<Health, NodeError> {
     let mut clock = Clock::exact();
     loop {
         if stop.is_set() {
@@ -130,7 +130,6 @@ fn run_plant(bus: &Bus, mut plant: Plant, stop: &StopFlag) -> Result<Health, Nod
 
 fn run_follower(bus: &Bus, mut node: impl Follower, stop: &StopFlag) -> Result<Health, NodeError> {
     let mut clock = Clock::exact();
-    let mut answers = 0u32;
     while !stop.is_set() {
         let worked = bus.wait_until(node.wake_at(), || {
             if node.is_starting() {
@@ -138,8 +137,8 @@ fn run_follower(bus: &Bus, mut node: impl Follower, stop: &StopFlag) -> Result<H
             }
             Ok::<_, NodeError>(node.turn(&mut clock)? == Turn::Worked || stop.is_set())
         })?;
-        answers = answers.wrapping_add(1);
-        if !worked || answers % ANSWERS_PER_LOOK == 0 || node.is_starting() {
+        // The answer's own time stamp says whether a report is due; no further look at the clock is needed.
+        if !worked || node.is_starting() || node.is_due(clock.last()) {
             node.housekeeping(Instant::now())?;
         }
     }

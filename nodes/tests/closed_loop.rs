@@ -110,7 +110,8 @@ fn every_law_and_filter_closes_the_loop_on_every_vehicle() {
                 config.vehicle.text = whirlstand_vehicle::Vehicle::builtin(vehicle).unwrap().source_text;
                 config.controller.law = law;
                 config.estimator.kind = kind;
-                config.setpoint.clear();
+                let state = whirlstand_vehicle::Vehicle::builtin(vehicle).unwrap().states[0].name.clone();
+                config.plant.initial = [(state, 0.05)].into();
                 let bus = Bus::open(&BusConfig::new(&config.bench, "watch", Transport::Inproc)).unwrap();
                 let mut truths = bus.subscriber::<Truth>(16).unwrap();
                 let mut bench = Bench::open(&config).unwrap();

@@ -20,7 +20,8 @@ pub struct StateError {
     pub within_two_std: f64,
 }
 
-/// Consistency of the estimator over a run, from convergence to the first disturbance (to the end without one).
+/// Consistency of the estimator over a run, from convergence to the first disturbance (to the end without one): a
+/// disturbance that the filter is not told of rightly shows in the innovations, and is no fault of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Consistency {
     /// Mean of the normalised innovation squared over its degrees of freedom; 1 for a consistent filter.
@@ -32,6 +33,8 @@ pub struct Consistency {
     pub high: f64,
     /// `low <= nis_ratio <= high`.
     pub consistent: bool,
+    /// Bench time from which on the filter is judged, s.
+    pub from_s: f64,
     /// Number of steps used.
     pub steps: usize,
     /// Errors of the states, by name, over the same part; empty without truth.
@@ -45,14 +48,22 @@ pub(crate) fn nis_bounds(degrees: f64) -> (f64, f64) {
     (chi_square_quantile(degrees, -Z95) / degrees, chi_square_quantile(degrees, Z95) / degrees)
 }
 
-/// Judges the estimator of `run` until `until_s`. `None` without a converged estimate with a NIS.
+/// A claimed standard deviation this close to the one at the end of the part has converged.
+const CONVERGED_WITHIN: f64 = 1.1;
+
+/// Judges the estimator of `run` until `until_s`. `None` without an estimate with a NIS.
+///
+/// Convergence is what the estimator flags. One that flags nothing before `until_s` (the gains of a filter with bias
+/// states go on falling, slowly, for minutes) is judged from where the standard deviation of every state has come
+/// within 10 % of what it is at `until_s`.
 pub fn consistency(run: &Run, until_s: f64) -> Option<Consistency> {
     let n = run.vehicle.states.len();
     let estimate = &run.estimate;
     let column = |i: usize| estimate.signals.get(2 * n + i);
     let (nis, dof, flag) = (column(0)?, column(1)?, column(2)?);
-    let converged = |k: &usize| flag[*k] as u32 & flags::CONVERGED != 0 && estimate.t[*k] < until_s;
-    let used: Vec<usize> = (0..estimate.t.len()).filter(converged).collect();
+    let end = estimate.t.partition_point(|t| *t < until_s);
+    let flagged: Vec<usize> = (0..end).filter(|&k| flag[k] as u32 & flags::CONVERGED != 0).collect();
+    let used = if flagged.is_empty() { (settled_from(run, end)..end).collect() } else { flagged };
     let judged = || used.iter().filter(|&&k| dof[k] > 0.0 && nis[k].is_finite());
     let degrees: f64 = judged().map(|&k| dof[k]).sum();
     if degrees == 0.0 {
@@ -89,7 +100,71 @@ pub fn consistency(run: &Run, until_s: f64) -> Option<Consistency> {
         low,
         high,
         consistent: (low..=high).contains(&nis_ratio),
+        from_s: used.first().map_or(0.0, |&k| estimate.t[k]),
         steps: used.len(),
         states,
     })
+}
+
+/// First step from which on no state claims a standard deviation beyond [`CONVERGED_WITHIN`] times the one at step
+/// `end - 1`.
+fn settled_from(run: &Run, end: usize) -> usize {
+    let n = run.vehicle.states.len();
+    let Some(last) = end.checked_sub(1) else { return 0 };
+    let unsettled =
+        |k: &usize| run.estimate.signals[n..2 * n].iter().any(|std| std[*k] > CONVERGED_WITHIN * std[last]);
+    (0..end).rev().find(unsettled).map_or(0, |k| k + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::window::tests::noise;
+    use whirlstand_logs::BenchInfo;
+    use whirlstand_msgs::{Estimate, Head, Message};
+    use whirlstand_vehicle::Vehicle;
+
+    /// A run whose filter claims `1 + 5 exp(-t)` and whose innovations have `scale` times their claimed size.
+    fn run(scale: f64, flag_from: Option<u64>) -> Run {
+        let mut run =
+            Run::empty("run", BenchInfo::default(), Vehicle::builtin("quadrotor").expect("it is built in"));
+        let e = noise(8_000, 17);
+        for k in 0..2_000u64 {
+            let t = k as f64 * 5e-3;
+            let at = 4 * k as usize;
+            let mut estimate = Estimate {
+                head: Head { seq: k, step: k, stamp_ns: k * 5_000_000 },
+                nis: e[at..at + 4].iter().map(|v| (scale * v).powi(2)).sum(),
+                dof: 4,
+                count: 4,
+                flags: if flag_from.is_some_and(|from| k >= from) { flags::CONVERGED } else { 0 },
+                ..Estimate::zeroed()
+            };
+            estimate.std[..4].fill(1.0 + 5.0 * (-t).exp());
+            run.take_estimate(&estimate);
+        }
+        run
+    }
+
+    #[test]
+    fn a_filter_that_flags_nothing_is_judged_once_its_claims_have_come_down() {
+        let c = consistency(&run(1.0, None), 9.0).expect("a figure");
+        // 5 exp(-t) is a tenth of what is claimed at 9 s, 1 + 5 exp(-9), at 3.9 s.
+        assert!((c.from_s - 3.91).abs() < 0.02, "{c:?}");
+        assert!(c.consistent && c.low < 1.0 && c.high > 1.0, "{c:?}");
+        assert!((c.steps as f64 - (9.0 - c.from_s) / 5e-3).abs() < 2.0);
+    }
+
+    #[test]
+    fn what_the_estimator_flags_goes_first() {
+        let c = consistency(&run(1.0, Some(400)), 9.0).expect("a figure");
+        assert!((c.from_s - 2.0).abs() < 1e-9, "{c:?}");
+    }
+
+    #[test]
+    fn an_overconfident_filter_is_not_consistent() {
+        let c = consistency(&run(1.3, None), f64::INFINITY).expect("a figure");
+        assert!(!c.consistent && (c.nis_ratio - 1.69).abs() < 0.1, "{c:?}");
+        assert!(consistency(&run(1.0, None), 0.0).is_none());
+    }
 }

@@ -67,6 +67,9 @@ pub(crate) struct Quiet {
     pub level: f64,
     /// Standard deviation about a straight line, robust.
     pub std: f64,
+    /// Whether the signal stood: the medians of both halves differ by no more than a tenth of the level, or than
+    /// six standard errors of a median.
+    pub stands: bool,
 }
 
 /// Level and spread over up to `length_s` before `at_s`. Without a sample before it, the first one after it.
@@ -75,16 +78,20 @@ pub(crate) fn quiet_before(t: &[f64], y: &[f64], at_s: f64, length_s: f64) -> Qu
     let from = t.partition_point(|&v| v < at_s - length_s - 1e-9);
     let part = &y[from..until];
     if part.is_empty() {
-        return Quiet { level: y.get(until).copied().unwrap_or(0.0), std: 0.0 };
+        return Quiet { level: y.get(until).copied().unwrap_or(0.0), std: 0.0, stands: false };
     }
     if part.len() < 8 {
-        return Quiet { level: median(part), std: 0.0 };
+        return Quiet { level: median(part), std: 0.0, stands: false };
     }
     // A slope from the medians of both halves keeps a slow drift out of the spread.
     let half = part.len() / 2;
-    let slope = (median(&part[part.len() - half..]) - median(&part[..half])) / (part.len() - half) as f64;
+    let change = median(&part[part.len() - half..]) - median(&part[..half]);
+    let slope = change / (part.len() - half) as f64;
     let straight: Vec<f64> = part.iter().enumerate().map(|(i, v)| v - slope * i as f64).collect();
-    Quiet { level: median(part), std: mad_std(&straight) }
+    let (level, std) = (median(part), mad_std(&straight));
+    // The variance of a median of n Gaussian values is pi / 2n of theirs; two medians are compared.
+    let chance = 6.0 * std * (std::f64::consts::PI / half as f64).sqrt();
+    Quiet { level, std, stands: change.abs() <= (0.1 * level.abs()).max(chance) }
 }
 
 /// Time from which `|error| <= band` holds until the end, interpolated; `None` when it does not hold at the end.

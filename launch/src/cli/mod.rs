@@ -146,7 +146,7 @@ pub(crate) struct OverrideArgs {
     #[arg(long)]
     pub transport: Option<TransportArg>,
     /// Bench time of the run, in seconds or with a unit ("2 min").
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<f64>,
     /// Seed of every random number.
     #[arg(long, value_name = "N")]
@@ -160,7 +160,7 @@ pub(crate) struct OverrideArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example, the controller on a second host (the bench runs there as `--bench NAME`):\n  \
-    whirlstand node controller --launch quadrotor --bench lab --transport zenoh --connect tcp/192.0.2.7:7447"
+    whirlstand node controller --launch two-hosts.toml --bench lab --listen tcp/192.0.2.2:7447"
 )]
 pub(crate) struct NodeArgs {
     /// plant, estimator, controller or recorder.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use whirlstand_ident::metrics::{NodeTiming, Timing, latency};
+use whirlstand_ident::report::{Expected, Outcome};
 use whirlstand_ident::summary::SUMMARY_SCHEMA;
 use whirlstand_ident::{Run, RunSummary};
 
@@ -195,12 +196,46 @@ pub(super) fn write(jobs: &Jobs, out: &Path, runs: &[Summarised]) -> Result<Whol
     crate::command::write_json(&whole, &out.join("summary.json"))?;
     let recorded: Vec<&Run> = runs.iter().filter_map(|r| r.recorded.as_ref()).collect();
     if !recorded.is_empty() {
-        let html =
-            whirlstand_ident::report::run_report(&jobs.name, &jobs.description, &whole.verdict, &recorded)
-                .map_err(|e| Failure::Run(format!("the report cannot be made: {e}")))?;
+        let outcome = outcome(&whole, runs);
+        let html = whirlstand_ident::report::run_report(&jobs.name, &jobs.description, &outcome, &recorded)
+            .map_err(|e| Failure::Run(format!("the report cannot be made: {e}")))?;
         crate::command::write(&out.join("report.html"), &html)?;
     }
     Ok(whole)
+}
+
+/// How the bench ended, for the report.
+fn outcome(whole: &Whole, runs: &[Summarised]) -> Outcome {
+    let named = |run: &Summarised, text: &str| {
+        if runs.len() > 1 { format!("{}: {text}", run.name) } else { text.to_string() }
+    };
+    let problems = runs.iter().flat_map(|run| {
+        let ending = match &run.ending {
+            Ending::Complete => Vec::new(),
+            Ending::Interrupted(signal) => vec![format!("ended early by signal {signal}")],
+            Ending::Failed(failure) => std::iter::once(format!("{} {}", failure.node, failure.how))
+                .chain(failure.last_words.iter().map(|line| format!("{} said: {line}", failure.node)))
+                .collect(),
+        };
+        let broken = run.expect.iter().filter_map(|v| v.why.clone());
+        let all = ending.into_iter().chain(broken).chain(run.problems.iter().cloned());
+        all.map(|text| named(run, &text)).collect::<Vec<_>>()
+    });
+    let expected = runs.iter().flat_map(|run| {
+        run.expect.iter().map(|v| Expected {
+            key: named(run, &v.key),
+            limit: v.limit,
+            found: v.found,
+            unit: v.unit.clone(),
+            holds: v.holds,
+        })
+    });
+    Outcome {
+        verdict: whole.verdict.clone(),
+        ok: Some(whole.ok),
+        problems: problems.collect(),
+        expected: expected.collect(),
+    }
 }
 
 fn whole(jobs: &Jobs, runs: &[Summarised]) -> Whole {

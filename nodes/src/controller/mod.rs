@@ -155,6 +155,10 @@ impl Follower for Controller {
         self.peers.due()
     }
 
+    fn is_due(&self, now: Instant) -> bool {
+        self.peers.is_due(now)
+    }
+
     fn is_starting(&self) -> bool {
         self.peers.is_starting()
     }

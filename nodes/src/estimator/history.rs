@@ -15,7 +15,7 @@ impl History {
         Self { commands: [None; LENGTH], inputs }
     }
 
-    pub(super) fn put(&mut self, command: Command) {
+    pub(super) fn put(&mut self, command: &Command) {
         // What the plant would refuse has no effect on the vehicle either.
         let n = self.inputs;
         if command.count as usize != n || command.u[..n].iter().any(|v| !v.is_finite()) {
@@ -24,7 +24,7 @@ impl History {
         let slot = &mut self.commands[command.head().step as usize % LENGTH];
         // The plant takes the first command of a step, and so does its follower.
         if slot.is_none_or(|c| c.head.step != command.head.step) {
-            *slot = Some(command);
+            *slot = Some(*command);
         }
     }
 

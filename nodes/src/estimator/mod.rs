@@ -92,14 +92,17 @@ impl Estimator {
         })
     }
 
-    fn take_companions(&mut self) -> Result<(), NodeError> {
+    fn take_commands(&mut self) -> Result<(), NodeError> {
         while let Some(command) = receive(&mut self.commands, &mut self.refused)? {
-            self.history.put(command);
+            self.history.put(&command);
         }
+        Ok(())
+    }
+
+    fn take_odometry(&mut self, step: u64) -> Result<(), NodeError> {
         if let Some(odometries) = &mut self.odometries {
-            let Some((imu, _)) = self.pending else { return Ok(()) };
             // Odometry of later steps stays in the queue until its measurement is looked at.
-            while self.odometry.is_none_or(|o| o.head.step < imu.head.step) {
+            while self.odometry.is_none_or(|o| o.head.step < step) {
                 let Some(odometry) = receive(odometries, &mut self.refused)? else { break };
                 self.odometry = Some(odometry);
             }
@@ -151,9 +154,10 @@ impl Estimator {
         let clean = self.filter.step(imu, odometry.as_ref(), &u_before, &u_now);
         self.refused += u64::from(!clean);
         let estimate = self.filter.estimate(imu.head);
+        self.estimates.send(&estimate)?;
         self.last = Some(estimate);
         self.steps += 1;
-        Ok(self.estimates.send(&estimate)?)
+        Ok(())
     }
 
     /// Brings the gate to what was in force over `[t_i-1, t_i)`, which is command i-2.
@@ -199,15 +203,25 @@ impl Estimator {
 
 impl Follower for Estimator {
     fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
-        if self.pending.is_none() {
-            self.pending = receive(&mut self.imus, &mut self.refused)?.map(|imu| (imu, clock.now()));
+        let (imu, since) = match self.pending.take() {
+            Some(pending) => pending,
+            None => match receive(&mut self.imus, &mut self.refused)? {
+                Some(imu) => (imu, clock.now()),
+                None => {
+                    // Between two measurements there is time for what the next one needs.
+                    self.take_commands()?;
+                    return Ok(Turn::Idle);
+                }
+            },
+        };
+        self.take_odometry(imu.head.step)?;
+        if !self.is_complete(&imu) {
+            self.take_commands()?;
+            if !self.is_complete(&imu) && clock.now().saturating_duration_since(since) < self.companions {
+                self.pending = Some((imu, since));
+                return Ok(Turn::Idle);
+            }
         }
-        let Some((imu, since)) = self.pending else { return Ok(Turn::Idle) };
-        self.take_companions()?;
-        if !self.is_complete(&imu) && clock.now().saturating_duration_since(since) < self.companions {
-            return Ok(Turn::Idle);
-        }
-        self.pending = None;
         self.answer(&imu)?;
         if clock.is_exact() {
             self.peers.record_latency(clock.now().saturating_duration_since(since));
@@ -223,6 +237,10 @@ impl Follower for Estimator {
     fn wake_at(&self) -> Instant {
         let due = self.peers.due();
         self.pending.map_or(due, |(_, since)| due.min(since + self.companions))
+    }
+
+    fn is_due(&self, now: Instant) -> bool {
+        self.peers.is_due(now)
     }
 
     fn is_starting(&self) -> bool {

@@ -10,6 +10,7 @@ mod simulation;
 
 use std::time::{Duration, Instant};
 
+use hdrhistogram::Histogram;
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Command, NodeState};
 
@@ -29,6 +30,9 @@ const COMMAND_DEPTH: usize = 16;
 
 /// First repetition of an unanswered step 0, and all later ones.
 const REPEAT: Duration = Duration::from_millis(200);
+
+/// Longest latency told apart; longer ones count as this.
+const LONGEST_LATENCY_NS: u64 = 60_000_000_000;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
@@ -69,6 +73,10 @@ pub struct Plant {
     overruns: u64,
     refused: u64,
     was_failsafe: bool,
+    latencies: Histogram<u64>,
+    /// When the loop began: command 0 had come.
+    began: Option<Instant>,
+    looped: Duration,
 }
 
 impl Plant {
@@ -112,6 +120,15 @@ impl Plant {
             overruns: 0,
             refused: 0,
             was_failsafe: false,
+            latencies: Histogram::new_with_bounds(1, LONGEST_LATENCY_NS, 3).map_err(|e| {
+                NodeError::Config {
+                    field: "latency".into(),
+                    value: LONGEST_LATENCY_NS.to_string(),
+                    reason: e.to_string(),
+                }
+            })?,
+            began: None,
+            looped: Duration::ZERO,
         })
     }
 
@@ -179,6 +196,16 @@ impl Plant {
         self.step
     }
 
+    /// Times from publishing `Imu` to receiving its command, ns; of command 1 and later.
+    pub fn latencies(&self) -> &Histogram<u64> {
+        &self.latencies
+    }
+
+    /// How long the loop ran, from command 0 to the last step.
+    pub fn looped_for(&self) -> Duration {
+        self.looped
+    }
+
     /// What the plant reports of itself.
     pub fn health(&mut self) -> &whirlstand_msgs::Health {
         self.count();
@@ -212,6 +239,8 @@ impl Plant {
         if self.gate.is_ready() {
             self.phase = Phase::Looping;
             self.origin = MonotonicTime::now();
+            self.began = Some(Instant::now());
+            self.latencies.reset();
             if self.step == self.steps {
                 return self.begin_ending();
             }
@@ -259,6 +288,7 @@ impl Plant {
             self.housekeeping(now)?;
             return Ok(Turn::Idle);
         }
+        self.looped = self.began.map_or(Duration::ZERO, |t| t.elapsed());
         self.peers.set_state(NodeState::Stopping);
         self.report(Instant::now())?;
         self.phase = Phase::Ended;
@@ -280,7 +310,9 @@ impl Plant {
         if self.gate.is_ready() && !self.answered {
             self.answered = true;
             if clock.is_exact() {
-                self.peers.record_latency(clock.now().saturating_duration_since(self.published));
+                let latency = clock.now().saturating_duration_since(self.published);
+                self.peers.record_latency(latency);
+                self.latencies.saturating_record(latency.as_nanos() as u64);
             }
         }
         Ok(())

@@ -34,6 +34,9 @@ pub(super) struct Simulation {
     inject: Option<Subscriber<Disturbance>>,
     injected: [f64; MAX_STATES],
     told: Option<[f64; MAX_STATES]>,
+    /// Of the present step, measured already unless the input of the same moment shows in it.
+    measured: Option<(Imu, Odometry)>,
+    feedthrough: bool,
     last_imu: Imu,
     refused: u64,
 }
@@ -80,6 +83,8 @@ impl Simulation {
             inject,
             injected: [0.0; MAX_STATES],
             told: None,
+            measured: None,
+            feedthrough: vehicle.d.iter().any(|v| *v != 0.0),
             last_imu: Imu::zeroed(),
             refused: 0,
         })
@@ -93,12 +98,11 @@ impl Simulation {
         if self.telemetry {
             self.publish_truth(head, applied.flags)?;
         }
-        let mut imu = Imu { head, ..Imu::zeroed() };
-        let mut odometry = Odometry { head, ..Odometry::zeroed() };
-        let mut y = [0.0; OutputMap::MAX_OUTPUTS];
-        let y = &mut y[..self.outputs];
-        y.copy_from_slice(self.simulator.measure());
-        self.map.fill(y, self.simulator.fresh(), &mut imu, &mut odometry);
+        let (mut imu, mut odometry) = match self.measured.take() {
+            Some(measured) => measured,
+            None => self.measure(),
+        };
+        (imu.head, odometry.head) = (head, head);
         if let Some(publisher) = &mut self.odometry {
             publisher.send(&odometry)?;
         }
@@ -107,14 +111,26 @@ impl Simulation {
         Ok(())
     }
 
+    fn measure(&mut self) -> (Imu, Odometry) {
+        let (mut imu, mut odometry) = (Imu::zeroed(), Odometry::zeroed());
+        let mut y = [0.0; OutputMap::MAX_OUTPUTS];
+        let y = &mut y[..self.outputs];
+        y.copy_from_slice(self.simulator.measure());
+        self.map.fill(y, self.simulator.fresh(), &mut imu, &mut odometry);
+        (imu, odometry)
+    }
+
     /// Publishes the last measurement again, for a peer that was not there yet.
     pub(super) fn repeat_measurement(&mut self) -> Result<(), NodeError> {
         Ok(self.imu.send(&self.last_imu)?)
     }
 
-    /// Advances the vehicle by one period.
+    /// Advances the vehicle by one period, and measures while the others work where the next input cannot show.
     pub(super) fn integrate(&mut self) {
         self.simulator.advance();
+        if !self.feedthrough {
+            self.measured = Some(self.measure());
+        }
     }
 
     /// Looks whether somebody listens to truth and disturbance, where the run itself does not need them.

@@ -1,0 +1,98 @@
+//! What a process of a measurement does.
+
+use serde::{Deserialize, Serialize};
+use whirlstand_bus::ring::Ring;
+use whirlstand_bus::{Bus, BusConfig};
+
+use super::BenchError;
+use crate::NodeError;
+use crate::config::{NodeConfig, RealtimeOptions, Role};
+use crate::os::{StopFlag, apply_realtime};
+use crate::plant::Plant;
+use crate::process::{get_ready, run_node_until, run_plant};
+use crate::setup::Setup;
+
+/// One process of a measurement.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Member {
+    /// A node of a bench.
+    Node {
+        /// Which one.
+        role: Role,
+        /// Its bench.
+        config: Box<NodeConfig>,
+    },
+    /// A position of a ring that only passes messages round.
+    Ring {
+        /// Position, from 0.
+        position: usize,
+        /// How it joins.
+        bus: BusConfig,
+        /// Without the bus, on the transport alone.
+        bare: bool,
+        /// Laps to time.
+        laps: u64,
+        /// CPUs that it may use; empty: all.
+        cpus: Vec<usize>,
+    },
+}
+
+/// What a member says at its end, as JSON on standard output.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub(super) struct Words {
+    /// Steps of a node, messages of a recorder, laps of a ring.
+    pub count: u64,
+    /// Wall-clock time of these, s, where the member knows it.
+    pub seconds: f64,
+    pub misses: u64,
+    pub lost: u64,
+    pub rejected: u64,
+    /// Command latency of a realtime plant: 50 %, 99 %, 99.9 % and the greatest, ns.
+    pub latency_ns: [u64; 4],
+}
+
+/// Runs a member and returns its words, one line of JSON for standard output.
+///
+/// # Errors
+/// [`BenchError`] when the member fails.
+pub fn run_member(member: &Member) -> Result<String, BenchError> {
+    let words = match member {
+        Member::Node { role, config } => node(*role, config)?,
+        Member::Ring { position, bus, bare, laps, cpus } => {
+            apply_realtime(&RealtimeOptions { cpus: cpus.clone(), ..RealtimeOptions::default() })
+                .map_err(NodeError::from)?;
+            let ring = Ring { bus: bus.clone(), bare: *bare, laps: *laps };
+            let seconds = ring.run(*position)?.map_or(0.0, |t| t.as_secs_f64());
+            Words { count: *laps, seconds, ..Words::default() }
+        }
+    };
+    serde_json::to_string(&words)
+        .map_err(|e| BenchError::Member { who: "a member".into(), why: e.to_string() })
+}
+
+fn node(role: Role, config: &NodeConfig) -> Result<Words, NodeError> {
+    let stop = StopFlag::on_signals()
+        .map_err(|source| NodeError::System { action: "install signal handlers", source })?;
+    if role != Role::Plant {
+        let health = run_node_until(role, config, &stop)?;
+        let (count, lost, rejected) = (health.steps, health.lost, health.rejected);
+        return Ok(Words { count, lost, rejected, ..Words::default() });
+    }
+    let setup = Setup::new(config)?;
+    let bus = Bus::open(&Setup::bus_config(config, role))?;
+    let mut plant = Plant::open(&bus, config, &setup)?;
+    get_ready(role, config, &bus)?;
+    let health = run_plant(&bus, &mut plant, &stop)?;
+    let latencies = plant.latencies();
+    let quantile = |q| latencies.value_at_quantile(q);
+    Ok(Words {
+        count: health.steps,
+        seconds: plant.looped_for().as_secs_f64(),
+        misses: health.deadline_misses,
+        lost: health.lost,
+        rejected: health.rejected,
+        latency_ns: [quantile(0.5), quantile(0.99), quantile(0.999), latencies.max()],
+    })
+}

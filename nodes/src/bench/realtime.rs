@@ -1,0 +1,67 @@
+//! The loop at 1 kHz, with the kernel's own timing measured beside it.
+
+use std::time::Duration;
+
+use whirlstand_bus::{Transport, remove_residue};
+
+use super::cyclictest::Cyclictest;
+use super::fleet::Fleet;
+use super::{BenchError, Figure, Member, Options, config};
+use crate::config::{Mode, RealtimeOptions, Role};
+
+/// Steps per second.
+const RATE: f64 = 1000.0;
+
+/// Time beyond the measured one within which the plant must have ended.
+const START: Duration = Duration::from_secs(10);
+
+/// Runs the loop in real time; `cyclictest` runs at the same priority at the same time where it is installed.
+pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
+    let steps = (options.realtime_seconds * RATE) as u64 + 1;
+    let mut config = config("realtime", Transport::Iceoryx2, Mode::Realtime, steps)?;
+    if let Some(priority) = options.priority {
+        let asked = RealtimeOptions { priority: Some(priority), cpus: Vec::new(), lock_memory: true };
+        config.realtime = [Role::Plant, Role::Estimator, Role::Controller].map(|r| (r, asked.clone())).into();
+    }
+    let roles = [Role::Estimator, Role::Controller, Role::Plant];
+    let members =
+        roles.map(|role| (role.to_string(), Member::Node { role, config: Box::new(config.clone()) }));
+    let mut fleet = Fleet::start(options, members)?;
+    let cyclictest = Cyclictest::start(options.realtime_seconds, options.priority)?;
+    let plant =
+        fleet.finish_within(Role::Plant.name(), Duration::from_secs_f64(options.realtime_seconds) + START)?;
+    for role in [Role::Controller, Role::Estimator] {
+        fleet.stop(role.name());
+        fleet.finish(role.name())?;
+    }
+    if let Err(e) = remove_residue(&config.bench) {
+        tracing::warn!("{e}");
+    }
+    let class = options.priority.map_or("ordinary priority".into(), |p| format!("SCHED_FIFO {p}"));
+    let us = |ns: u64| vec![ns as f64 * 1e-3];
+    let [p50, p99, p999, max] = plant.latency_ns;
+    let name = format!("realtime at 1 kHz, {class}: missed deadlines in {} steps", plant.count);
+    let mut figures = vec![
+        Figure::lowest(name, "", vec![plant.misses as f64], None),
+        Figure::lowest("  command latency, p50", "us", us(p50), None),
+        Figure::lowest("  command latency, p99", "us", us(p99), None),
+        Figure::lowest("  command latency, p99.9", "us", us(p999), None),
+        Figure::lowest("  command latency, max", "us", us(max), None),
+    ];
+    if let Some(wakes) = cyclictest.map(Cyclictest::finish).transpose()? {
+        let beyond = wakes.beyond(Duration::from_secs_f64(1.0 / RATE));
+        figures.extend([
+            Figure::lowest(
+                "  cyclictest beside it: wakes later than a period",
+                "",
+                vec![beyond as f64],
+                None,
+            ),
+            Figure::lowest("  cyclictest, p50", "us", vec![wakes.quantile(0.5)], None),
+            Figure::lowest("  cyclictest, p99", "us", vec![wakes.quantile(0.99)], None),
+            Figure::lowest("  cyclictest, p99.9", "us", vec![wakes.quantile(0.999)], None),
+            Figure::lowest("  cyclictest, max", "us", vec![wakes.max_us], None),
+        ]);
+    }
+    Ok(figures)
+}

@@ -1,0 +1,199 @@
+//! Two hosts: network namespaces joined by a veth pair; the controller on one, the rest of the bench on the other.
+//!
+//! Making namespaces needs root and iproute2. Where they are not to be had, the tests say so and pass.
+
+mod support;
+
+use std::net::UdpSocket;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use support::{Finished, Running, json, relay, run, spawn, whirlstand};
+
+/// Two joined namespaces with addresses 10.213.N.1 and 10.213.N.2; removed on drop.
+struct TwoHosts {
+    names: [String; 2],
+    subnet: u8,
+}
+
+impl TwoHosts {
+    /// `None`, with the reason on standard error, where the system does not allow it.
+    fn new(subnet: u8) -> Option<Self> {
+        let id = std::process::id();
+        let names = [format!("whirl{id}a{subnet}"), format!("whirl{id}b{subnet}")];
+        let hosts = Self { names, subnet };
+        let [a, b] = &hosts.names;
+        let (inner_a, inner_b) = (format!("wa{id}{subnet}"), format!("wb{id}{subnet}"));
+        let (address_a, address_b) = (format!("{}/24", hosts.address(0)), format!("{}/24", hosts.address(1)));
+        let steps: [&[&str]; 9] = [
+            &["netns", "add", a],
+            &["netns", "add", b],
+            &["link", "add", &inner_a, "netns", a, "type", "veth", "peer", "name", &inner_b, "netns", b],
+            &["-n", a, "addr", "add", &address_a, "dev", &inner_a],
+            &["-n", b, "addr", "add", &address_b, "dev", &inner_b],
+            &["-n", a, "link", "set", &inner_a, "up"],
+            &["-n", b, "link", "set", &inner_b, "up"],
+            &["-n", a, "link", "set", "lo", "up"],
+            &["-n", b, "link", "set", "lo", "up"],
+        ];
+        for step in steps {
+            let done = Command::new("ip").args(step).output();
+            let why = match done {
+                Ok(done) if done.status.success() => continue,
+                Ok(done) => String::from_utf8_lossy(&done.stderr).trim().to_string(),
+                Err(e) => e.to_string(),
+            };
+            eprintln!("skipped: `ip {}` says: {why}", step.join(" "));
+            return None;
+        }
+        Some(hosts)
+    }
+
+    fn address(&self, host: usize) -> String {
+        format!("10.213.{}.{}", self.subnet, host + 1)
+    }
+
+    /// The same command, on one of the hosts.
+    fn on(&self, host: usize, command: &Command) -> Command {
+        let mut there = Command::new("ip");
+        there.args(["netns", "exec", &self.names[host]]).arg(command.get_program()).args(command.get_args());
+        for (key, value) in command.get_envs() {
+            if let Some(value) = value {
+                there.env(key, value);
+            }
+        }
+        there
+    }
+
+    /// Adds delay and loss in both directions; false, with the reason, where the kernel has no netem.
+    fn impair(&self, netem: &[&str]) -> bool {
+        let prefix = ["wa", "wb"];
+        (0..2).all(|host| {
+            let device = format!("{}{}{}", prefix[host], std::process::id(), self.subnet);
+            let done = Command::new("tc")
+                .args(["-n", &self.names[host], "qdisc", "add", "dev", &device, "root", "netem"])
+                .args(netem)
+                .output();
+            match done {
+                Ok(done) if done.status.success() => true,
+                Ok(done) => {
+                    eprintln!("skipped: netem: {}", String::from_utf8_lossy(&done.stderr).trim());
+                    false
+                }
+                Err(e) => {
+                    eprintln!("skipped: tc: {e}");
+                    false
+                }
+            }
+        })
+    }
+}
+
+impl Drop for TwoHosts {
+    fn drop(&mut self) {
+        for name in &self.names {
+            let _ = Command::new("ip").args(["netns", "del", name]).output();
+        }
+    }
+}
+
+/// Where the controller listens, how each of the other nodes reaches it, and on which hosts they run.
+struct Link<'a> {
+    hosts: Option<&'a TwoHosts>,
+    listen: String,
+    connect: [String; 3],
+}
+
+impl<'a> Link<'a> {
+    fn between(hosts: &'a TwoHosts) -> Self {
+        let endpoint = format!("tcp/{}:7447", hosts.address(1));
+        Self { hosts: Some(hosts), listen: endpoint.clone(), connect: [(); 3].map(|()| endpoint.clone()) }
+    }
+
+    fn start(&self, host: usize, command: Command) -> Running {
+        spawn(match self.hosts {
+            Some(hosts) => hosts.on(host, &command),
+            None => command,
+        })
+    }
+}
+
+/// Flies the bench on host 0 with its controller on host 1.
+fn fly(link: &Link, bench: &str, out: &Path, mode: &str, more: &[&str]) -> Finished {
+    let bench = format!("{bench}-{}", std::process::id());
+    let same = ["--transport", "zenoh", "--mode", mode, "--duration", "8", "--bench", &bench];
+    let there = ["node", "controller", "--launch", "quadrotor", "--listen", &link.listen];
+    let there = whirlstand(there.into_iter().chain(same).chain(more.iter().copied()));
+    let mut here = whirlstand(["run", "quadrotor", "--set", "nodes.controller.external=true", "--out"]);
+    here.arg(out).args(same).args(more);
+    for (node, endpoint) in ["plant", "estimator", "recorder"].iter().zip(&link.connect) {
+        here.args(["--set", &format!("nodes.{node}.connect=[\"{endpoint}\"]")]);
+    }
+    let _controller = link.start(1, there);
+    link.start(0, here).finish()
+}
+
+#[test]
+fn controller_on_another_host_flies_the_same_flight() {
+    let Some(hosts) = TwoHosts::new(11) else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let apart = dir.path().join("apart");
+    fly(&Link::between(&hosts), "two-hosts", &apart, "lockstep", &["--set", "expect={}"]).success();
+    let together = dir.path().join("together");
+    run([
+        "run",
+        "quadrotor",
+        "--mode",
+        "lockstep",
+        "--duration",
+        "8",
+        "--set",
+        "expect={}",
+        "--out",
+        together.to_str().unwrap(),
+    ])
+    .success();
+    let diff = run([
+        "log",
+        "diff",
+        apart.join("log.mcap").to_str().unwrap(),
+        together.join("log.mcap").to_str().unwrap(),
+    ]);
+    assert_eq!(diff.code(), 0, "{}", diff.stdout);
+}
+
+/// 5 ms each way is more than a 200 Hz period: at 50 Hz the answer comes in time unless a message is lost.
+const SLOW: [&str; 4] = ["--set", "rate_hz=50", "--set", "expect={}"];
+
+/// The delay shows in the command latency, and what the loss cost is counted.
+fn assert_bad_link_was_seen(out: &Path) {
+    let summary = json(out.join("summary.json"));
+    let timing = &summary["runs"][0]["timing"];
+    let p50 = timing["nodes"]["plant"]["latency"]["p50_us"].as_f64().expect("a median");
+    assert!((8_000.0..20_000.0).contains(&p50), "two ways of 5 ms: {timing}");
+    assert!(timing["deadline_misses"].as_u64().is_some_and(|n| n > 0), "lost messages cost steps: {timing}");
+}
+
+#[test]
+fn a_bad_link_between_hosts_is_flown_counted_and_reported() {
+    let Some(hosts) = TwoHosts::new(12) else { return };
+    if !hosts.impair(&["delay", "5ms", "loss", "1%"]) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    fly(&Link::between(&hosts), "bad-link", dir.path(), "realtime", &SLOW).success();
+    assert_bad_link_was_seen(dir.path());
+}
+
+/// The same without the kernel's help, for machines without netem: Zenoh's datagrams through a relay that is late
+/// and loses one in a hundred.
+#[test]
+fn a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported() {
+    let server = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a free port");
+    let connect = [(); 3].map(|()| format!("udp/{}", relay::udp(server, Duration::from_millis(5), 0.01)));
+    let link = Link { hosts: None, listen: format!("udp/{server}"), connect };
+    let dir = tempfile::tempdir().unwrap();
+    fly(&link, "relayed", dir.path(), "realtime", &SLOW).success();
+    assert_bad_link_was_seen(dir.path());
+}
