@@ -72,7 +72,9 @@ impl Ar {
     pub fn whiten(&self, run: &[f64]) -> Vec<f64> {
         let q = self.order();
         (q..run.len())
-            .map(|k| run[k] + self.coefficients.iter().enumerate().map(|(i, a)| a * run[k - 1 - i]).sum::<f64>())
+            .map(|k| {
+                run[k] + self.coefficients.iter().enumerate().map(|(i, a)| a * run[k - 1 - i]).sum::<f64>()
+            })
             .collect()
     }
 }
@@ -143,7 +145,8 @@ mod tests {
         let mut stream = Stream::new(seed, "ar");
         let mut y: Vec<f64> = Vec::new();
         for k in 0..n {
-            let past: f64 = a.iter().enumerate().map(|(i, a)| if k > i { a * y[k - 1 - i] } else { 0.0 }).sum();
+            let past: f64 =
+                a.iter().enumerate().map(|(i, a)| if k > i { a * y[k - 1 - i] } else { 0.0 }).sum();
             y.push(stream.normal() - past);
         }
         y

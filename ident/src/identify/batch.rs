@@ -69,7 +69,9 @@ impl<'p> Batch<'p> {
         let mut used = vec![false; p * w];
         for (lane, point) in points.iter().enumerate() {
             let vehicle = self.problem.vehicle_at(&point[..self.problem.parameters.len()]);
-            let Ok((phi, gamma)) = discretise(&vehicle.a, &vehicle.b, self.problem.period_s) else { continue };
+            let Ok((phi, gamma)) = discretise(&vehicle.a, &vehicle.b, self.problem.period_s) else {
+                continue;
+            };
             cost[lane] = 0.0;
             for i in 0..n {
                 (0..n).for_each(|j| motion[i * w + j][lane] = phi[(i, j)]);
@@ -146,7 +148,9 @@ impl<'p> Batch<'p> {
     fn extended(&self, point: &[f64]) -> f64 {
         let (m, p) = (self.problem.m(), self.problem.p());
         let vehicle = self.problem.vehicle_at(&point[..self.problem.parameters.len()]);
-        let Ok(simulator) = Simulator::expected(&vehicle, self.problem.period_s) else { return f64::INFINITY };
+        let Ok(simulator) = Simulator::expected(&vehicle, self.problem.period_s) else {
+            return f64::INFINITY;
+        };
         let mut cost = 0.0;
         for (s, segment) in self.segments.iter().enumerate() {
             let (initial, offsets) = self.nuisance(point, s);

@@ -182,7 +182,8 @@ fn ranges(problem: &Problem, segments: &[Segment]) -> Vec<(f64, f64)> {
         let extent = |i: usize| {
             let values = segment.output(i, p);
             let known = || values.iter().copied().filter(|v| v.is_finite());
-            let (low, high) = known().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            let (low, high) =
+                known().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
             let first: Vec<f64> = known().take(10).collect();
             (crate::stats::mean(&first), if high > low { high - low } else { 0.0 })
         };
@@ -327,7 +328,14 @@ impl Crossover for Rex {
             }
             for g in &mut child.genes {
                 // Beyond a bound: as far inside as it was outside.
-                *g = if *g < 0.0 { -*g } else if *g > 1.0 { 2.0 - *g } else { *g }.clamp(0.0, 1.0);
+                *g = if *g < 0.0 {
+                    -*g
+                } else if *g > 1.0 {
+                    2.0 - *g
+                } else {
+                    *g
+                }
+                .clamp(0.0, 1.0);
             }
             child.reset_metadata(genotype.genes_hashing);
             all.push(child);

@@ -53,7 +53,9 @@ impl<'p> Linear<'p> {
         for parameter in 0..problem.parameters.len() {
             match problem.entry(parameter) {
                 Some((Matrix::A, i, j)) => directions.push(Problem::unit(w, w, (i, j)) * problem.period_s),
-                Some((Matrix::B, i, j)) => directions.push(Problem::unit(w, w, (i, n + j)) * problem.period_s),
+                Some((Matrix::B, i, j)) => {
+                    directions.push(Problem::unit(w, w, (i, n + j)) * problem.period_s)
+                }
                 Some((Matrix::C, i, j)) => {
                     sensing_slopes.push((parameter, i, j));
                     continue;

@@ -47,6 +47,9 @@ pub fn evaluate(
     theta: &[f64],
     nuisances: &[Vec<f64>],
 ) -> Option<Evaluation> {
+    if grows(problem, segments, theta) {
+        return None;
+    }
     let simulation = problem.simulation(theta)?;
     let all: Vec<OutputSums> = segments
         .par_iter()
@@ -54,6 +57,16 @@ pub fn evaluate(
         .map(|(segment, nuisance)| sums(problem, &*simulation, segment, whitening, nuisance))
         .collect::<Option<_>>()?;
     combine(problem, &all, theta, nuisances)
+}
+
+/// Largest exponent by which the fastest unstable mode may grow over a segment: beyond it, the free run tells more of
+/// the initial state's last digits than of the model.
+const LARGEST_GROWTH: f64 = 5.0;
+
+fn grows(problem: &Problem, segments: &[Segment], theta: &[f64]) -> bool {
+    let longest = segments.iter().map(|s| s.steps).max().unwrap_or(0) as f64 * problem.period_s;
+    let poles = problem.vehicle_at(theta).a.complex_eigenvalues();
+    poles.iter().any(|p| !(p.re * longest < LARGEST_GROWTH))
 }
 
 fn sums(
@@ -152,8 +165,7 @@ fn combine(
     };
     let width = np + problem.nuisances();
     let mut steps = vec![DVector::zeros(width); all.len()];
-    let mut variances: Vec<f64> =
-        (0..p).map(|i| floor(total(&steps, i) / counts[i].max(1) as f64)).collect();
+    let mut variances: Vec<f64> = (0..p).map(|i| floor(total(&steps, i) / counts[i].max(1) as f64)).collect();
     let mut result = None;
     // The best nuisances depend on the variances and these on the nuisances; they settle at once.
     for _ in 0..3 {
@@ -188,7 +200,16 @@ fn combine(
         .zip(&steps)
         .map(|(old, step)| old.iter().zip(step.rows(np, width - np).iter()).map(|(a, b)| a + b).collect())
         .collect();
-    Some(Evaluation { theta: theta.to_vec(), nuisances, cost, variances, counts, information, right, coupling })
+    Some(Evaluation {
+        theta: theta.to_vec(),
+        nuisances,
+        cost,
+        variances,
+        counts,
+        information,
+        right,
+        coupling,
+    })
 }
 
 /// A residual of exactly zero would make the cost infinite.

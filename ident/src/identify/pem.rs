@@ -123,6 +123,10 @@ pub fn output_error(
 
 /// The best of all starts, after a short search from each.
 ///
+/// Where a long free run from a start is no guide (it leaves all bounds, or explains little), the way leads over short
+/// pieces with initial states of their own: first a sixteenth of the record, then longer ones (multiple shooting;
+/// Ribeiro et al., On the smoothness of nonlinear system identification, Automatica 121, 2020).
+///
 /// # Errors
 /// [`IdentifyError::UnstableStart`].
 fn from_starts(
@@ -130,38 +134,69 @@ fn from_starts(
     segments: &[Segment],
     extra: &[Vec<f64>],
     observe: &(dyn Fn(Progress) + Sync),
-) -> Result<Evaluation, IdentifyError> {
+) -> Result<(Evaluation, Outcome), IdentifyError> {
     let white = white(problem);
-    let nuisances = no_nuisances(problem, segments);
     let mut starts = extra.to_vec();
     starts.extend(start::candidates(problem, segments));
     if extra.is_empty() {
         starts.push(start::given(problem));
         starts.extend(start::scattered(problem));
     }
-    let mut first: Vec<Evaluation> = starts
-        .iter()
-        .filter_map(|theta| output_error::evaluate(problem, segments, &white, theta, &nuisances))
-        .filter(|e| e.cost.is_finite())
-        .collect();
-    first.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    first.dedup_by(|a, b| a.cost == b.cost);
-    // A few steps tell whether a start is in the right valley.
-    let short = Limits { iterations: 12, ..Limits::default() };
+    let evaluated = |segments: &[Segment]| {
+        let nuisances = no_nuisances(problem, segments);
+        let mut all: Vec<Evaluation> = starts
+            .iter()
+            .filter_map(|theta| output_error::evaluate(problem, segments, &white, theta, &nuisances))
+            .filter(|e| e.cost.is_finite())
+            .collect();
+        all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        all.dedup_by(|a, b| a.cost == b.cost);
+        all
+    };
+    let mut spent = Outcome { iterations: 0, evaluations: starts.len(), converged: false };
     let mut best: Option<Evaluation> = None;
-    for e in first.iter().take(3) {
-        let found = output_error(problem, segments, &white, &e.theta, &e.nuisances, short, observe);
-        if let Some((found, outcome)) = found {
-            let better = best.as_ref().is_none_or(|b| found.cost < b.cost);
-            if better {
-                best = Some(found);
+    let limits = Limits { iterations: 30, ..Limits::default() };
+    for e in evaluated(segments).iter().take(3) {
+        let found = output_error(problem, segments, &white, &e.theta, &e.nuisances, limits, observe);
+        let converged = keep(&mut best, &mut spent, found);
+        if converged && best.as_ref().is_some_and(|b| explains(problem, segments, b)) {
+            break;
+        }
+    }
+    if !best.as_ref().is_some_and(|b| explains(problem, segments, b)) {
+        let longest = segments.iter().map(|s| s.steps).max().unwrap_or(0);
+        let mut theta: Option<Vec<f64>> = None;
+        for divisor in [16, 8, 4, 2, 1] {
+            let pieces = super::data::pieces(segments, (longest / divisor).max(32));
+            let start = match &theta {
+                Some(theta) => theta.clone(),
+                None => match evaluated(&pieces).into_iter().next() {
+                    Some(e) => e.theta,
+                    None => continue,
+                },
+            };
+            let nuisances = no_nuisances(problem, &pieces);
+            let found = output_error(problem, &pieces, &white, &start, &nuisances, limits, observe);
+            if let Some((found, _)) = &found {
+                theta = Some(found.theta.clone());
             }
-            if outcome.converged && best.as_ref().is_some_and(|b| explains(problem, segments, b)) {
-                break;
+            if divisor == 1 {
+                keep(&mut best, &mut spent, found);
             }
         }
     }
-    best.ok_or(IdentifyError::UnstableStart { tried: starts.len() })
+    best.map(|b| (b, spent)).ok_or(IdentifyError::UnstableStart { tried: starts.len() })
+}
+
+/// Keeps the better of two results; tells whether the new one converged.
+fn keep(best: &mut Option<Evaluation>, spent: &mut Outcome, found: Option<(Evaluation, Outcome)>) -> bool {
+    let Some((found, outcome)) = found else { return false };
+    spent.iterations += outcome.iterations;
+    spent.evaluations += outcome.evaluations;
+    if best.as_ref().is_none_or(|b| found.cost < b.cost) {
+        *best = Some(found);
+    }
+    outcome.converged
 }
 
 /// True when the simulation explains at least four fifths of the variance of each fitted output.
@@ -171,7 +206,8 @@ fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
         let values: Vec<f64> =
             segments.iter().flat_map(|s| s.output(i, p)).filter(|v| v.is_finite()).collect();
         let mean = crate::stats::mean(&values);
-        let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / values.len().max(1) as f64;
+        let variance =
+            values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / values.len().max(1) as f64;
         e.variances[i] < 0.2 * variance
     })
 }
@@ -195,31 +231,77 @@ pub fn fit(
     let mut problem = problem.clone();
     let mut fixed = Vec::new();
     let tried = IdentifyError::UnstableStart { tried: 1 };
+    let mut spent = Outcome { iterations: 0, evaluations: 0, converged: false };
+    let mut nuisances = no_nuisances(&problem, segments);
     let mut theta = if noise == Noise::Kalman {
         kalman_start(&problem, segments, extra)
     } else {
-        from_starts(&problem, segments, extra, observe)?.theta
+        let (found, outcome) = from_starts(&problem, segments, extra, observe)?;
+        spent = outcome;
+        nuisances = found.nuisances;
+        found.theta
     };
     loop {
-        let fit = match noise {
+        let found = match noise {
             Noise::Kalman => kalman(&problem, segments, &theta, observe),
-            _ => outputs(&problem, segments, noise, &theta, observe),
+            _ => match outputs(&problem, segments, noise, &theta, &nuisances, observe) {
+                // A parameter that was just fixed may have left the others without a stable simulation.
+                None if !fixed.is_empty() => {
+                    let (found, _) = from_starts(&problem, segments, &[theta.clone()], observe)?;
+                    outputs(&problem, segments, noise, &found.theta, &found.nuisances, observe)
+                }
+                found => found,
+            },
         };
-        let Some((fit, information)) = fit else { return Err(tried) };
+        let Some((mut fit, information)) = found else { return Err(tried) };
+        spent.iterations += fit.outcome.iterations;
+        spent.evaluations += fit.outcome.evaluations;
+        fit.outcome = Outcome { converged: fit.outcome.converged, ..spent };
         match spread::undetermined(&information, &fit.covariance, &problem.parameters) {
             Some(Undetermined { index, why }) if problem.parameters.len() > 1 => {
                 let parameter = problem.parameters.remove(index);
-                let value = problem.vehicle.free_value(&parameter.target).clamp(parameter.lower, parameter.upper);
-                // The value lies within the bounds, which were checked against the effect's range.
-                let set = problem.vehicle.set_free(&parameter.target, value);
-                debug_assert!(set.is_ok());
                 theta = fit.theta;
-                theta.remove(index);
+                nuisances = fit.nuisances;
+                let from = theta.remove(index);
+                let value = lead(&mut problem, segments, &parameter, from, &mut theta, &mut nuisances);
                 fixed.push(Fixed { parameter, value, why });
             }
             _ => return Ok(Fit { fixed, ..fit }),
         }
     }
+}
+
+/// Leads a parameter that the data do not determine from where the search left it to the value of the vehicle file, in
+/// steps, the others following; as far as the simulation stays within bounds. Gives the value that was reached.
+fn lead(
+    problem: &mut Problem,
+    segments: &[Segment],
+    parameter: &Parameter,
+    from: f64,
+    theta: &mut Vec<f64>,
+    nuisances: &mut Vec<Vec<f64>>,
+) -> f64 {
+    let goal = problem.vehicle.free_value(&parameter.target).clamp(parameter.lower, parameter.upper);
+    let limits = Limits { iterations: 10, ..Limits::default() };
+    let whites = white(problem);
+    let mut reached = from;
+    for share in [0.125, 0.25, 0.5, 0.75, 1.0] {
+        let value = from + share * (goal - from);
+        let mut moved = problem.clone();
+        // The value lies within the bounds, which were checked against the effect's range.
+        let set = moved.vehicle.set_free(&parameter.target, value);
+        debug_assert!(set.is_ok());
+        let Some((found, _)) = output_error(&moved, segments, &whites, theta, nuisances, limits, &|_| ())
+        else {
+            break;
+        };
+        *theta = found.theta;
+        *nuisances = found.nuisances;
+        reached = value;
+    }
+    let set = problem.vehicle.set_free(&parameter.target, reached);
+    debug_assert!(set.is_ok());
+    reached
 }
 
 /// Output error with white or autoregressive residuals.
@@ -228,13 +310,13 @@ fn outputs(
     segments: &[Segment],
     noise: Noise,
     theta: &[f64],
+    nuisances: &[Vec<f64>],
     observe: &(dyn Fn(Progress) + Sync),
 ) -> Option<(Fit, DMatrix<f64>)> {
     let mut whitening = white(problem);
-    let nuisances = no_nuisances(problem, segments);
     let limits = Limits::default();
     let (mut found, mut outcome) =
-        output_error(problem, segments, &whitening, theta, &nuisances, limits, observe)?;
+        output_error(problem, segments, &whitening, theta, nuisances, limits, observe)?;
     if noise == Noise::Coloured {
         // Noise model and parameters in turn; a few rounds settle them.
         for _ in 0..6 {
@@ -260,7 +342,9 @@ fn outputs(
     let covariance = spread::covariance(problem, segments, &whitening, &residual, &found)?;
     let noise = match noise {
         Noise::White => residual,
-        _ => whitening.iter().zip(&found.variances).map(|(ar, v)| Ar { variance: *v, ..ar.clone() }).collect(),
+        _ => {
+            whitening.iter().zip(&found.variances).map(|(ar, v)| Ar { variance: *v, ..ar.clone() }).collect()
+        }
     };
     let fit = Fit {
         problem: problem.clone(),

@@ -41,7 +41,10 @@ impl Pattern {
         let rates = outputs.iter().map(|(every, _)| *every).filter(|e| *e > 0);
         let length = rates.fold(1, |l, e| l / gcd(l, e) * e);
         if length > LONGEST_PATTERN {
-            return Self { outputs: outputs.iter().map(|(e, _)| (usize::from(*e > 0), 0)).collect(), length: 1 };
+            return Self {
+                outputs: outputs.iter().map(|(e, _)| (usize::from(*e > 0), 0)).collect(),
+                length: 1,
+            };
         }
         Self { outputs, length }
     }
@@ -69,7 +72,8 @@ impl NoiseStructure {
     /// Process noise on every state whose row of A or B has a free or a non-kinematic entry.
     pub fn new(problem: &Problem) -> Self {
         let vehicle = &problem.vehicle;
-        let free = |i: usize| vehicle.free.iter().any(|f| matches!(f.target, Target::Entry(_, r, _) if r == i));
+        let free =
+            |i: usize| vehicle.free.iter().any(|f| matches!(f.target, Target::Entry(_, r, _) if r == i));
         let kinematic = |i: usize| {
             let a = vehicle.a.row(i);
             a.iter().filter(|v| **v != 0.0).count() == 1 && vehicle.b.row(i).iter().all(|v| *v == 0.0)
@@ -120,7 +124,7 @@ impl Gains {
         noise: &[f64],
         slopes: bool,
     ) -> Option<Self> {
-        let mut phases = phases(problem, structure, pattern, theta, noise)?;
+        let (mut phases, centre) = phases(problem, structure, pattern, theta, noise, None)?;
         let parameters = theta.len() + noise.len();
         if slopes {
             let all: Vec<f64> = theta.iter().chain(noise).copied().collect();
@@ -132,7 +136,10 @@ impl Gains {
                 let at = |sign: f64| {
                     let mut moved = all.clone();
                     moved[i] += sign * step;
-                    self::phases(problem, structure, pattern, &moved[..theta.len()], &moved[theta.len()..])
+                    // From the centre's steady state the way is short, and the difference needs few digits of it.
+                    let near = Some((&centre[..], 1e-3 * step.min(1e-4)));
+                    let (theta, noise) = moved.split_at(theta.len());
+                    Some(self::phases(problem, structure, pattern, theta, noise, near)?.0)
                 };
                 Some((at(1.0)?, at(-1.0)?, 0.5 / step))
             });
@@ -200,72 +207,153 @@ impl Gains {
     }
 }
 
-/// The periodic steady state: the covariance recursion, run until a whole pattern leaves it as it is.
+/// The linear model and its noises, unpacked for the covariance recursion.
+struct Recursion {
+    n: usize,
+    /// Transition matrix, row after row.
+    phi: Vec<f64>,
+    /// Process noise of a step on every state.
+    driving: Vec<f64>,
+    /// For every phase the fresh outputs: row of C and variance.
+    fresh: Vec<Vec<(Vec<f64>, f64)>>,
+    covariance: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+impl Recursion {
+    /// Once through all phases. Independent measurements are taken in one after the other, which is the same as all
+    /// at once and needs no factorisation.
+    fn pass(&mut self) {
+        let n = self.n;
+        for fresh in &self.fresh {
+            let p = &mut self.covariance;
+            for (c, variance) in fresh {
+                let pc = &mut self.scratch[..n];
+                pc.fill(0.0);
+                for (j, c) in c.iter().enumerate().filter(|(_, c)| **c != 0.0) {
+                    (0..n).for_each(|i| pc[i] += c * p[i * n + j]);
+                }
+                let s: f64 = variance + c.iter().zip(&*pc).map(|(c, v)| c * v).sum::<f64>();
+                for i in 0..n {
+                    let f = pc[i] / s;
+                    (0..n).for_each(|j| p[i * n + j] -= f * pc[j]);
+                }
+            }
+            propagate(&self.phi, p, &mut self.scratch, n);
+            (0..n).for_each(|i| p[i * n + i] += self.driving[i]);
+        }
+    }
+}
+
+/// P becomes phi P phi', made symmetric.
+fn propagate(phi: &[f64], p: &mut [f64], scratch: &mut [f64], n: usize) {
+    for i in 0..n {
+        let row = &mut scratch[i * n..(i + 1) * n];
+        row.fill(0.0);
+        for (k, f) in phi[i * n..(i + 1) * n].iter().enumerate() {
+            row.iter_mut().zip(&p[k * n..(k + 1) * n]).for_each(|(r, p)| *r += f * p);
+        }
+    }
+    for i in 0..n {
+        for j in 0..=i {
+            let v: f64 =
+                scratch[i * n..(i + 1) * n].iter().zip(&phi[j * n..(j + 1) * n]).map(|(a, b)| a * b).sum();
+            p[i * n + j] = v;
+            p[j * n + i] = v;
+        }
+    }
+}
+
+/// The periodic steady state: the covariance recursion, run until a whole pattern changes it by less than
+/// `tolerance`, from `start` if one is known. Gives the phases and the covariance before the first.
 fn phases(
     problem: &Problem,
     structure: &NoiseStructure,
     pattern: &Pattern,
     theta: &[f64],
     noise: &[f64],
-) -> Option<Vec<Phase>> {
+    start: Option<(&[f64], f64)>,
+) -> Option<(Vec<Phase>, Vec<f64>)> {
     let n = problem.n();
     let vehicle = problem.vehicle_at(theta);
     let (phi, _) = discretise(&vehicle.a, &vehicle.b, problem.period_s).ok()?;
     let (driving, measuring) = noise.split_at(structure.states.len());
-    let mut q = DMatrix::zeros(n, n);
+    let mut q = vec![0.0; n];
     for (&state, log) in structure.states.iter().zip(driving) {
-        q[(state, state)] = (2.0 * log).exp() * problem.period_s;
-    }
-    let mut covariance = &q * (1.0 / problem.period_s.max(1e-9));
-    for i in 0..n {
-        covariance[(i, i)] += 1e-12;
+        q[state] = (2.0 * log).exp() * problem.period_s;
     }
     let variance = |output: usize| {
         let at = structure.outputs.iter().position(|o| *o == output);
         at.map_or(1.0, |at| (2.0 * measuring[at]).exp())
     };
-    let mut result: Vec<Phase> = Vec::with_capacity(pattern.length);
-    let transposed = phi.transpose();
+    let outputs = |phase: usize| -> Vec<usize> {
+        structure.outputs.iter().copied().filter(|o| pattern.expects(phase, *o)).collect()
+    };
+    let mut covariance = vec![0.0; n * n];
+    let tolerance = match start {
+        Some((known, tolerance)) => {
+            covariance.copy_from_slice(known);
+            tolerance
+        }
+        None => {
+            (0..n).for_each(|i| covariance[i * n + i] = q[i] / problem.period_s.max(1e-9) + 1e-12);
+            1e-10
+        }
+    };
+    let mut recursion = Recursion {
+        n,
+        phi: (0..n * n).map(|at| phi[(at / n, at % n)]).collect(),
+        driving: q,
+        fresh: (0..pattern.length)
+            .map(|f| {
+                let row = |o: usize| (vehicle.c.row(o).iter().copied().collect(), variance(o));
+                outputs(f).into_iter().map(row).collect()
+            })
+            .collect(),
+        covariance,
+        scratch: vec![0.0; n * n],
+    };
     let mut steps = 0;
     loop {
-        let before = covariance.clone();
-        result.clear();
-        for phase in 0..pattern.length {
-            let fresh: Vec<usize> =
-                structure.outputs.iter().copied().filter(|o| pattern.expects(phase, *o)).collect();
-            let c = DMatrix::from_fn(fresh.len(), n, |i, j| vehicle.c[(fresh[i], j)]);
-            let cp = &c * &covariance;
-            let mut s = &cp * c.transpose();
-            for (i, output) in fresh.iter().enumerate() {
-                s[(i, i)] += variance(*output);
-            }
-            let gain = if fresh.is_empty() {
-                DMatrix::zeros(n, 0)
-            } else {
-                let factor = s.clone().cholesky()?;
-                factor.solve(&cp).transpose()
-            };
-            let updated = &covariance - &gain * &cp;
-            covariance = &phi * updated * &transposed + &q;
-            // Rounding must not break the symmetry.
-            covariance = (&covariance + covariance.transpose()) * 0.5;
-            result.push(Phase {
-                fresh,
-                gain: &phi * gain,
-                covariance: s,
-                gain_slopes: Vec::new(),
-                covariance_slopes: Vec::new(),
-            });
-        }
+        let before = recursion.covariance.clone();
+        recursion.pass();
         steps += pattern.length;
-        let change = (0..n)
-            .map(|i| (covariance[(i, i)] - before[(i, i)]).abs() / covariance[(i, i)].abs().max(1e-300))
-            .fold(0.0, f64::max);
-        if !covariance.iter().all(|v| v.is_finite()) {
+        let now = &recursion.covariance;
+        if !now.iter().all(|v| v.is_finite()) {
             return None;
         }
-        if change < 1e-10 || steps >= MOST_STEPS {
-            return Some(result);
+        let change = (0..n)
+            .map(|i| (now[i * n + i] - before[i * n + i]).abs() / now[i * n + i].abs().max(1e-300))
+            .fold(0.0, f64::max);
+        if change < tolerance || steps >= MOST_STEPS {
+            break;
         }
     }
+    let first = recursion.covariance.clone();
+    let mut p = DMatrix::from_row_slice(n, n, &first);
+    let q = DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&recursion.driving));
+    let mut result = Vec::with_capacity(pattern.length);
+    for phase in 0..pattern.length {
+        let fresh = outputs(phase);
+        let c = DMatrix::from_fn(fresh.len(), n, |i, j| vehicle.c[(fresh[i], j)]);
+        let cp = &c * &p;
+        let mut s = &cp * c.transpose();
+        for (i, output) in fresh.iter().enumerate() {
+            s[(i, i)] += variance(*output);
+        }
+        let gain = if fresh.is_empty() {
+            DMatrix::zeros(n, 0)
+        } else {
+            s.clone().cholesky()?.solve(&cp).transpose()
+        };
+        p = &phi * (&p - &gain * &cp) * phi.transpose() + &q;
+        result.push(Phase {
+            fresh,
+            gain: &phi * gain,
+            covariance: s,
+            gain_slopes: Vec::new(),
+            covariance_slopes: Vec::new(),
+        });
+    }
+    Some((result, first))
 }

@@ -83,7 +83,8 @@ impl Problem {
         });
         let present = super::data::present(segments, vehicle.outputs.len());
         let weights = vehicle.outputs.iter().zip(&present);
-        let weights = weights.map(|(o, here)| if *here { vehicle.fit_weight(&o.name) } else { 0.0 }).collect();
+        let weights =
+            weights.map(|(o, here)| if *here { vehicle.fit_weight(&o.name) } else { 0.0 }).collect();
         Ok(Self { parameters: parameters.collect(), nuisance, weights, period_s, vehicle: vehicle.clone() })
     }
 
@@ -122,7 +123,8 @@ impl Problem {
     /// True when the simulation is linear in state and input with nothing but A, B, C and D, so that sensitivities
     /// are exact recursions.
     pub fn is_plain(&self) -> bool {
-        self.vehicle.effects.is_empty() && self.parameters.iter().all(|p| matches!(p.target, Target::Entry(..)))
+        self.vehicle.effects.is_empty()
+            && self.parameters.iter().all(|p| matches!(p.target, Target::Entry(..)))
     }
 
     /// The simulation at `theta`, ready to be swept over segments. `None` when it has no finite step.

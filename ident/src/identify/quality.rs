@@ -56,7 +56,9 @@ pub fn control_runs(fit: &Fit, segments: &[Segment]) -> Runs {
         .collect();
     let first = no_nuisances(&problem, &shifted);
     let found = match &fit.noise {
-        NoiseFit::Outputs(_) => evaluate(&problem, &shifted, &white(&problem), &[], &first).map(|e| e.nuisances),
+        NoiseFit::Outputs(_) => {
+            evaluate(&problem, &shifted, &white(&problem), &[], &first).map(|e| e.nuisances)
+        }
         NoiseFit::Kalman(structure, noise) => {
             let free_run = evaluate(&problem, &shifted, &white(&problem), &[], &first).map(|e| e.nuisances);
             free_run.or_else(|| {
@@ -96,7 +98,12 @@ fn runs(fit: &Fit, segments: &[Segment], nuisances: Vec<Vec<f64>>) -> Runs {
     Runs { nuisances: free_nuisances, simulated, one_step }
 }
 
-fn whitened(problem: &Problem, segments: &[Segment], outputs: &[Vec<f64>], models: &[Ar]) -> Vec<Vec<Vec<f64>>> {
+fn whitened(
+    problem: &Problem,
+    segments: &[Segment],
+    outputs: &[Vec<f64>],
+    models: &[Ar],
+) -> Vec<Vec<Vec<f64>>> {
     let p = problem.p();
     (0..p)
         .map(|i| {

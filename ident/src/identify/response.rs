@@ -40,7 +40,8 @@ pub fn response(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], period_s: f64) ->
         (0..window).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / window as f64).cos()).collect();
     let transform = |part: &[f64]| -> Vec<C64> {
         let mean = crate::stats::mean(part);
-        let mut buffer: Vec<C64> = part.iter().zip(&hann).map(|(v, w)| C64::new((v - mean) * w, 0.0)).collect();
+        let mut buffer: Vec<C64> =
+            part.iter().zip(&hann).map(|(v, w)| C64::new((v - mean) * w, 0.0)).collect();
         fft.process(&mut buffer);
         buffer
     };
@@ -71,13 +72,15 @@ pub fn response(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], period_s: f64) ->
     if count < m + 2 {
         return None;
     }
-    let mut result = Response { frequency_hz: Vec::new(), gain: vec![Vec::new(); m], coherence: vec![Vec::new(); m] };
+    let mut result =
+        Response { frequency_hz: Vec::new(), gain: vec![Vec::new(); m], coherence: vec![Vec::new(); m] };
     for f in 1..bins {
         let frequency = f as f64 / (window as f64 * period_s);
         let inverse = uu[f].clone().try_inverse().filter(|i| i.iter().all(|v| v.re.is_finite()));
         let h = inverse.as_ref().map(|inverse| inverse * &uy[f]);
         // What all inputs together leave of the output's power.
-        let explained = h.as_ref().map_or(0.0, |h| h.iter().zip(uy[f].iter()).map(|(h, s)| (h.conj() * s).re).sum());
+        let explained =
+            h.as_ref().map_or(0.0, |h| h.iter().zip(uy[f].iter()).map(|(h, s)| (h.conj() * s).re).sum());
         let left = (yy[f] - explained).max(0.0);
         result.frequency_hz.push(frequency);
         for a in 0..m {

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::answer::{
-    DataPart, FixedAnswer, IDENTIFICATION_SCHEMA, Identification, Log, OutputAnswer, ParameterAnswer, Pole, Role,
-    SearchSummary,
+    DataPart, FixedAnswer, IDENTIFICATION_SCHEMA, Identification, Log, OutputAnswer, ParameterAnswer, Pole,
+    Role, SearchSummary,
 };
 use super::data::Segment;
 use super::options::{Method, Options};
@@ -154,7 +154,8 @@ fn provenance(options: &Options, noise: Noise, fitted: &[Source]) -> Vec<(String
     ];
     for (i, source) in fitted.iter().enumerate() {
         let s = &source.segment;
-        let part = format!("{} from {} s to {} s", source.log.file, s.start_s, s.time(s.steps.saturating_sub(1)));
+        let part =
+            format!("{} from {} s to {} s", source.log.file, s.start_s, s.time(s.steps.saturating_sub(1)));
         all.push((format!("log_{}", i + 1), part));
         if !source.log.sha256.is_empty() {
             all.push((format!("log_{}_sha256", i + 1), source.log.sha256.clone()));

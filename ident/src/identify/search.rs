@@ -107,9 +107,8 @@ fn step(point: &impl Point, bounds: &[(f64, f64)], damping: f64) -> Option<(Vec<
         let mut step = DVector::zeros(n);
         if !free.is_empty() {
             let scale: Vec<f64> = free.iter().map(|i| 1.0 / f[(*i, *i)].sqrt()).collect();
-            let mut scaled = DMatrix::from_fn(free.len(), free.len(), |a, b| {
-                f[(free[a], free[b])] * scale[a] * scale[b]
-            });
+            let mut scaled =
+                DMatrix::from_fn(free.len(), free.len(), |a, b| f[(free[a], free[b])] * scale[a] * scale[b]);
             for a in 0..free.len() {
                 scaled[(a, a)] += damping;
             }
@@ -150,7 +149,12 @@ mod tests {
         fn new(x: &[f64]) -> Self {
             let r = DVector::from_vec(vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]]);
             let j = DMatrix::from_row_slice(2, 2, &[-20.0 * x[0], 10.0, -1.0, 0.0]);
-            Self { x: x.to_vec(), f: j.transpose() * &j, g: -j.transpose() * &r, cost: 0.5 * r.norm_squared() }
+            Self {
+                x: x.to_vec(),
+                f: j.transpose() * &j,
+                g: -j.transpose() * &r,
+                cost: 0.5 * r.norm_squared(),
+            }
         }
     }
 

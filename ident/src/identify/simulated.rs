@@ -30,7 +30,9 @@ impl<'p> Simulated<'p> {
         let centre = at(theta)?;
         let mut beside = Vec::with_capacity(theta.len());
         for (i, parameter) in problem.parameters.iter().enumerate() {
-            let step = MOVE * (parameter.upper - parameter.lower).min(theta[i].abs().max(1e-2 * (parameter.upper - parameter.lower)));
+            let step = MOVE
+                * (parameter.upper - parameter.lower)
+                    .min(theta[i].abs().max(1e-2 * (parameter.upper - parameter.lower)));
             let (mut above, mut below) = (theta.to_vec(), theta.to_vec());
             above[i] = (theta[i] + step).min(parameter.upper);
             below[i] = (theta[i] - step).max(parameter.lower);

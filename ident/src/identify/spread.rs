@@ -86,7 +86,7 @@ pub struct Undetermined {
 }
 
 /// Largest standard error that still counts as determined, as a share of the parameter's range.
-const WIDEST: f64 = 0.1;
+const WIDEST: f64 = 0.25;
 /// Least eigenvalue of the information, scaled to a diagonal of ones, that is not rounding.
 const SINGULAR: f64 = 1e-10;
 
@@ -131,7 +131,7 @@ pub fn undetermined(
             _ => String::new(),
         };
         let why = format!(
-            "its standard error would be {error:.3}, more than a tenth of its range from {:.3} to {:.3}{with}",
+            "its standard error would be {error:.3}, more than a quarter of its range from {:.3} to {:.3}{with}",
             p.lower / p.factor,
             p.upper / p.factor
         );

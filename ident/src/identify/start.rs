@@ -50,14 +50,16 @@ pub fn given(problem: &Problem) -> Vec<f64> {
 
 fn sources(vehicle: &Vehicle, weights: &[f64]) -> Option<Vec<Source>> {
     let n = vehicle.states.len();
-    let is_free =
-        |m: Matrix, i: usize| vehicle.free.iter().any(|f| matches!(f.target, Target::Entry(x, r, _) if x == m && r == i));
+    let is_free = |m: Matrix, i: usize| {
+        vehicle.free.iter().any(|f| matches!(f.target, Target::Entry(x, r, _) if x == m && r == i))
+    };
     let measured = |j: usize| {
         (0..vehicle.outputs.len()).find_map(|i| {
             let row = vehicle.c.row(i);
             let alone = row.iter().enumerate().all(|(k, c)| (k == j) == (*c != 0.0));
             let direct = vehicle.d.row(i).iter().any(|d| *d != 0.0) || is_free(Matrix::D, i);
-            (weights[i] > 0.0 && alone && !direct && !is_free(Matrix::C, i)).then(|| Source::Measured(i, row[j]))
+            (weights[i] > 0.0 && alone && !direct && !is_free(Matrix::C, i))
+                .then(|| Source::Measured(i, row[j]))
         })
     };
     let direct: Vec<Option<Source>> = (0..n).map(measured).collect();
@@ -112,30 +114,32 @@ fn regress(
     let delays: Vec<f64> = (0..m).map(|j| delay(vehicle, j)).collect();
     // One equation a window, frequency and part: [derivatives, states, inputs, one].
     let mut equations: Vec<Vec<f64>> = Vec::new();
-    for segment in segments {
-        let filled: Vec<Vec<f64>> =
-            (0..p).map(|i| crate::compare::filled(&segment.output(i, p))).collect();
-        let starts = (0..).map(|i| i * (window / 2)).take_while(|s| s + window < segment.steps + 1);
-        for start in starts {
-            for h in (0..=highest).step_by(stride) {
-                let w = std::f64::consts::TAU * h as f64 / l;
+    let filled: Vec<Vec<Vec<f64>>> =
+        segments.iter().map(|s| (0..p).map(|i| crate::compare::filled(&s.output(i, p))).collect()).collect();
+    for h in (0..=highest).step_by(stride) {
+        let w = std::f64::consts::TAU * h as f64 / l;
+        // The same for all windows.
+        let phi: Vec<Integrals> = (0..window).map(|k| modulate(k as f64 * dt, l, w)).collect();
+        // A held input acts in the middle of its period, later by the delay.
+        let held: Vec<Vec<[f64; 2]>> = delays
+            .iter()
+            .map(|d| (0..window).map(|k| modulate((k as f64 + 0.5) * dt + d, l, w)[0]).collect())
+            .collect();
+        let one = phi.iter().fold([0.0; 2], |sum, phi| [sum[0] + phi[0][0], sum[1] + phi[0][1]]);
+        for (segment, filled) in segments.iter().zip(&filled) {
+            for start in (0..).map(|i| i * (window / 2)).take_while(|s| s + window <= segment.steps) {
                 let mut outputs = vec![[[0.0; 2]; 3]; p];
                 let mut inputs = vec![[0.0; 2]; m];
-                let mut one = [0.0; 2];
-                for k in 0..window.min(segment.steps - start) {
-                    let phi = modulate(k as f64 * dt, l, w);
-                    for (integrals, y) in outputs.iter_mut().zip(&filled) {
-                        let y = y[start + k];
-                        for (sum, phi) in integrals.iter_mut().zip(&phi) {
+                for (sums, y) in outputs.iter_mut().zip(filled) {
+                    for (y, phi) in y[start..start + window].iter().zip(&phi) {
+                        for (sum, phi) in sums.iter_mut().zip(phi) {
                             sum[0] += phi[0] * y;
                             sum[1] += phi[1] * y;
                         }
                     }
-                    one[0] += phi[0][0];
-                    one[1] += phi[0][1];
-                    for (j, sum) in inputs.iter_mut().enumerate() {
-                        // A held input acts in the middle of its period, later by the delay.
-                        let phi = modulate((k as f64 + 0.5) * dt + delays[j], l, w)[0];
+                }
+                for (j, (sum, held)) in inputs.iter_mut().zip(&held).enumerate() {
+                    for (k, phi) in held.iter().enumerate() {
                         let u = segment.inputs[(start + k) * m + j];
                         sum[0] += phi[0] * u;
                         sum[1] += phi[1] * u;

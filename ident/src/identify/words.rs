@@ -53,7 +53,9 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     let mut all = Vec::new();
     if !answer.search.converged {
         all.push(match answer.method {
-            Method::Ga => "The genetic algorithm spent its budget before it stagnated: give a greater --budget.".into(),
+            Method::Ga => {
+                "The genetic algorithm spent its budget before it stagnated: give a greater --budget.".into()
+            }
             _ => "The search ended before it stood at a minimum.".to_string(),
         });
     }
@@ -84,7 +86,8 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     }
     pairs.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
     if let Some((r, a, b)) = pairs.first() {
-        let more = if pairs.len() > 1 { format!(" and {} more pairs", pairs.len() - 1) } else { String::new() };
+        let more =
+            if pairs.len() > 1 { format!(" and {} more pairs", pairs.len() - 1) } else { String::new() };
         all.push(format!("The data hardly tell {a} from {b} (correlation {r:.3}){more}."));
     }
     if answer.poles.iter().any(|p| p.re > 1e-6) {
@@ -102,10 +105,19 @@ impl Identification {
         for p in &self.parameters {
             let error = p.standard_error.map_or("-".into(), number);
             let note = if p.at_bound { "  at bound" } else { "" };
-            out.push_str(&format!("{:width$}  {:>12}  {error:>11}{note}\n", p.name, format!("{:.4}", p.value)));
+            out.push_str(&format!(
+                "{:width$}  {:>12}  {error:>11}{note}\n",
+                p.name,
+                format!("{:.4}", p.value)
+            ));
         }
         for f in &self.fixed {
-            out.push_str(&format!("{:width$}  {:>12}  fixed: {}\n", f.name, format!("{:.4}", f.value), f.why));
+            out.push_str(&format!(
+                "{:width$}  {:>12}  fixed: {}\n",
+                f.name,
+                format!("{:.4}", f.value),
+                f.why
+            ));
         }
         let names = self.outputs.keys().map(String::len).chain([6]).max().unwrap_or(6);
         out.push_str(&format!(
@@ -115,7 +127,9 @@ impl Identification {
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.2}"));
         for (name, o) in &self.outputs {
             let (own, other) = (o.identification, o.control);
-            let white = o.whiteness.map_or("-".into(), |w| if w.white { "yes".into() } else { format!("no ({:+.2})", w.greatest) });
+            let white = o.whiteness.map_or("-".into(), |w| {
+                if w.white { "yes".into() } else { format!("no ({:+.2})", w.greatest) }
+            });
             out.push_str(&format!(
                 "{name:names$}  {:>9} {:>9}  {:>9} {:>9}  {:>12}  {white}\n",
                 percent(own.and_then(|q| q.free_run_fit)),

@@ -46,13 +46,22 @@ fn facts(answer: &Identification) -> Vec<(String, String)> {
         .iter()
         .map(|d| {
             let role = if d.role == Role::Identification { "identification data" } else { "control data" };
-            let text = format!("{} from {} s to {} s, {} steps", d.log.file, number(d.from_s), number(d.until_s), d.samples);
+            let text = format!(
+                "{} from {} s to {} s, {} steps",
+                d.log.file,
+                number(d.from_s),
+                number(d.until_s),
+                d.samples
+            );
             (role.to_string(), text)
         })
         .collect();
     let s = &answer.search;
     facts.push(("method".into(), format!("{} with {} residuals", answer.method.word(), noise_word(answer))));
-    facts.push(("search".into(), format!("{} iterations, {} evaluations, {:.2} s", s.iterations, s.evaluations, s.seconds)));
+    facts.push((
+        "search".into(),
+        format!("{} iterations, {} evaluations, {:.2} s", s.iterations, s.evaluations, s.seconds),
+    ));
     facts.push(("period".into(), format!("{} s", answer.period_s)));
     facts.push(("seed".into(), answer.seed.to_string()));
     facts.push(("program".into(), format!("whirlstand {}", answer.version)));
@@ -66,8 +75,15 @@ fn noise_word(answer: &Identification) -> String {
 /// Fit of every output.
 fn figures(answer: &Identification) -> Section {
     let head = [
-        "output", "free run, %", "bias removed, %", "one step, %", "held out: free run, %", "bias removed, %",
-        "one step, %", "noise", "residual white",
+        "output",
+        "free run, %",
+        "bias removed, %",
+        "one step, %",
+        "held out: free run, %",
+        "bias removed, %",
+        "one step, %",
+        "noise",
+        "residual white",
     ];
     let percent = |v: Option<f64>| Cell::new(v.map_or("-".into(), |v| format!("{v:.2}")));
     let rows = answer.outputs.iter().map(|(name, o)| {
@@ -109,7 +125,8 @@ fn real_and_simulated(part: &PartSeries, index: usize) -> Section {
     for o in &part.outputs {
         let factor = shown_factor(&o.unit);
         let scaled = |v: &[f64]| filled(v).iter().map(|v| v * factor).collect::<Vec<f64>>();
-        let mut plot = Plot::over_time(format!("real-{index}-{}", o.name), o.name.clone(), shown_unit(&o.unit));
+        let mut plot =
+            Plot::over_time(format!("real-{index}-{}", o.name), o.name.clone(), shown_unit(&o.unit));
         plot.traces.push(Trace::new("real", 5, Look::Main, &part.t, &scaled(&o.measured)));
         plot.traces.push(Trace::new("simulated", 0, Look::Second, &part.t, &scaled(&o.simulated)));
         plots.push(plot);
@@ -173,10 +190,16 @@ fn responses(answer: &Identification) -> Option<Section> {
         let simulated = of(o, false);
         for (i, (input, ..)) in first.inputs.iter().enumerate() {
             let id = |what: &str| format!("{what}-{}-{input}", output.name);
-            let mut gain = Plot::new(id("gain"), format!("{} / {input}: gain", output.name), "frequency, Hz", "dB");
-            let mut phase = Plot::new(id("phase"), format!("{} / {input}: phase", output.name), "frequency, Hz", "deg");
-            let mut coherence =
-                Plot::new(id("coherence"), format!("{} / {input}: partial coherence", output.name), "frequency, Hz", "");
+            let mut gain =
+                Plot::new(id("gain"), format!("{} / {input}: gain", output.name), "frequency, Hz", "dB");
+            let mut phase =
+                Plot::new(id("phase"), format!("{} / {input}: phase", output.name), "frequency, Hz", "deg");
+            let mut coherence = Plot::new(
+                id("coherence"),
+                format!("{} / {input}: partial coherence", output.name),
+                "frequency, Hz",
+                "",
+            );
             let (db, deg) = real.bode(i);
             gain.traces.push(Trace::new("real", 5, Look::Main, &real.frequency_hz, &db));
             phase.traces.push(Trace::new("real", 5, Look::Main, &real.frequency_hz, &deg));
@@ -185,7 +208,13 @@ fn responses(answer: &Identification) -> Option<Section> {
                 gain.traces.push(Trace::new("simulated", 0, Look::Second, &simulated.frequency_hz, &db));
                 phase.traces.push(Trace::new("simulated", 0, Look::Second, &simulated.frequency_hz, &deg));
             }
-            coherence.traces.push(Trace::new("partial coherence", 5, Look::Main, &real.frequency_hz, &real.coherence[i]));
+            coherence.traces.push(Trace::new(
+                "partial coherence",
+                5,
+                Look::Main,
+                &real.frequency_hz,
+                &real.coherence[i],
+            ));
             for mut plot in [gain, phase, coherence] {
                 plot.log_x = true;
                 plot.height = 220;

@@ -1,0 +1,113 @@
+//! Identification of real records, against the linear baselines that come with them. Without WHIRLSTAND_DATA nothing
+//! is tested.
+
+use std::path::PathBuf;
+
+use whirlstand_ident::identify::{Identification, Log, Noise, Nuisance, Options, Segment, Source, identify};
+use whirlstand_logs::{Mapping, Record, read};
+use whirlstand_vehicle::Vehicle;
+
+fn data(name: &str) -> Option<PathBuf> {
+    let Some(folder) = std::env::var_os("WHIRLSTAND_DATA") else {
+        println!("skipped: no WHIRLSTAND_DATA");
+        return None;
+    };
+    Some(PathBuf::from(folder).join(name))
+}
+
+fn vehicle(name: &str) -> Vehicle {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/identify");
+    Vehicle::load(folder.join(name).with_extension("toml")).unwrap()
+}
+
+fn part(record: &Record, vehicle: &Vehicle, from: f64, to: f64) -> Source {
+    let segment = Segment::new(record, vehicle, None, (Some(from), Some(to))).unwrap();
+    Source { log: Log { file: record.origin.clone(), sha256: String::new() }, segment }
+}
+
+fn offsets() -> Nuisance {
+    Nuisance { initial_state: true, output_offsets: true }
+}
+
+fn tell(answer: &Identification) {
+    println!("{}", answer.text());
+}
+
+/// Free-running NRMSE fit of `simulated` in a part, %.
+fn nrmse(measured: &[f64], simulated: &[f64]) -> f64 {
+    let mean = measured.iter().sum::<f64>() / measured.len() as f64;
+    let error: f64 = measured.iter().zip(simulated).map(|(y, s)| (y - s).powi(2)).sum();
+    let spread: f64 = measured.iter().map(|y| (y - mean).powi(2)).sum();
+    100.0 * (1.0 - (error / spread).sqrt())
+}
+
+#[test]
+fn trex550_beats_the_published_models_on_held_out_flight() {
+    let Some(path) = data("trex550") else { return };
+    let vehicle = vehicle("trex550");
+    let record = read(path.join("hover.csv"), &[] as &[Mapping]).unwrap();
+    let published = read(path.join("published_models.csv"), &[] as &[Mapping]).unwrap();
+    let (fitted, held) = ([part(&record, &vehicle, 3.0, 60.0)], [part(&record, &vehicle, 60.0, 84.0)]);
+    let options = Options { nuisance: offsets(), noise: Some(Noise::White), ..Options::default() };
+    let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
+    tell(&answer);
+    let control = record.between(60.0, 84.0);
+    let published = published.between(60.0, 84.0);
+    for name in ["u", "v", "p", "q", "r", "phi", "theta"] {
+        let measured = &control.signal(name).unwrap().values;
+        let other = |who: &str| nrmse(measured, &published.signal(&format!("{who}_{name}")).unwrap().values);
+        let own = answer.outputs[name].control.unwrap().free_run_fit.unwrap();
+        println!("{name:6} own {own:8.2} %  IWO {:8.2} %  GA {:8.2} %", other("iwo"), other("ga"));
+        assert!(own > other("iwo") && own > other("ga"), "{name}");
+    }
+}
+
+#[test]
+fn silverbox_reaches_the_linear_baseline() {
+    let Some(path) = data("silverbox") else { return };
+    let vehicle = vehicle("silverbox");
+    let multisine = read(path.join("multisine.csv"), &[] as &[Mapping]).unwrap();
+    let arrow = read(path.join("arrow.csv"), &[] as &[Mapping]).unwrap();
+    let all = (f64::NEG_INFINITY, f64::INFINITY);
+    let fitted = [part(&multisine, &vehicle, all.0, 120.0)];
+    let held = [part(&multisine, &vehicle, 120.0, all.1), part(&arrow, &vehicle, all.0, all.1)];
+    let options = Options { nuisance: offsets(), noise: Some(Noise::White), ..Options::default() };
+    for held in &held {
+        let answer = identify(&vehicle, &fitted, std::slice::from_ref(held), &options, &|_| ()).unwrap();
+        tell(&answer);
+        println!("rmse {:?}", answer.outputs["output"].control.unwrap().free_run_rmse);
+    }
+}
+
+#[test]
+fn dryer_finds_the_dead_time() {
+    let Some(path) = data("dryer") else { return };
+    let vehicle = vehicle("dryer");
+    let record = read(path.join("dryer.csv"), &[] as &[Mapping]).unwrap();
+    let (fitted, held) = ([part(&record, &vehicle, 0.0, 39.95)], [part(&record, &vehicle, 39.96, 80.0)]);
+    let options = Options { nuisance: offsets(), noise: Some(Noise::White), ..Options::default() };
+    let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
+    tell(&answer);
+}
+
+#[test]
+fn emps_reaches_the_linear_baseline() {
+    let Some(path) = data("emps") else { return };
+    let vehicle = vehicle("emps");
+    let [train, test] = ["train.csv", "test.csv"].map(|f| read(path.join(f), &[] as &[Mapping]).unwrap());
+    let (fitted, held) = ([part(&train, &vehicle, 0.0, 30.0)], [part(&test, &vehicle, 0.0, 30.0)]);
+    let options = Options { nuisance: offsets(), noise: Some(Noise::White), ..Options::default() };
+    let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
+    tell(&answer);
+}
+
+#[test]
+fn cd_arm_needs_its_cross_coupling() {
+    let Some(path) = data("cd_arm/cd_arm.csv") else { return };
+    let vehicle = vehicle("cd_arm");
+    let record = read(path, &[] as &[Mapping]).unwrap().with_sample_period(1.0);
+    let (fitted, held) = ([part(&record, &vehicle, 0.0, 1023.0)], [part(&record, &vehicle, 1024.0, 2048.0)]);
+    let options = Options { nuisance: offsets(), noise: Some(Noise::Coloured), ..Options::default() };
+    let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
+    tell(&answer);
+}
