@@ -39,6 +39,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Simulate(args) => command::simulate::simulate(args),
         Command::Compare(args) => command::compare::compare(args),
         Command::Identify(args) => command::identify::identify(args),
+        Command::Excite(args) => command::excite::excite(args),
         Command::Log(command) => command::log::log(command),
         Command::Vehicle(command) => command::vehicles::vehicles(command),
         Command::Launch(command) => command::launch_files::launch_files(command),

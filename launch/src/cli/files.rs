@@ -150,6 +150,64 @@ pub(crate) struct IdentifyArgs {
     pub out: Option<PathBuf>,
 }
 
+/// Design a test flight: inputs that tell parameters and effects apart, within limits, and what they will tell.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand excite quadrotor --kind multisine --out out/excite\n  \
+    whirlstand run out/excite/flight.toml --mode lockstep --out out/flight\n  \
+    whirlstand identify out/flight --vehicle quadrotor-structure")]
+pub(crate) struct ExciteArgs {
+    /// Built-in vehicle or path of a vehicle file.
+    pub vehicle: String,
+    /// Kind of input.
+    #[arg(long, value_enum, default_value_t = ExciteKind::Multistep)]
+    pub kind: ExciteKind,
+    /// Length of the flight.
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    pub duration: f64,
+    /// Rate of the loop.
+    #[arg(long, value_name = "HZ", default_value_t = 100.0)]
+    pub rate: f64,
+    /// Lowest frequency.
+    #[arg(long, value_name = "HZ", default_value_t = 0.1)]
+    pub lowest: f64,
+    /// Highest frequency.
+    #[arg(long, value_name = "HZ", default_value_t = 2.0)]
+    pub highest: f64,
+    /// Largest input, as a share of its limit in the vehicle file, else in its unit.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
+    pub amplitude: f64,
+    /// Largest predicted value of an output, for example roll="10 deg" (a number is SI); may be repeated. Angles stay
+    /// below 20 deg unless this says otherwise.
+    #[arg(long = "limit", value_name = "OUTPUT=VALUE")]
+    pub limit: Vec<String>,
+    /// Seed of what is random.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Folder for inputs.csv and flight.toml.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Writes what is expected as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Kinds of test input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum ExciteKind {
+    /// One step to each side, one input after the other.
+    Doublets,
+    /// Steps of 3, 2, 1 and 1 units to alternating sides.
+    #[value(name = "3-2-1-1")]
+    Steps3211,
+    /// Steps of random length and size, as a pilot flies them.
+    Multistep,
+    /// Orthogonal sums of sines with flat peaks, all inputs at once.
+    Multisine,
+    /// Sines of rising frequency, one input after the other.
+    Sweep,
+}
+
 /// How a cost is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum IdentifyMethod {
@@ -175,7 +233,8 @@ pub(crate) enum IdentifyNoise {
 
 /// Reads `FROM:TO`.
 fn interval(text: &str) -> Result<(f64, f64), String> {
-    let parts = text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    let parts =
+        text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
     match parts {
         Some((from, to)) if from < to => Ok((from, to)),
         _ => Err(format!("'{text}' is not a part of a record: write FROM:TO in seconds, as in 60:84")),

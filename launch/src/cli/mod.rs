@@ -7,7 +7,10 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use whirlstand_msgs::units::{Quantity, Unit};
 
-pub(crate) use files::{CompareArgs, DesignArgs, IdentifyArgs, IdentifyMethod, IdentifyNoise, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand};
+pub(crate) use files::{
+    CompareArgs, DesignArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
+    LaunchCommand, LogCommand, SimulateArgs, VehicleCommand,
+};
 
 /// A hardware-in-the-loop bench for small VTOL control.
 ///
@@ -42,6 +45,7 @@ pub(crate) enum Command {
     Simulate(SimulateArgs),
     Compare(CompareArgs),
     Identify(IdentifyArgs),
+    Excite(ExciteArgs),
     /// Look into logs: what they hold, as CSV, and where two of them differ.
     #[command(subcommand)]
     Log(LogCommand),

@@ -2,6 +2,7 @@
 
 pub(crate) mod compare;
 pub(crate) mod design;
+pub(crate) mod excite;
 pub(crate) mod identify;
 pub(crate) mod launch_files;
 pub(crate) mod log;
