@@ -5,7 +5,7 @@ mod grid;
 mod simulate;
 mod words;
 
-pub(crate) use figures::filled;
+pub(crate) use figures::spectrum;
 
 use std::collections::BTreeMap;
 

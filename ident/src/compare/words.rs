@@ -164,7 +164,8 @@ pub fn text(c: &Comparison) -> String {
     let tones: Vec<String> = c
         .ordered()
         .filter_map(|(name, o)| {
-            let l = o.lines.first()?;
+            // What carries less is real, but explains nothing.
+            let l = o.lines.first().filter(|l| l.share >= 0.01)?;
             Some(format!("{name} {:.2} Hz ({:.0} %)", l.frequency_hz, 100.0 * l.share))
         })
         .collect();

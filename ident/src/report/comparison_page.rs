@@ -3,8 +3,7 @@
 use super::ReportError;
 use super::page::{Cell, Level, Page, Row, Section, Table};
 use super::plot::{Look, Plot, Span, SpanKind, Trace};
-use crate::compare::{Comparison, OutputComparison, OutputSeries, filled};
-use crate::spectrum::welch;
+use crate::compare::{Comparison, OutputComparison, OutputSeries, spectrum};
 use crate::units::{number, shown_factor, shown_unit};
 
 /// The report of a comparison: figures, then for each output measured against simulated, the residual, the
@@ -139,11 +138,8 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
     let t = &c.series.t;
     let scaled = |v: &[f64]| v.iter().map(|v| v * factor).collect::<Vec<f64>>();
     let residual: Vec<f64> = s.measured.iter().zip(&s.simulated).map(|(y, m)| y - m).collect();
-    let worst: Vec<Span> = o
-        .worst
-        .iter()
-        .map(|w| Span { from: w.from_s, until: w.until_s, kind: SpanKind::Remark, text: "worst".into() })
-        .collect();
+    let worst: Vec<Span> =
+        o.worst.iter().map(|w| Span { from: w.from_s, until: w.until_s, kind: SpanKind::Worst }).collect();
     let id = |what: &str| format!("{what}-{}", s.name);
 
     let mut both = Plot::over_time(id("both"), "measured and simulated", unit.clone());
@@ -171,7 +167,7 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
             o.quadratic_error.iter().flat_map(|i| [i.mean_square * factor * factor; 2]).collect();
         quadratic.traces.push(Trace::new("mean over a twentieth", 1, Look::Main, &step_t, &step));
         plots.push(quadratic);
-        plots.push(spectrum(c, &id("spectrum"), &residual, o, factor, &unit));
+        plots.push(spectrum_plot(c, s, &residual, o, &unit));
     }
     let fit = o.fit.map_or("no free-run fit".into(), |f| format!("fit {f:.1} %"));
     Section {
@@ -194,15 +190,16 @@ fn squared(unit: &str) -> String {
     }
 }
 
-fn spectrum(
+fn spectrum_plot(
     c: &Comparison,
-    id: &str,
+    s: &OutputSeries,
     residual: &[f64],
     o: &OutputComparison,
-    factor: f64,
     unit: &str,
 ) -> Plot {
-    let spectrum = welch(&filled(residual), c.period_s);
+    let factor = shown_factor(&o.unit);
+    let id = format!("spectrum-{}", s.name);
+    let spectrum = spectrum(residual, &s.measured, c.period_s);
     let mut plot =
         Plot::new(id, "spectrum of the residual", "frequency, Hz", format!("{} / Hz", squared(unit)));
     plot.log_x = true;
