@@ -195,3 +195,18 @@ fn another_period_leaves_the_noise_that_its_resampling_leaves() {
         }
     }
 }
+
+#[test]
+fn inputs_in_another_unit_are_suspected() {
+    let vehicle = without_vibration("quadrotor");
+    let record = flight(&vehicle, 60.0, &[0.0; 4], 1.0, Some(3));
+    assert!(compare(&record, &vehicle, &CompareOptions::default()).unwrap().remarks.is_empty());
+    let (time, signals) = record.into_signals();
+    let mut scaled = Record::new("percent.csv", time).unwrap();
+    for s in signals {
+        let factor = if s.name.starts_with("u_") { 0.01 } else { 1.0 };
+        scaled.push(s.name, s.unit, s.values.iter().map(|v| factor * v).collect()).unwrap();
+    }
+    let c = compare(&scaled, &vehicle, &CompareOptions::default()).unwrap();
+    assert!(c.remarks.iter().any(|r| r.contains("unit") && r.contains("input_gain")), "{:?}", c.remarks);
+}

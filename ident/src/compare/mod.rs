@@ -274,6 +274,7 @@ pub fn compare(
         remarks: words::remarks(&grid, vehicle),
         series,
     };
+    comparison.remarks.extend(words::size(&comparison));
     comparison.verdict = words::verdict(&comparison);
     Ok(comparison)
 }

@@ -4,7 +4,8 @@ use whirlstand_vehicle::Vehicle;
 
 use super::grid::Grid;
 use super::{Comparison, OutputComparison};
-use crate::units::{shown, shown_unit};
+use crate::stats::{mean, rms};
+use crate::units::{number, shown, shown_unit};
 
 /// What should be known about the record.
 pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
@@ -41,6 +42,39 @@ pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
         }
     }
     remarks
+}
+
+/// How far the simulation moves, when in all outputs that is a tenth of what was measured, or ten times: then the inputs
+/// are hardly in the unit that the vehicle file expects.
+pub fn size(c: &Comparison) -> Option<String> {
+    if c.diverged {
+        return None;
+    }
+    // In the second half the fitted initial state has died away, which would hide that nothing else moves.
+    let spread = |values: &[f64]| {
+        let late = &values[values.len() / 2..];
+        let known: Vec<f64> = late.iter().copied().filter(|v| v.is_finite()).collect();
+        let m = mean(&known);
+        rms(&known.iter().map(|v| v - m).collect::<Vec<_>>())
+    };
+    let ratios: Vec<f64> = c
+        .series
+        .outputs
+        .iter()
+        .map(|o| (spread(&o.measured), spread(&o.simulated)))
+        .filter(|(measured, _)| *measured > 0.0)
+        .map(|(measured, simulated)| simulated / measured)
+        .collect();
+    let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = ratios.iter().copied().fold(0.0, f64::max);
+    (!ratios.is_empty() && (most < 0.1 || least > 10.0)).then(|| {
+        format!(
+            "the simulation moves {} to {} times as far as the record: are the inputs in the unit that the vehicle expects? \
+             An input_gain in the vehicle file scales them",
+            number(least),
+            number(most)
+        )
+    })
 }
 
 /// True when the residual is no larger than declared noise lets it be.

@@ -102,10 +102,10 @@ fn table(c: &Comparison) -> Table {
             }
         };
         let value = |v: Option<f64>| Cell::new(v.map_or("-".into(), |v| number(v * factor)));
-        let line = o
-            .lines
-            .first()
-            .map_or("-".into(), |l| format!("{:.2} Hz, {:.0} %", l.frequency_hz, 100.0 * l.share));
+        let line = o.lines.first().map_or("-".into(), |l| match 100.0 * l.share {
+            share if share < 1.0 => format!("{:.2} Hz, < 1 %", l.frequency_hz),
+            share => format!("{:.2} Hz, {share:.0} %", l.frequency_hz),
+        });
         let noise = Some(o.declared_noise).filter(|n| *n > 0.0);
         Row {
             label: format!("{name}, {}", shown_unit(&o.unit)),

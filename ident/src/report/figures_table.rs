@@ -175,25 +175,32 @@ pub fn estimator_table(summaries: &[RunSummary]) -> Option<Table> {
     })
 }
 
-/// What was expected of the runs and what was found.
+/// What was expected of the runs and what was found: a row an expectation, a column a run.
 pub fn expected_table(expected: &[Expected]) -> Table {
-    let head = ["", "limit", "found", ""];
-    let rows = expected.iter().map(|e| {
-        let value = |v: f64| {
-            format!("{} {}", number(v * shown_factor(&e.unit)), shown_unit(&e.unit)).trim().to_string()
-        };
-        let (word, level) = if e.holds { ("holds", Level::Good) } else { ("broken", Level::Bad) };
-        Row {
-            label: e.key.clone(),
-            group: false,
-            cells: vec![
-                Cell::new(value(e.limit)),
-                Cell::new(e.found.map_or("-".into(), value)),
-                Cell::leveled(word, level),
-            ],
+    let (mut rows, mut runs): (Vec<&Expected>, Vec<&str>) = (Vec::new(), Vec::new());
+    for e in expected {
+        if !rows.iter().any(|r| r.key == e.key && r.limit == e.limit) {
+            rows.push(e);
         }
+        if !runs.contains(&e.run.as_str()) {
+            runs.push(&e.run);
+        }
+    }
+    let head = ["", "limit"].into_iter().chain(runs.iter().copied()).map(String::from).collect();
+    let rows = rows.into_iter().map(|row| {
+        let (factor, unit) = (shown_factor(&row.unit), shown_unit(&row.unit));
+        let value = |v: f64| format!("{} {unit}", number(v * factor)).trim().to_string();
+        let of_run = |run: &&str| {
+            let here = |e: &&Expected| e.run == *run && e.key == row.key && e.limit == row.limit;
+            let Some(e) = expected.iter().find(here) else { return Cell::new("-") };
+            let found = e.found.map_or("-".into(), value);
+            let (mark, level) = if e.holds { ("✓", Level::Good) } else { ("✕", Level::Bad) };
+            Cell::leveled(format!("{found} {mark}"), level)
+        };
+        let cells = std::iter::once(Cell::new(value(row.limit))).chain(runs.iter().map(of_run));
+        Row { label: row.key.clone(), group: false, cells: cells.collect() }
     });
-    Table { head: head.iter().map(|h| h.to_string()).collect(), rows: rows.collect(), ..Table::default() }
+    Table { head, rows: rows.collect(), ..Table::default() }
 }
 
 /// Timing figures, one row a node.

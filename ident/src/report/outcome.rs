@@ -20,11 +20,13 @@ pub struct Outcome {
 /// One expectation and how it turned out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
-    /// Key as in the launch file, after the name of the variant where there are several.
+    /// Name of the variant, or of the bench.
+    pub run: String,
+    /// Key as in the launch file.
     pub key: String,
     /// The limit, SI.
     pub limit: f64,
-    /// What was found, SI; `None` when it never came to that.
+    /// What was found, SI; `None` when it never came to that or was not measured.
     pub found: Option<f64>,
     /// SI unit of both.
     pub unit: String,

@@ -152,7 +152,6 @@ fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
         if i >= run.vehicle.outputs.len() {
             continue;
         }
-        let named = |what: &str| if several { format!("{} {what}", run.name) } else { what.to_string() };
         let line =
             |name: String, look, t: &[f64], y: &[f64]| Trace::new(name, variant, look, t, &scaled(y, factor));
         let main = !run.truth.is_empty();
@@ -160,7 +159,7 @@ fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
         if !measured.is_empty() {
             let hidden = several && main;
             plot.traces.push(
-                line(named("measured"), Look::Sensor, &measured.t, &measured.signals[0]).hide_if(hidden),
+                line("measured".into(), Look::Sensor, &measured.t, &measured.signals[0]).hide_if(hidden),
             );
         }
         if main {
@@ -171,7 +170,7 @@ fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
             let estimate = run.output_of(&run.estimate, i);
             let look = if main { Look::Second } else { Look::Main };
             plot.traces
-                .push(line(named("estimate"), look, &run.estimate.t, &estimate).hide_if(several && main));
+                .push(line("estimate".into(), look, &run.estimate.t, &estimate).hide_if(several && main));
         }
         let w = run.wanted(i);
         if wanted.is_none() && w.iter().any(|v| v.is_finite()) {
