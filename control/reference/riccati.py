@@ -205,7 +205,8 @@ def darex():
         b = np.zeros((n, 1))
         b[-1] = 1.0
         yield f"darex-4.1-{n}", np.diag(np.ones(n - 1), 1), b, np.eye(n), np.eye(1), zero(b), np.diag(np.arange(1.0, n + 1))
-    # python-control issue 157 refused A as ill-conditioned: its plant was augmented by a delay, as here.
+    # In python-control issue 157 a DLQR was refused because A was as good as singular. Its data was an attachment; a
+    # delay in the state makes A singular here.
     for name, (a, b) in systems.vehicles().items():
         phi, gamma = systems.zoh(a, b)
         n, m = b.shape

@@ -328,7 +328,7 @@ impl Simulator {
 
     /// True when a state has grown beyond any meaning.
     pub fn diverged(&self) -> bool {
-        self.diverged || self.state().iter().any(|x| !(x.abs() < LARGEST))
+        self.diverged || self.state().iter().any(|x| x.is_nan() || x.abs() >= LARGEST)
     }
 
     /// Runs a whole record: for each row of `inputs` (steps x inputs, row after row) the outputs measured at that
