@@ -52,7 +52,7 @@ fn the_true_model_with_noise_leaves_only_the_declared_noise() {
             assert!(o.bias.unwrap().abs() < 0.2 * o.declared_noise, "{name} {output}");
             assert!(o.lines.is_empty(), "{name} {output}: {:?}", o.lines);
         }
-        assert!(c.verdict.contains("down to the declared noise"), "{}", c.verdict);
+        assert!(c.agrees() && c.verdict.contains("down to the declared noise"), "{}", c.verdict);
     }
 }
 

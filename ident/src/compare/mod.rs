@@ -285,6 +285,11 @@ impl Comparison {
         words::text(self)
     }
 
+    /// True when the simulation explains every output: down to the declared noise, or with a fit of 90 % or more.
+    pub fn agrees(&self) -> bool {
+        words::all_agree(self)
+    }
+
     /// The outputs in the vehicle's order: name and figures.
     pub fn ordered(&self) -> impl Iterator<Item = (&str, &OutputComparison)> {
         self.series.outputs.iter().filter_map(|s| Some((s.name.as_str(), self.outputs.get(&s.name)?)))

@@ -82,6 +82,16 @@ fn at_noise_floor(o: &OutputComparison) -> bool {
     o.rmse.is_some_and(|r| o.declared_noise > 0.0 && r <= 1.2 * o.declared_noise)
 }
 
+/// True when the simulation explains an output: down to the noise, or 90 % of it.
+fn agrees(o: &OutputComparison) -> bool {
+    at_noise_floor(o) || o.fit.is_some_and(|f| f >= 90.0)
+}
+
+/// True when the simulation explains every output.
+pub fn all_agree(c: &Comparison) -> bool {
+    !c.diverged && c.ordered().all(|(_, o)| agrees(o))
+}
+
 fn percent(v: Option<f64>) -> String {
     v.map_or("-".into(), |v| format!("{v:.1}"))
 }
@@ -97,12 +107,11 @@ pub fn verdict(c: &Comparison) -> String {
             ahead.join(", ")
         );
     }
-    let good = |o: &OutputComparison| at_noise_floor(o) || o.fit.is_some_and(|f| f >= 90.0);
     let name = |(name, o): (&str, &OutputComparison)| match o.fit {
         Some(f) => format!("{name} ({f:.1} %)"),
         None => format!("{name} (constant)"),
     };
-    let (agree, differ): (Vec<_>, Vec<_>) = c.ordered().partition(|(_, o)| good(o));
+    let (agree, differ): (Vec<_>, Vec<_>) = c.ordered().partition(|(_, o)| agrees(o));
     if differ.is_empty() {
         let noise =
             if agree.iter().all(|(_, o)| at_noise_floor(o)) { " down to the declared noise" } else { "" };

@@ -12,7 +12,6 @@ use crate::units::{number, shown_factor, shown_unit};
 /// # Errors
 /// [`ReportError`], when the page cannot be put together.
 pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
-    let good = !c.diverged && c.ordered().all(|(_, o)| o.fit.is_some_and(|f| f >= 90.0));
     let mut sections = vec![Section {
         title: "Figures".into(),
         text: format!(
@@ -47,7 +46,7 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
         kind: "comparison".into(),
         title: format!("{} against {}", file_name(&c.record), c.vehicle),
         verdict: c.verdict.clone(),
-        level: if good { Level::Good } else { Level::Warn },
+        level: if c.agrees() { Level::Good } else { Level::Warn },
         remarks,
         sections,
         facts: vec![

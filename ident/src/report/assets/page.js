@@ -2,7 +2,9 @@
 (() => {
   const { columns, plots } = JSON.parse(document.getElementById("data").textContent);
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-  const config = { responsive: true, displaylogo: false, displayModeBar: "hover",
+  // A phone has no pointer to hover with and no width to spare: a double tap resets, the legend gets rows.
+  const narrow = window.matchMedia("(max-width: 640px)").matches;
+  const config = { responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover",
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "hoverClosestCartesian", "hoverCompareCartesian", "toggleSpikelines"] };
   const meaning = { disturbance: "disturbance", held: "command held", failsafe: "failsafe", worst: "greatest error" };
 
@@ -65,7 +67,7 @@
     return {
       font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("ink") },
       paper_bgcolor: colour("card"), plot_bgcolor: colour("card"),
-      margin: { l: 56, r: 34, t: 30, b: 40 }, height: plot.height,
+      margin: { l: narrow ? 44 : 56, r: narrow ? 8 : 34, t: 30, b: 40 }, height: height(plot),
       xaxis: { ...axis, title: { text: plot.x, standoff: 6 }, type: plot.log_x ? "log" : "linear", zeroline: false,
         hoverformat: ".4~g" },
       yaxis: { ...axis, type: plot.log_y ? "log" : "linear", zeroline: !plot.log_y, fixedrange: false },
@@ -76,6 +78,10 @@
       hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"), font: { color: colour("ink") } },
       shapes, annotations,
     };
+  }
+
+  function height(plot) {
+    return plot.height + (narrow ? 40 : 0);
   }
 
   let following = false;
@@ -96,6 +102,7 @@
 
   const draw = (act) => plots.forEach((plot) => act("plot-" + plot.id, lines(plot), layout(plot), config));
   for (const plot of plots) {
+    document.getElementById("plot-" + plot.id).style.height = height(plot) + "px";
     Plotly.newPlot("plot-" + plot.id, lines(plot), layout(plot), config)
       .then((element) => link(plot, element));
   }
