@@ -187,7 +187,7 @@ fn rounded(values: &[f64]) -> Vec<f64> {
     let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     let range = high - low;
     let least = finite().map(f64::abs).filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
-    if !(range > 0.0) || high > 0.0 && low >= 0.0 && high / least > 1e4 {
+    if range.is_nan() || range <= 0.0 || high > 0.0 && low >= 0.0 && high / least > 1e4 {
         return values.iter().map(|v| significant(*v)).collect();
     }
     let scale = 10f64.powi((5.0 - range.log10()).ceil() as i32);

@@ -84,7 +84,6 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
             tables: estimator_table(summaries).into_iter().collect(),
             plots: estimator,
             two_columns: true,
-            ..Section::default()
         });
     }
     sections.push(Section {
