@@ -57,5 +57,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         println!("{from:>8} to {to:>7}  {:>11.0} ns  {:>11.0} ns", best[0], best[1]);
     }
+    let mut estimator = Estimator::new(&plant, &sensors, &EstimatorOptions::default())?;
+    let settled = (0..1_000_000).find(|_| {
+        estimator.step(&[0.0; 4], 0b1111, &[0.0; 2], &[0.0; 2]);
+        estimator.converged()
+    });
+    println!("gains kept for good from step {settled:?} on");
     Ok(())
 }

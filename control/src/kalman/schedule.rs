@@ -17,7 +17,7 @@ pub const MAX_PERIOD: usize = 64;
 const KEPT: f64 = 0.04;
 
 /// Change of the covariance from one computation to the next below which gains count as settled.
-const SETTLED: f64 = 1e-7;
+const SETTLED: f64 = 1e-6;
 
 /// Most repetitions from one computation to the next: beyond these nothing is saved by keeping longer.
 const LONGEST: u64 = 1024;
