@@ -99,6 +99,9 @@ mod tests {
             let design = design.unwrap_or_else(|e| panic!("{law}: {e}"));
             let stays = |p: &crate::design::Pole| p.continuous.is_some_and(|s| (s[0] + 0.7).abs() < 1e-6);
             assert!(design.closed_loop_poles.iter().any(stays), "{law}: {:?}", design.closed_loop_poles);
+            // What comes from there is a known disturbance, to be met with no more than it takes.
+            let gain = design.linear.gain.map(f64::abs);
+            assert!(gain[(0, 2)] <= gain[(0, 0)] + gain[(0, 1)], "{law}: {gain}");
         }
     }
 

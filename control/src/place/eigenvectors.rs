@@ -34,6 +34,12 @@ impl Eigenvectors {
         Self { poles: poles.to_vec(), spaces, x: DMatrix::zeros(n, n) }
     }
 
+    /// Whether there is a choice: with several inputs, or at a mode that no input moves, whose eigenvector the gain
+    /// may still turn.
+    pub fn are_free(&self) -> bool {
+        self.spaces.iter().any(|space| space.ncols() > 1)
+    }
+
     /// The chosen ones, as columns.
     pub fn matrix(&self) -> &DMatrix<f64> {
         &self.x

@@ -123,14 +123,15 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
     // Singular values come sorted, so the first `rank` columns span the range of B.
     let range = u.columns(0, rank).into_owned();
     let annihilator = null_space(&range.transpose(), n - rank);
-    // The determinant has local maxima; a few starts, and the best conditioned result of them, avoid the poor ones.
-    let starts = if rank > 1 && rank < n { 4 } else { 1 };
     let mut vectors = Eigenvectors::new(a, &annihilator, &poles);
+    let free = vectors.are_free();
+    // The determinant has local maxima; a few starts, and the best conditioned result of them, avoid the poor ones.
+    let starts = if free && rank < n { 4 } else { 1 };
     let mut best: Option<(f64, DMatrix<f64>)> = None;
     let mut sweeps = 0;
     for start in 0..starts {
         vectors.start(start);
-        sweeps += vectors.improve(if rank > 1 { 200 } else { 0 });
+        sweeps += vectors.improve(if free { 200 } else { 0 });
         let condition = vectors.condition();
         if best.as_ref().is_none_or(|(least, _)| condition < *least) {
             best = Some((condition, vectors.matrix().clone()));
