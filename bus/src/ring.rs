@@ -7,6 +7,7 @@
 
 use std::time::{Duration, Instant};
 
+use iceoryx2::config::Config;
 use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
 use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
@@ -115,8 +116,11 @@ impl Ring {
             let text = format!("bare/{topic}");
             ServiceName::new(&text).map_err(|e| failed(format!("{e:?}")))
         };
+        // As iceoryx2 comes, but for where its files lie.
+        let mut config = shared_memory::config(&self.bus.bench)?;
+        config.defaults = Config::default().defaults;
         let node = NodeBuilder::new()
-            .config(&shared_memory::config(&self.bus.bench)?)
+            .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(failed)?;

@@ -58,7 +58,7 @@ def named():
         for kind, poles in sets[a.shape[0]].items():
             yield f"{name}-{kind}", a, b, poles
             yield f"{name}-{kind}-discrete", phi, gamma, list(np.exp(np.array(poles) * systems.PERIOD))
-    # python-control issue 157's kind of plant, a delay in the state: SciPy of then refused it.
+    # python-control issue 157's kind of plant, with a singular A: here by a delay in the state.
     for name, (a, b) in systems.vehicles().items():
         phi, gamma = systems.zoh(a, b)
         n, m = b.shape

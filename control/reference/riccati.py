@@ -12,6 +12,7 @@ import warnings
 
 import control
 import numpy as np
+import scipy
 import scipy.linalg as sl
 import slycot
 
@@ -84,6 +85,9 @@ def carex():
     for i, j, v in [(0, 4, 0.5), (0, 7, 0.1), (1, 4, 0.1), (2, 5, 0.5)]:
         q[i, j] = q[j, i] = v
     yield "carex-1.4", a, b, q, np.eye(2), None
+    # The 30 states of 1.6, a jet engine, from the data that SciPy's own tests read.
+    data = np.load(pathlib.Path(scipy.linalg.__file__).parent / "tests" / "data" / "carex_6_data.npz")
+    yield "carex-1.6", data["A"], data["B"], data["Q"], data["R"], None
     e = 1e-6
     x = arr([(1 + np.sqrt(1 + e * e)) / e**2, 1 / (2 + np.sqrt(1 + e * e))],
             [1 / (2 + np.sqrt(1 + e * e)), 0.25 * (1 - e * e / (2 + np.sqrt(1 + e * e)) ** 2)])
@@ -205,7 +209,18 @@ def darex():
         b = np.zeros((n, 1))
         b[-1] = 1.0
         yield f"darex-4.1-{n}", np.diag(np.ones(n - 1), 1), b, np.eye(n), np.eye(1), zero(b), np.diag(np.arange(1.0, n + 1))
-    # python-control issue 157 refused A as ill-conditioned: its plant was augmented by a delay, as here.
+    # What users reported to SciPy: gh-2251, and a problem with a cross weight under pull request 6616.
+    a = arr([0.63399379, 0.54906824, 0.76253406], [0.5404729, 0.53745766, 0.08731853], [0.27524045, 0.84922129, 0.4681622])
+    b = arr([0.96861695], [0.05532739], [0.78934047])
+    yield "scipy-2251", a, b, np.eye(3), np.eye(1), zero(b), None
+    data = np.load(pathlib.Path(scipy.linalg.__file__).parent / "tests" / "data" / "gendare_20170120_data.npz")
+    yield "scipy-6616", data["A"], data["B"], data["Q"], data["R"], data["S"], None
+    # What a user reported to Drake (issue 8034): a nilpotent A, and all matrices the identity.
+    b = arr([0], [1])
+    yield "drake-8034-nilpotent", arr([0, 1], [0, 0]), b, np.eye(2), np.eye(1), zero(b), np.diag([1.0, 2.0])
+    yield "drake-8034-identity", np.eye(2), np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)), (1 + 5**0.5) / 2 * np.eye(2)
+    # In python-control issue 157 a DLQR was refused because A was as good as singular. Its data was an attachment; a
+    # delay in the state makes A singular here.
     for name, (a, b) in systems.vehicles().items():
         phi, gamma = systems.zoh(a, b)
         n, m = b.shape

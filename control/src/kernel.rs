@@ -37,6 +37,78 @@ impl Packed {
         }
     }
 
+    /// A matrix of zeros.
+    pub fn zeros(rows: usize, columns: usize) -> Self {
+        let blocks = blocks(rows);
+        Self { blocks, data: vec![[0.0; 4]; blocks * columns] }
+    }
+
+    /// Sets all entries to zero.
+    pub fn clear(&mut self) {
+        self.data.fill([0.0; 4]);
+    }
+
+    /// Takes over a packed matrix of the same shape.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.data.copy_from_slice(&other.data);
+    }
+
+    /// Column j in blocks.
+    #[inline(always)]
+    pub fn column(&self, j: usize) -> &[Block] {
+        &self.data[j * self.blocks..(j + 1) * self.blocks]
+    }
+
+    /// Column j in blocks.
+    #[inline(always)]
+    pub fn column_mut(&mut self, j: usize) -> &mut [Block] {
+        &mut self.data[j * self.blocks..(j + 1) * self.blocks]
+    }
+
+    /// Entry in row i and column j.
+    #[inline(always)]
+    pub fn entry(&self, i: usize, j: usize) -> f64 {
+        self.data[j * self.blocks + i / 4][i % 4]
+    }
+
+    /// Sets the entry in row i and column j.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, j: usize, value: f64) {
+        self.data[j * self.blocks + i / 4][i % 4] = value;
+    }
+
+    /// `self += a b` for the first `columns` columns of b.
+    pub fn add_product(&mut self, a: &Self, b: &Self, columns: usize) {
+        for j in 0..columns {
+            a.add(self.column_mut(j), b.column(j).as_flattened());
+        }
+    }
+
+    /// Takes over the transpose of an n x n matrix.
+    pub fn transpose_from(&mut self, other: &Self, n: usize) {
+        for j in 0..n {
+            for i in 0..n {
+                self.set(i, j, other.entry(j, i));
+            }
+        }
+    }
+
+    /// Makes an n x n matrix symmetric by the mean of both halves.
+    pub fn symmetrise(&mut self, n: usize) {
+        for j in 0..n {
+            for i in 0..j {
+                let mean = 0.5 * (self.entry(i, j) + self.entry(j, i));
+                self.set(i, j, mean);
+                self.set(j, i, mean);
+            }
+        }
+    }
+
+    /// As a matrix of that shape.
+    pub fn to_matrix(&self, rows: usize, columns: usize) -> DMatrix<f64> {
+        DMatrix::from_fn(rows, columns, |i, j| self.entry(i, j))
+    }
+
     /// `y += m x`; y has as many blocks as the matrix, x as many entries as it has columns.
     #[inline(always)]
     pub fn add(&self, y: &mut [Block], x: &[f64]) {
@@ -65,6 +137,26 @@ impl Packed {
             }
         }
     }
+}
+
+/// `y += c factor`, block by block.
+#[inline(always)]
+pub fn add_scaled(y: &mut [Block], c: &[Block], factor: f64) {
+    for (y, c) in y.iter_mut().zip(c) {
+        axpy(y, c, factor);
+    }
+}
+
+/// Sum of the products of all entries.
+#[inline(always)]
+pub fn dot(a: &[Block], b: &[Block]) -> f64 {
+    let mut sum = [0.0; 4];
+    for (a, b) in a.iter().zip(b) {
+        for l in 0..4 {
+            sum[l] += a[l] * b[l];
+        }
+    }
+    (sum[0] + sum[1]) + (sum[2] + sum[3])
 }
 
 #[inline(always)]

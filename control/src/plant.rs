@@ -259,7 +259,13 @@ fn default_scales(
         }
     }
     let largest = reach.iter().copied().filter(|r| r.is_finite()).fold(0.0, f64::max);
-    let floor = if largest > 0.0 { largest * 1e-6 } else { 1.0 };
+    // A state that no input moves is measured by those that move: weighing it by its own reach, which is nothing,
+    // would leave only rounding of the others.
+    let sized = |r: f64| match r {
+        _ if largest == 0.0 => 1.0,
+        r if r < 1e-6 * largest => largest,
+        r => r,
+    };
     let share = |i: usize| if until[i] == last && last > steps(2.0) { 1.0 / 30.0 } else { 0.1 };
-    reach.iter().enumerate().map(|(i, r)| if r.is_finite() { share(i) * r.max(floor) } else { 1.0 }).collect()
+    reach.iter().enumerate().map(|(i, r)| if r.is_finite() { share(i) * sized(*r) } else { 1.0 }).collect()
 }

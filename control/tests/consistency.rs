@@ -43,7 +43,7 @@ struct Means {
 
 /// Runs the filter's own model as the truth and averages over trials the NEES and NIS of the last step, at which
 /// trials are independent of each other.
-fn trials(plant: &Plant, options: &EstimatorOptions, pattern: impl Fn(usize) -> u64) -> Means {
+fn trials(plant: &Plant, options: &EstimatorOptions, steps: usize, pattern: impl Fn(usize) -> u64) -> Means {
     let sensors = sensors(plant);
     let mut means = Means { nees: 0.0, nis: 0.0, dof: 0.0, states: 0.0 };
     for seed in 0..TRIALS {
@@ -59,7 +59,7 @@ fn trials(plant: &Plant, options: &EstimatorOptions, pattern: impl Fn(usize) -> 
         let (f, g, h) = (model.f.clone(), model.g.clone(), model.h.clone());
         let mut x = start * normal(size);
         let mut before = [0.0, 0.0];
-        for k in 0..STEPS {
+        for k in 0..steps {
             let now = [10.0 * (0.02 * k as f64).sin(), 5.0 * (0.03 * k as f64).cos()];
             if k > 0 {
                 x = &f * x + &g * DVector::from_column_slice(&before) + &root * normal(size);
@@ -91,7 +91,7 @@ fn check(name: &str, means: &Means) {
 #[test]
 fn model_based_filter_is_consistent_on_every_vehicle() {
     for name in VEHICLES {
-        let means = trials(&plant(name), &EstimatorOptions::default(), |_| u64::MAX);
+        let means = trials(&plant(name), &EstimatorOptions::default(), STEPS, |_| u64::MAX);
         check(name, &means);
     }
 }
@@ -100,7 +100,7 @@ fn model_based_filter_is_consistent_on_every_vehicle() {
 fn kinematic_filter_is_consistent_on_every_vehicle() {
     let options = EstimatorOptions { kind: EstimatorKind::Kinematic, ..EstimatorOptions::default() };
     for name in VEHICLES {
-        check(name, &trials(&plant(name), &options, |_| u64::MAX));
+        check(name, &trials(&plant(name), &options, STEPS, |_| u64::MAX));
     }
 }
 
@@ -111,7 +111,18 @@ fn dividers_and_dropouts_do_not_break_consistency() {
     let divided = |k: usize| {
         0b1111 | if k.is_multiple_of(4) { 0b11_0000 } else { 0 } | if k % 10 == 9 { 0b1100_0000 } else { 0 }
     };
-    check("dividers", &trials(&plant, &EstimatorOptions::default(), divided));
+    check("dividers", &trials(&plant, &EstimatorOptions::default(), STEPS, divided));
     let dropouts = move |k: usize| if (k * 7919) % 31 < 4 && k != STEPS - 1 { 0 } else { divided(k) };
-    check("dividers and dropouts", &trials(&plant, &EstimatorOptions::default(), dropouts));
+    check("dividers and dropouts", &trials(&plant, &EstimatorOptions::default(), STEPS, dropouts));
+}
+
+#[test]
+fn gains_that_are_kept_for_long_stay_consistent() {
+    let plant = plant("quadrotor");
+    let options = EstimatorOptions::default();
+    for steps in [900, 2500] {
+        check(&format!("{steps} steps"), &trials(&plant, &options, steps, |_| u64::MAX));
+    }
+    let divided = |k: usize| if k.is_multiple_of(5) { 0b1111 } else { 0b1010 };
+    check("dividers, 2501 steps", &trials(&plant, &options, 2501, divided));
 }

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use whirlstand_ident::Run;
-use whirlstand_ident::report::run_report;
+use whirlstand_ident::report::{Outcome, run_report};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -18,7 +18,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .collect::<Result<Vec<_>, _>>()?;
     let first = runs.first().ok_or("name at least one log: OUT.html LOG...")?;
-    let html = run_report(&first.info.launch, "", "Made from logs.", &runs.iter().collect::<Vec<_>>())?;
+    let outcome = Outcome { verdict: "Made from logs.".into(), ..Outcome::default() };
+    let html = run_report(&first.info.launch, "", &outcome, &runs.iter().collect::<Vec<_>>())?;
     std::fs::write(&out, html)?;
     Ok(())
 }

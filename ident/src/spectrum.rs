@@ -68,6 +68,9 @@ pub fn welch(signal: &[f64], period_s: f64) -> Spectrum {
     Spectrum { frequency_hz, density, segments }
 }
 
+/// A rotor does not hold its speed to less than this: maxima closer than that to a stronger one are its own.
+const WANDER: f64 = 0.05;
+
 /// The lines of a spectrum, strongest first, at most `most`.
 ///
 /// A line is a local maximum that stands above the median of its surroundings (an octave-wide part, at least 15
@@ -117,8 +120,16 @@ pub fn peaks(spectrum: &Spectrum, most: usize) -> Vec<Peak> {
         });
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
-    found.truncate(most);
-    found
+    let mut lines: Vec<Peak> = Vec::new();
+    for peak in found {
+        let of = |line: &Peak| {
+            (peak.frequency_hz - line.frequency_hz).abs() < (WANDER * line.frequency_hz).max(4.0 * df)
+        };
+        if lines.len() < most && !lines.iter().any(of) {
+            lines.push(peak);
+        }
+    }
+    lines
 }
 
 #[cfg(test)]
@@ -168,5 +179,20 @@ mod tests {
     fn too_short_is_empty() {
         assert!(welch(&[1.0; 15], 0.1).density.is_empty());
         assert!(peaks(&Spectrum::default(), 3).is_empty());
+    }
+
+    #[test]
+    fn a_rotor_whose_speed_wanders_is_one_line() {
+        let e = noise(8_000, 21);
+        let mut phase = 0.0;
+        let y: Vec<f64> = (0..8_000)
+            .map(|i| {
+                let f = 27.6 + 0.5 * (i as f64 * 0.004).sin();
+                phase += std::f64::consts::TAU * f * 0.01;
+                phase.sin() + 0.05 * e[i]
+            })
+            .collect();
+        let found = peaks(&welch(&y, 0.01), 5);
+        assert!(found.len() == 1 && (found[0].frequency_hz - 27.6).abs() < 0.8, "{found:?}");
     }
 }

@@ -205,6 +205,11 @@ fn output_figures(run: &Run, i: usize, events: &[DisturbanceEvent]) -> OutputFig
     let next = |after: f64, among: &[f64]| {
         among.iter().copied().filter(|t| *t > after + 1e-9).fold(run.end_s(), f64::min)
     };
+    // A step of any setpoint moves the other outputs as well: a helicopter rolls to go sideways.
+    let moves: Vec<f64> = (0..run.vehicle.outputs.len())
+        .flat_map(|j| setpoint_steps(wanted_t, &run.wanted(j)))
+        .map(|step| step.0)
+        .collect();
     let steps: Vec<StepResponse> = steps_at
         .iter()
         .filter_map(|&(at, to)| step_response(t, &y, at, next(at, &times).min(next(at, &onsets)), to))
@@ -214,10 +219,7 @@ fn output_figures(run: &Run, i: usize, events: &[DisturbanceEvent]) -> OutputFig
     let disturbances: Vec<Recovery> = onsets
         .iter()
         .filter_map(|&at| {
-            // The sample of the next step already has the new setpoint.
-            let step = next(at, &times) - 0.5 * run.period_s();
-            let until =
-                next(at, &onsets).min(if times.iter().any(|t| *t > at) { step } else { f64::INFINITY });
+            let until = recovery_end(at, &onsets, &moves, run.period_s(), run.end_s());
             let part = t.partition_point(|v| *v < at - 1e-9)..t.partition_point(|v| *v <= until + 1e-9);
             let tracked = held.get(part).is_some_and(|w| w.iter().all(|w| w.is_finite()));
             recovery(t, &y, tracked.then_some(&held), at, until)
@@ -255,4 +257,23 @@ fn held(t: &[f64], wanted_t: &[f64], wanted: &[f64]) -> Vec<f64> {
             w.copied().unwrap_or(f64::NAN)
         })
         .collect()
+}
+
+/// Until when the recovery from a disturbance at `at` can be judged: the next onset, the last sample before the next
+/// step of a setpoint (the sample of the step already has the new one), or the end of the run.
+fn recovery_end(at: f64, onsets: &[f64], steps: &[f64], period_s: f64, end: f64) -> f64 {
+    let later = |t: &f64| *t > at + 1e-9;
+    let steps = steps.iter().copied().filter(later).map(|t| t - 0.5 * period_s);
+    onsets.iter().copied().filter(later).chain(steps).fold(end, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recovery_is_judged_until_something_else_happens() {
+        let end = |at| recovery_end(at, &[6.0, 20.0], &[1.0, 32.0, 44.0], 0.01, 56.0);
+        assert_eq!((end(6.0), end(20.0), end(50.0)), (20.0, 31.995, 56.0));
+    }
 }

@@ -43,7 +43,14 @@ impl Setup {
     /// # Errors
     /// [`NodeError::Design`] for a vehicle that cannot be controlled at this period.
     pub fn control_plant(&self, config: &NodeConfig) -> Result<Plant, NodeError> {
-        let v = &self.vehicle;
+        Self::plant_of(&self.vehicle, Self::period_s(config))
+    }
+
+    /// Any vehicle as laws and filters see it, whether or not the bus carries its outputs.
+    ///
+    /// # Errors
+    /// [`NodeError::Design`] for a vehicle that cannot be controlled at this period.
+    pub fn plant_of(v: &Vehicle, period_s: f64) -> Result<Plant, NodeError> {
         let limits = v
             .inputs
             .iter()
@@ -51,10 +58,14 @@ impl Setup {
             .collect();
         let states = v.states.iter().map(|s| s.name.clone()).collect();
         let inputs = v.inputs.iter().map(|i| i.name.clone()).collect();
-        Plant::new(v.a.clone(), v.b.clone(), Self::period_s(config))
+        Plant::new(v.a.clone(), v.b.clone(), period_s)
             .and_then(|p| p.with_limits(limits))
             .and_then(|p| p.with_names(states, inputs))
-            .map_err(|e| self.refuse("a control loop", &e))
+            .map_err(|e| NodeError::Design {
+                what: "a control loop".into(),
+                vehicle: v.name.clone(),
+                reason: e.to_string(),
+            })
     }
 
     /// A design that failed.

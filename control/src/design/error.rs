@@ -58,6 +58,26 @@ pub enum DesignError {
         /// The other.
         second: &'static str,
     },
+    /// A mode that does not decay and that no input moves.
+    #[error(
+        "the mode {mode} (1/s), which shows in {states}, is moved by no input and does not decay by itself; give the \
+         vehicle an input that acts there, or leave these states out of the model"
+    )]
+    Uncontrollable {
+        /// The mode, 1/s.
+        mode: C64,
+        /// States that have a part in what no input moves.
+        states: String,
+    },
+    /// An integral that the inputs cannot hold.
+    #[error(
+        "the integral of {state} cannot be held by the inputs: at rest {state} is fixed, as a rate is zero, or the \
+         integrals before it take all there is to set; leave it out of `integral`"
+    )]
+    Integral {
+        /// The state.
+        state: String,
+    },
     /// The reaching condition does not hold.
     #[error("the reaching condition fails: {why}")]
     Reaching {

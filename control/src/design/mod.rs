@@ -5,6 +5,7 @@
 //! force), so that the delay does not move the poles of the undelayed design; it adds one pole at the origin per
 //! input. Poles and margins reported are those of the delayed loop.
 
+mod controllability;
 mod error;
 mod law;
 mod report;
@@ -62,16 +63,19 @@ impl Design {
         let (integral, linear, sliding, anti_windup) = match options {
             LawOptions::Lqr(o) => {
                 let integral = resolve::integral(plant, &o.integral)?;
+                controllability::check(plant, &integral)?;
                 let linear = law::lqr(plant, o, &integral)?;
                 (integral, linear, None, o.anti_windup)
             }
             LawOptions::Ppc(o) => {
                 let integral = resolve::integral(plant, &o.integral)?;
+                controllability::check(plant, &integral)?;
                 let linear = law::ppc(plant, o, &integral)?;
                 (integral, linear, None, o.anti_windup)
             }
             LawOptions::Smc(o) => {
                 let integral = resolve::integral(plant, &o.integral)?;
+                controllability::check(plant, &integral)?;
                 let (linear, sliding) = law::smc(plant, o, &integral)?;
                 (integral, linear, Some(sliding), o.anti_windup)
             }

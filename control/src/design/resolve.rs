@@ -3,6 +3,7 @@
 use super::DesignError;
 use crate::linalg::{C64, eigenvalues};
 use crate::options::{Selector, Weights};
+use crate::place::uncontrollability;
 use crate::plant::Plant;
 
 /// Index of a state.
@@ -104,14 +105,18 @@ pub fn bandwidth(plant: &Plant) -> Result<f64, DesignError> {
 
 /// The plant's own poles made faster and damped: a pole slower than `bandwidth` moves half the way to it on a
 /// logarithmic scale, one at the origin to a quarter of it, as an outer loop around the others; damping becomes at
-/// least `damping`. `extra` poles as slow as those of the outer loop serve integrators. All lie apart; continuous.
+/// least `damping`. A mode that no input moves stays as it is. `extra` poles as slow as those of the outer loop serve
+/// integrators. All lie apart; continuous.
 pub fn default_poles(
     plant: &Plant,
     bandwidth: f64,
     damping: f64,
     extra: usize,
 ) -> Result<Vec<C64>, DesignError> {
-    let mut poles: Vec<C64> = Vec::new();
+    let modes = uncontrollability(plant.a(), plant.b())?;
+    // First those that stay, for the others to keep clear of.
+    let stays = |distance: f64| distance < 1e-12;
+    let mut poles: Vec<C64> = modes.iter().filter(|m| stays(m.1)).map(|m| m.0).collect();
     let mut add = |frequency: f64, zeta: f64| {
         let mut w = frequency;
         let make = |w: f64| C64::new(-zeta * w, w * (1.0 - zeta * zeta).max(0.0).sqrt());
@@ -124,7 +129,7 @@ pub fn default_poles(
             poles.push(p.conj());
         }
     };
-    for p in eigenvalues(plant.a())? {
+    for (p, _) in modes.iter().filter(|m| !stays(m.1)) {
         let w = match p.norm() {
             w if w <= 1e-3 * bandwidth => 0.25 * bandwidth,
             w => w.max((w * bandwidth).sqrt()),

@@ -11,8 +11,13 @@
 //! trusting the force model to its last digit, so it is estimated only when asked for; a set of biases that the
 //! outputs cannot tell apart is refused.
 
+mod covariance;
 mod filter;
+mod flow;
 mod model;
+mod schedule;
+#[cfg(test)]
+mod tests;
 
 pub use filter::{FilterModel, KalmanFilter};
 pub use model::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, Sensors};

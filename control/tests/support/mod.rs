@@ -5,6 +5,7 @@ use nalgebra::{Complex, DMatrix};
 use whirlstand_control::{InputLimits, Plant};
 
 /// SplitMix64 (Steele, Lea and Flood 2014), as in `reference/systems.py`.
+#[derive(Debug, Clone)]
 pub struct SplitMix(pub u64);
 
 impl SplitMix {

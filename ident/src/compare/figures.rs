@@ -2,8 +2,8 @@
 
 use super::grid::Grid;
 use super::{Interval, OutputComparison, OutputSeries};
-use crate::spectrum::{peaks, welch};
-use crate::stats::{correlation, mean, rms};
+use crate::spectrum::{Spectrum, peaks, welch};
+use crate::stats::{correlation, mean, median, rms};
 
 /// Figures of one output from its signals.
 pub fn figures(
@@ -59,7 +59,7 @@ pub fn figures(
     figures.quadratic_error = (0..20)
         .filter_map(|i| interval(grid, &all, i * grid.t.len() / 20, (i + 1) * grid.t.len() / 20))
         .collect();
-    figures.lines = peaks(&welch(&filled(&all), grid.period_s), 3);
+    figures.lines = peaks(&spectrum(&all, &signals.measured, grid.period_s), 3);
     figures
 }
 
@@ -82,8 +82,27 @@ fn interval(grid: &Grid, residual: &[f64], from: usize, until: usize) -> Option<
     })
 }
 
+/// Spectrum of a residual at the rate at which its sensor gives values: the steps of a held value have images at
+/// multiples of that rate, which are not in the motion.
+pub fn spectrum(residual: &[f64], measured: &[f64], period_s: f64) -> Spectrum {
+    let mut fresh: Vec<usize> = Vec::new();
+    for (k, y) in measured.iter().enumerate() {
+        if y.is_finite() && fresh.last().is_none_or(|&last| measured[last] != *y) {
+            fresh.push(k);
+        }
+    }
+    let gaps: Vec<f64> = fresh.windows(2).map(|w| (w[1] - w[0]) as f64).collect();
+    let every = median(&gaps).round().max(1.0);
+    let regular = gaps.iter().filter(|gap| **gap == every).count() * 10 >= gaps.len() * 9;
+    if every < 2.0 || !regular {
+        return welch(&filled(residual), period_s);
+    }
+    let kept: Vec<f64> = residual.iter().skip(fresh[0]).step_by(every as usize).copied().collect();
+    welch(&filled(&kept), every * period_s)
+}
+
 /// The residual with gaps bridged by straight lines, as the spectrum needs it.
-pub fn filled(residual: &[f64]) -> Vec<f64> {
+fn filled(residual: &[f64]) -> Vec<f64> {
     let mut out = residual.to_vec();
     let mut last: Option<usize> = None;
     for k in 0..out.len() {
@@ -102,4 +121,32 @@ pub fn filled(residual: &[f64]) -> Vec<f64> {
         out[l + 1..].iter_mut().for_each(|v| *v = end);
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::window::tests::noise;
+
+    #[test]
+    fn a_slow_sensor_is_judged_at_its_own_rate() {
+        // White noise at 10 Hz, held on a grid of 100 Hz: nothing in it is a line.
+        for seed in 0..50 {
+            let held: Vec<f64> = noise(1_200, seed).iter().flat_map(|e| [*e; 10]).collect();
+            let s = spectrum(&held, &held, 0.01);
+            assert!((s.frequency_hz.last().unwrap() - 5.0).abs() < 1e-9);
+            assert!(peaks(&s, 3).is_empty(), "seed {seed}: {:?}", peaks(&s, 3));
+        }
+        // The same with values only where they are fresh.
+        let sparse: Vec<f64> =
+            noise(1_200, 1).iter().flat_map(|e| [[*e; 1].as_slice(), &[f64::NAN; 9]].concat()).collect();
+        assert!((spectrum(&sparse, &sparse, 0.01).frequency_hz.last().unwrap() - 5.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn gaps_are_bridged_and_single_repetitions_change_nothing() {
+        assert_eq!(filled(&[f64::NAN, 1.0, f64::NAN, 3.0, f64::NAN]), [1.0, 1.0, 2.0, 3.0, 3.0]);
+        let y: Vec<f64> = noise(2_000, 4).iter().map(|e| (4.0 * e).round()).collect();
+        assert_eq!(spectrum(&y, &y, 0.01), welch(&y, 0.01));
+    }
 }

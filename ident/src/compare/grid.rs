@@ -70,7 +70,7 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
         // The filter above found the signal.
         let values = record.get(&vehicle.outputs[i].name).map_or(&[][..], |s| &s.values);
         if coarser {
-            averaged(&record.time, values, &t, period_s)
+            averaged(&record.time, values, &t, period_s, own)
         } else {
             interpolated(&record.time, values, &t, own)
         }
@@ -133,14 +133,24 @@ fn interpolated(time: &[f64], values: &[f64], t: &[f64], own: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Mean over one period about each point: keeps what is faster than the new grid from folding into it.
-fn averaged(time: &[f64], values: &[f64], t: &[f64], period_s: f64) -> Vec<f64> {
+/// Mean over one period about each point: keeps what is faster than the new grid from folding into it. Every sample
+/// stands for one step of the record about it and counts with the part of that step inside the period, so that
+/// the mean is not early or late where samples lie on the edge.
+fn averaged(time: &[f64], values: &[f64], t: &[f64], period_s: f64, own: f64) -> Vec<f64> {
+    let reach = 0.5 * (period_s + own);
     t.iter()
         .map(|&t| {
-            let from = time.partition_point(|v| *v < t - 0.5 * period_s);
-            let until = time.partition_point(|v| *v < t + 0.5 * period_s);
-            let part: Vec<f64> = values[from..until].iter().copied().filter(|v| v.is_finite()).collect();
-            if part.is_empty() { f64::NAN } else { crate::stats::mean(&part) }
+            let from = time.partition_point(|v| *v <= t - reach);
+            let until = time.partition_point(|v| *v < t + reach);
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for (at, value) in time[from..until].iter().zip(&values[from..until]) {
+                let weight = (reach - (at - t).abs()).min(own);
+                if value.is_finite() && weight > 1e-6 * own {
+                    sum += weight * value;
+                    weights += weight;
+                }
+            }
+            if weights > 0.0 { sum / weights } else { f64::NAN }
         })
         .collect()
 }
@@ -167,5 +177,17 @@ mod tests {
         let r = interpolated(&time, &y, &[0.05, 0.1, 0.5, 0.95, 1.0, 1.1], 0.1);
         assert!((r[0] - 0.5).abs() < 1e-12 && r[1] == 1.0 && r[2].is_nan());
         assert!((r[3] - 9.5).abs() < 1e-9 && r[4] == 10.0 && r[5].is_nan());
+    }
+
+    #[test]
+    fn an_average_is_neither_early_nor_late() {
+        let time: Vec<f64> = (0..1000).map(|i| i as f64 * 0.01).collect();
+        let line: Vec<f64> = time.iter().map(|t| 3.0 * t).collect();
+        let t: Vec<f64> = (1..20).map(|i| i as f64 * 0.4).collect();
+        for period_s in [0.02, 0.03, 0.04, 0.05] {
+            for (mean, t) in averaged(&time, &line, &t, period_s, 0.01).iter().zip(&t) {
+                assert!((mean - 3.0 * t).abs() < 1e-9, "{period_s} {t}: {mean}");
+            }
+        }
     }
 }

@@ -5,7 +5,7 @@ pub(crate) mod grid;
 mod simulate;
 mod words;
 
-pub(crate) use figures::filled;
+pub(crate) use figures::spectrum;
 
 use std::collections::BTreeMap;
 
@@ -274,6 +274,7 @@ pub fn compare(
         remarks: words::remarks(&grid, vehicle),
         series,
     };
+    comparison.remarks.extend(words::size(&comparison));
     comparison.verdict = words::verdict(&comparison);
     Ok(comparison)
 }
@@ -282,6 +283,11 @@ impl Comparison {
     /// The comparison as at most 15 lines of text, without colour.
     pub fn text(&self) -> String {
         words::text(self)
+    }
+
+    /// True when the simulation explains every output: down to the declared noise, or with a fit of 90 % or more.
+    pub fn agrees(&self) -> bool {
+        words::all_agree(self)
     }
 
     /// The outputs in the vehicle's order: name and figures.

@@ -4,7 +4,8 @@ use whirlstand_vehicle::Vehicle;
 
 use super::grid::Grid;
 use super::{Comparison, OutputComparison};
-use crate::units::{shown, shown_unit};
+use crate::stats::{mean, rms};
+use crate::units::{number, shown, shown_unit};
 
 /// What should be known about the record.
 pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
@@ -43,9 +44,52 @@ pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
     remarks
 }
 
+/// How far the simulation moves, when in all outputs that is a tenth of what was measured, or ten times: then the inputs
+/// are hardly in the unit that the vehicle file expects.
+pub fn size(c: &Comparison) -> Option<String> {
+    if c.diverged {
+        return None;
+    }
+    // In the second half the fitted initial state has died away, which would hide that nothing else moves.
+    let spread = |values: &[f64]| {
+        let late = &values[values.len() / 2..];
+        let known: Vec<f64> = late.iter().copied().filter(|v| v.is_finite()).collect();
+        let m = mean(&known);
+        rms(&known.iter().map(|v| v - m).collect::<Vec<_>>())
+    };
+    let ratios: Vec<f64> = c
+        .series
+        .outputs
+        .iter()
+        .map(|o| (spread(&o.measured), spread(&o.simulated)))
+        .filter(|(measured, _)| *measured > 0.0)
+        .map(|(measured, simulated)| simulated / measured)
+        .collect();
+    let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = ratios.iter().copied().fold(0.0, f64::max);
+    (!ratios.is_empty() && (most < 0.1 || least > 10.0)).then(|| {
+        format!(
+            "the simulation moves {} to {} times as far as the record: are the inputs in the unit that the vehicle expects? \
+             An input_gain in the vehicle file scales them",
+            number(least),
+            number(most)
+        )
+    })
+}
+
 /// True when the residual is no larger than declared noise lets it be.
 fn at_noise_floor(o: &OutputComparison) -> bool {
     o.rmse.is_some_and(|r| o.declared_noise > 0.0 && r <= 1.2 * o.declared_noise)
+}
+
+/// True when the simulation explains an output: down to the noise, or 90 % of it.
+fn agrees(o: &OutputComparison) -> bool {
+    at_noise_floor(o) || o.fit.is_some_and(|f| f >= 90.0)
+}
+
+/// True when the simulation explains every output.
+pub fn all_agree(c: &Comparison) -> bool {
+    !c.diverged && c.ordered().all(|(_, o)| agrees(o))
 }
 
 fn percent(v: Option<f64>) -> String {
@@ -63,12 +107,11 @@ pub fn verdict(c: &Comparison) -> String {
             ahead.join(", ")
         );
     }
-    let good = |o: &OutputComparison| at_noise_floor(o) || o.fit.is_some_and(|f| f >= 90.0);
     let name = |(name, o): (&str, &OutputComparison)| match o.fit {
         Some(f) => format!("{name} ({f:.1} %)"),
         None => format!("{name} (constant)"),
     };
-    let (agree, differ): (Vec<_>, Vec<_>) = c.ordered().partition(|(_, o)| good(o));
+    let (agree, differ): (Vec<_>, Vec<_>) = c.ordered().partition(|(_, o)| agrees(o));
     if differ.is_empty() {
         let noise =
             if agree.iter().all(|(_, o)| at_noise_floor(o)) { " down to the declared noise" } else { "" };
@@ -164,7 +207,8 @@ pub fn text(c: &Comparison) -> String {
     let tones: Vec<String> = c
         .ordered()
         .filter_map(|(name, o)| {
-            let l = o.lines.first()?;
+            // What carries less is real, but explains nothing.
+            let l = o.lines.first().filter(|l| l.share >= 0.01)?;
             Some(format!("{name} {:.2} Hz ({:.0} %)", l.frequency_hz, 100.0 * l.share))
         })
         .collect();

@@ -42,7 +42,7 @@ pub fn disturbance_events(run: &Run) -> Vec<DisturbanceEvent> {
         for (i, change) in changes {
             let old = signal[i] - change;
             // The end of a pulse is not a disturbance of its own.
-            let ends = signal[i].abs() < old.abs() && old.signum() == change.signum() * -1.0;
+            let ends = signal[i].abs() < old.abs() && old.signum() == -change.signum();
             let starts = i == 0 || continuous && signal[..i].iter().all(|v| *v == 0.0);
             if ends && !continuous || change.abs() <= threshold && !starts || starts && t[i] < first_step {
                 continue;

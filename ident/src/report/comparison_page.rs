@@ -3,8 +3,7 @@
 use super::ReportError;
 use super::page::{Cell, Level, Page, Row, Section, Table};
 use super::plot::{Look, Plot, Span, SpanKind, Trace};
-use crate::compare::{Comparison, OutputComparison, OutputSeries, filled};
-use crate::spectrum::welch;
+use crate::compare::{Comparison, OutputComparison, OutputSeries, spectrum};
 use crate::units::{number, shown_factor, shown_unit};
 
 /// The report of a comparison: figures, then for each output measured against simulated, the residual, the
@@ -13,7 +12,6 @@ use crate::units::{number, shown_factor, shown_unit};
 /// # Errors
 /// [`ReportError`], when the page cannot be put together.
 pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
-    let good = !c.diverged && c.ordered().all(|(_, o)| o.fit.is_some_and(|f| f >= 90.0));
     let mut sections = vec![Section {
         title: "Figures".into(),
         text: format!(
@@ -48,7 +46,7 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
         kind: "comparison".into(),
         title: format!("{} against {}", file_name(&c.record), c.vehicle),
         verdict: c.verdict.clone(),
-        level: if good { Level::Good } else { Level::Warn },
+        level: if c.agrees() { Level::Good } else { Level::Warn },
         remarks,
         sections,
         facts: vec![
@@ -103,10 +101,10 @@ fn table(c: &Comparison) -> Table {
             }
         };
         let value = |v: Option<f64>| Cell::new(v.map_or("-".into(), |v| number(v * factor)));
-        let line = o
-            .lines
-            .first()
-            .map_or("-".into(), |l| format!("{:.2} Hz, {:.0} %", l.frequency_hz, 100.0 * l.share));
+        let line = o.lines.first().map_or("-".into(), |l| match 100.0 * l.share {
+            share if share < 1.0 => format!("{:.2} Hz, < 1 %", l.frequency_hz),
+            share => format!("{:.2} Hz, {share:.0} %", l.frequency_hz),
+        });
         let noise = Some(o.declared_noise).filter(|n| *n > 0.0);
         Row {
             label: format!("{name}, {}", shown_unit(&o.unit)),
@@ -139,11 +137,8 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
     let t = &c.series.t;
     let scaled = |v: &[f64]| v.iter().map(|v| v * factor).collect::<Vec<f64>>();
     let residual: Vec<f64> = s.measured.iter().zip(&s.simulated).map(|(y, m)| y - m).collect();
-    let worst: Vec<Span> = o
-        .worst
-        .iter()
-        .map(|w| Span { from: w.from_s, until: w.until_s, kind: SpanKind::Remark, text: "worst".into() })
-        .collect();
+    let worst: Vec<Span> =
+        o.worst.iter().map(|w| Span { from: w.from_s, until: w.until_s, kind: SpanKind::Worst }).collect();
     let id = |what: &str| format!("{what}-{}", s.name);
 
     let mut both = Plot::over_time(id("both"), "measured and simulated", unit.clone());
@@ -171,7 +166,7 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
             o.quadratic_error.iter().flat_map(|i| [i.mean_square * factor * factor; 2]).collect();
         quadratic.traces.push(Trace::new("mean over a twentieth", 1, Look::Main, &step_t, &step));
         plots.push(quadratic);
-        plots.push(spectrum(c, &id("spectrum"), &residual, o, factor, &unit));
+        plots.push(spectrum_plot(c, s, &residual, o, &unit));
     }
     let fit = o.fit.map_or("no free-run fit".into(), |f| format!("fit {f:.1} %"));
     Section {
@@ -194,15 +189,16 @@ fn squared(unit: &str) -> String {
     }
 }
 
-fn spectrum(
+fn spectrum_plot(
     c: &Comparison,
-    id: &str,
+    s: &OutputSeries,
     residual: &[f64],
     o: &OutputComparison,
-    factor: f64,
     unit: &str,
 ) -> Plot {
-    let spectrum = welch(&filled(residual), c.period_s);
+    let factor = shown_factor(&o.unit);
+    let id = format!("spectrum-{}", s.name);
+    let spectrum = spectrum(residual, &s.measured, c.period_s);
     let mut plot =
         Plot::new(id, "spectrum of the residual", "frequency, Hz", format!("{} / Hz", squared(unit)));
     plot.log_x = true;

@@ -4,6 +4,7 @@ mod comparison_page;
 mod decimate;
 mod figures_table;
 mod identification_page;
+mod outcome;
 pub mod page;
 pub mod plot;
 mod run_page;
@@ -11,6 +12,7 @@ mod run_page;
 pub use comparison_page::comparison_report;
 pub use decimate::decimate;
 pub use identification_page::identification_report;
+pub use outcome::{Expected, Outcome};
 pub use run_page::run_report;
 
 /// Why a report cannot be put together: what the template engine says. The template is part of the program, so

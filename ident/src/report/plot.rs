@@ -29,7 +29,7 @@ pub enum Look {
 /// One line of a plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
-    /// Text of the legend.
+    /// Text of the legend, which shows lines of one name as one.
     pub name: String,
     /// Number of the variant, which chooses the colour.
     pub variant: usize,
@@ -66,8 +66,8 @@ pub enum SpanKind {
     Held,
     /// The plant was in failsafe.
     Failsafe,
-    /// A part that stands out, such as the worst interval.
-    Remark,
+    /// The part with the greatest error.
+    Worst,
 }
 
 /// A part of the x axis that is shaded. With equal ends: a line.
@@ -77,10 +77,8 @@ pub struct Span {
     pub from: f64,
     /// End on the x axis.
     pub until: f64,
-    /// What it means.
+    /// What it means; the legend says it.
     pub kind: SpanKind,
-    /// Text at its top; may be empty.
-    pub text: String,
 }
 
 /// A plot.
@@ -189,7 +187,7 @@ fn rounded(values: &[f64]) -> Vec<f64> {
     let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     let range = high - low;
     let least = finite().map(f64::abs).filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
-    if !(range > 0.0) || high > 0.0 && low >= 0.0 && high / least > 1e4 {
+    if range.is_nan() || range <= 0.0 || high > 0.0 && low >= 0.0 && high / least > 1e4 {
         return values.iter().map(|v| significant(*v)).collect();
     }
     let scale = 10f64.powi((5.0 - range.log10()).ceil() as i32);

@@ -3,8 +3,9 @@
 use whirlstand_msgs::{LATENCY_BUCKETS, flags, latency_bucket_upper_ns};
 
 use super::ReportError;
-use super::figures_table::{figures_table, timing_table};
-use super::page::{Attachment, Level, Page, Section};
+use super::figures_table::{estimator_table, expected_table, input_table, output_table, timing_table};
+use super::outcome::Outcome;
+use super::page::{Attachment, Page, Section};
 use super::plot::{Look, Plot, Span, SpanKind, Trace};
 use crate::metrics::nis_bounds;
 use crate::run::Run;
@@ -12,25 +13,24 @@ use crate::stats::moving_average;
 use crate::summary::RunSummary;
 use crate::units::{shown_factor, shown_unit};
 
-/// The report of a bench: one run, or several variants side by side. `verdict` is its first line.
+/// The report of a bench: one run, or several variants side by side.
 ///
 /// # Errors
 /// [`ReportError`], when the page cannot be put together.
 pub fn run_report(
     name: &str,
     description: &str,
-    verdict: &str,
+    outcome: &Outcome,
     runs: &[&Run],
 ) -> Result<String, ReportError> {
     let summaries: Vec<RunSummary> = runs.iter().map(|r| RunSummary::of(r)).collect();
-    let troubled = summaries.iter().any(|s| s.timing.failsafe_steps + s.timing.lost + s.timing.restarts > 0);
     let page = Page {
         kind: "run report".into(),
         title: name.into(),
-        verdict: verdict.into(),
-        level: if troubled { Level::Warn } else { Level::Neutral },
-        remarks: remarks(&summaries),
-        sections: sections(description, runs, &summaries),
+        verdict: outcome.verdict.clone(),
+        level: outcome.level(&summaries),
+        remarks: outcome.remarks(&summaries),
+        sections: sections(description, outcome, runs, &summaries),
         facts: facts(runs, &summaries),
         attachments: runs.first().map_or(Vec::new(), |run| {
             run.attachments
@@ -42,29 +42,7 @@ pub fn run_report(
     page.to_html()
 }
 
-fn remarks(summaries: &[RunSummary]) -> Vec<(Level, String)> {
-    let mut remarks = Vec::new();
-    for s in summaries {
-        let t = &s.timing;
-        let mut warn = |text: String| remarks.push((Level::Warn, format!("{}: {text}", s.name)));
-        if t.failsafe_steps > 0 {
-            warn(format!("the plant was in failsafe for {} steps", t.failsafe_steps));
-        }
-        if t.restarts > 0 {
-            warn(format!("nodes were started again {} times", t.restarts));
-        }
-        if t.lost > 0 {
-            warn(format!("{} messages were lost", t.lost));
-        }
-        for (name, output) in s.outputs.iter().filter(|(_, o)| o.tracked && o.recovered == Some(false)) {
-            let unit = shown_unit(&output.unit);
-            warn(format!("{name} did not come back after a disturbance (peak in {unit}: see the figures)"));
-        }
-    }
-    remarks
-}
-
-fn sections(description: &str, runs: &[&Run], summaries: &[RunSummary]) -> Vec<Section> {
+fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[RunSummary]) -> Vec<Section> {
     let Some(first) = runs.first() else { return Vec::new() };
     let outputs = (0..first.vehicle.outputs.len()).map(|i| output_plot(runs, summaries, i)).collect();
     let inputs = (0..first.vehicle.inputs.len()).map(|i| input_plot(runs, summaries, i)).collect();
@@ -72,7 +50,7 @@ fn sections(description: &str, runs: &[&Run], summaries: &[RunSummary]) -> Vec<S
         Section {
             title: "Figures".into(),
             text: description.into(),
-            tables: vec![figures_table(summaries)],
+            tables: vec![output_table(summaries), input_table(summaries)],
             ..Section::default()
         },
         Section { title: "Outputs".into(), plots: outputs, two_columns: true, ..Section::default() },
@@ -84,6 +62,16 @@ fn sections(description: &str, runs: &[&Run], summaries: &[RunSummary]) -> Vec<S
             ..Section::default()
         },
     ];
+    if !outcome.expected.is_empty() {
+        sections.insert(
+            0,
+            Section {
+                title: "Expected".into(),
+                tables: vec![expected_table(&outcome.expected)],
+                ..Section::default()
+            },
+        );
+    }
     let estimator = estimator_plots(runs, summaries);
     if !estimator.is_empty() {
         sections.push(Section {
@@ -93,9 +81,9 @@ fn sections(description: &str, runs: &[&Run], summaries: &[RunSummary]) -> Vec<S
                  A consistent filter keeps 95 % of its errors inside them, and its NIS near 1.",
                 if runs.len() > 1 { format!(" ({})", first.name) } else { String::new() }
             ),
+            tables: estimator_table(summaries).into_iter().collect(),
             plots: estimator,
             two_columns: true,
-            ..Section::default()
         });
     }
     sections.push(Section {
@@ -114,7 +102,7 @@ fn sections(description: &str, runs: &[&Run], summaries: &[RunSummary]) -> Vec<S
 const MOST_SPANS: usize = 60;
 
 /// Disturbances of the first run that has some, held and failsafe steps of all.
-fn spans(runs: &[&Run], summaries: &[RunSummary], text: bool) -> Vec<Span> {
+fn spans(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Span> {
     let mut spans = Vec::new();
     if let Some(s) = summaries.iter().find(|s| !s.disturbances.is_empty()) {
         for event in &s.disturbances {
@@ -124,7 +112,6 @@ fn spans(runs: &[&Run], summaries: &[RunSummary], text: bool) -> Vec<Span> {
                 from: event.at_s,
                 until: if lasting { event.at_s } else { event.until_s },
                 kind: SpanKind::Disturbance,
-                text: if text { "disturbance".into() } else { String::new() },
             });
         }
     }
@@ -143,12 +130,7 @@ fn spans(runs: &[&Run], summaries: &[RunSummary], text: bool) -> Vec<Span> {
                 parts = joined;
                 gap *= 2.0;
             }
-            spans.extend(parts.into_iter().map(|(from, until)| Span {
-                from,
-                until,
-                kind,
-                text: String::new(),
-            }));
+            spans.extend(parts.into_iter().map(|(from, until)| Span { from, until, kind }));
         }
     }
     spans
@@ -169,7 +151,6 @@ fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
         if i >= run.vehicle.outputs.len() {
             continue;
         }
-        let named = |what: &str| if several { format!("{} {what}", run.name) } else { what.to_string() };
         let line =
             |name: String, look, t: &[f64], y: &[f64]| Trace::new(name, variant, look, t, &scaled(y, factor));
         let main = !run.truth.is_empty();
@@ -177,7 +158,7 @@ fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
         if !measured.is_empty() {
             let hidden = several && main;
             plot.traces.push(
-                line(named("measured"), Look::Sensor, &measured.t, &measured.signals[0]).hide_if(hidden),
+                line("measured".into(), Look::Sensor, &measured.t, &measured.signals[0]).hide_if(hidden),
             );
         }
         if main {
@@ -188,7 +169,7 @@ fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
             let estimate = run.output_of(&run.estimate, i);
             let look = if main { Look::Second } else { Look::Main };
             plot.traces
-                .push(line(named("estimate"), look, &run.estimate.t, &estimate).hide_if(several && main));
+                .push(line("estimate".into(), look, &run.estimate.t, &estimate).hide_if(several && main));
         }
         let w = run.wanted(i);
         if wanted.is_none() && w.iter().any(|v| v.is_finite()) {
@@ -196,7 +177,7 @@ fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
         }
     }
     plot.traces.extend(wanted);
-    plot.spans = spans(runs, summaries, true);
+    plot.spans = spans(runs, summaries);
     plot
 }
 
@@ -230,7 +211,7 @@ fn input_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
         plot.y_label =
             format!("{} limits {} to {}", plot.y_label, input.lower * factor, input.upper * factor);
     }
-    plot.spans = spans(runs, summaries, false);
+    plot.spans = spans(runs, summaries);
     plot
 }
 
@@ -259,12 +240,12 @@ fn estimator_plots(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Plot> {
         if variant == 0 {
             let (low, high) = nis_bounds(degrees[degrees.len() / 2] * (2 * half + 1) as f64);
             let ends = [e.t[0], e.t[e.t.len() - 1]];
-            for (name, bound) in [("95 %", high), ("95 %", low)] {
+            for (name, bound) in [("95 % interval", high), ("95 % interval", low)] {
                 nis_plot.traces.push(Trace::new(name, 0, Look::Limit, &ends, &[bound, bound]));
             }
         }
     }
-    nis_plot.spans = spans(runs, summaries, false);
+    nis_plot.spans = spans(runs, summaries);
     let mut plots = if nis_plot.traces.is_empty() { Vec::new() } else { vec![nis_plot] };
     if run.truth.t != estimate.t {
         return plots;
@@ -277,11 +258,11 @@ fn estimator_plots(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Plot> {
         let error: Vec<f64> =
             estimate.signals[i].iter().zip(&run.truth.signals[i]).map(|(e, x)| factor * (e - x)).collect();
         plot.traces.push(Trace::new("error", 0, Look::Main, &estimate.t, &error));
-        for (name, sign) in [("2 std", 2.0), ("-2 std", -2.0)] {
+        for (name, sign) in [("± 2 std", 2.0), ("± 2 std", -2.0)] {
             let bound = scaled(&estimate.signals[n + i], sign * factor);
             plot.traces.push(Trace::new(name, 0, Look::Limit, &estimate.t, &bound));
         }
-        plot.spans = spans(&runs[..1], &summaries[..1], false);
+        plot.spans = spans(&runs[..1], &summaries[..1]);
         plot.height = 230;
         plots.push(plot);
     }

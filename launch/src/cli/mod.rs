@@ -55,6 +55,7 @@ pub(crate) enum Command {
     /// List and show launch files.
     #[command(subcommand)]
     Launch(LaunchCommand),
+    Bench(BenchArgs),
     Doctor(DoctorArgs),
     Soak(SoakArgs),
     #[command(hide = true)]
@@ -189,6 +190,40 @@ pub(crate) struct NodeArgs {
     /// Log file of a recorder.
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+}
+
+/// Measure latency, jitter and throughput beside the bare floor of this machine.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand bench lockstep recorded\n  \
+    whirlstand bench realtime --realtime-seconds 60 --priority 80\n\n\
+    Processes that are compared run on the same CPUs. The realtime measurement runs cyclictest (Debian: rt-tests) \
+    at the same priority beside it.")]
+pub(crate) struct BenchArgs {
+    /// What to measure: plant, inproc, lockstep, recorded, zenoh, realtime [default: all]
+    pub what: Vec<String>,
+    /// Length of each throughput measurement.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pub seconds: f64,
+    /// How often each throughput is measured.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
+    pub repeat: u32,
+    /// Length of the realtime measurement.
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    pub realtime_seconds: f64,
+    /// SCHED_FIFO priority of the realtime measurement [default: none]
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(1..=99))]
+    pub priority: Option<u8>,
+    /// CPUs of plant, estimator and controller, and of the ring beside them [default: the plant on the first, the
+    /// others on the next ones as far as there are any]
+    #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
+    pub cpus: Vec<usize>,
+    /// Writes the figures as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// One process of a measurement, told on standard input what to do.
+    #[arg(long, hide = true)]
+    pub member: bool,
 }
 
 /// Tell whether this machine is fit for real time, and what to change.

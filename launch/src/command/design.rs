@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use whirlstand_control::Design;
 use whirlstand_control::design::Pole;
 use whirlstand_nodes::setup::Setup;
+use whirlstand_vehicle::Vehicle;
 
 use super::{print, print_json};
 use crate::cli::DesignArgs;
@@ -42,8 +43,10 @@ fn designed(args: &DesignArgs) -> Result<Design, Failure> {
             "--law manual: there is nothing to design; lqr, ppc or smc is expected".into(),
         ));
     };
-    let plant =
-        Setup::new(&plan.config).and_then(|s| s.control_plant(&plan.config)).map_err(Failure::mend)?;
+    // Not the whole setup of a node: a vehicle can be designed for before the bus carries its outputs.
+    let source = &plan.config.vehicle;
+    let vehicle = Vehicle::parse(&source.text, &source.origin).map_err(Failure::mend)?;
+    let plant = Setup::plant_of(&vehicle, Setup::period_s(&plan.config)).map_err(Failure::mend)?;
     Design::new(&plant, &options)
         .map_err(|e| Failure::Mend(format!("{} cannot be designed for {}: {e}", args.law, args.vehicle)))
 }
@@ -57,10 +60,19 @@ fn words(d: &Design) -> String {
         inputs.len(),
         d.plant.period_s() * 1e3
     );
-    text.push_str(&table("gain K in u = -K x (SI)", inputs, states, &d.linear.gain));
+    let mut columns = states.to_vec();
+    columns.extend(d.integral.iter().map(|&i| format!("int {}", states[i])));
+    // Further columns belong to the memory of super-twisting, which is not fed back on a state.
+    let mut gain = d.linear.gain.clone().resize_horizontally(columns.len(), 0.0);
+    let integrals = d.integral.len();
+    gain.columns_mut(states.len(), integrals).copy_from(&d.linear.memory_gain.columns(0, integrals));
+    let title = if d.sliding.is_some() {
+        "gain K in u = -K x (SI), within the boundary layer"
+    } else {
+        "gain K in u = -K x (SI)"
+    };
+    text.push_str(&table(title, inputs, &columns, &gain));
     if let Some(sliding) = &d.sliding {
-        let mut columns = states.to_vec();
-        columns.extend(d.integral.iter().map(|&i| format!("int {}", states[i])));
         text.push_str(&table("sliding surface", inputs, &columns, &sliding.surface));
         text.push_str(&format!("\n{}\n  {}\n", style::strong("reaching"), sliding.reaching));
         let held = inputs.iter().zip(&sliding.matched_disturbance);

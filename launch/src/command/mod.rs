@@ -1,5 +1,6 @@
 //! The calls of the command line that do not start a bench.
 
+pub(crate) mod bench;
 pub(crate) mod compare;
 pub(crate) mod design;
 pub(crate) mod excite;

@@ -68,10 +68,17 @@ fn check(v: &Vehicle, json: bool) -> Result<(), Failure> {
     row("states", join(v.states.iter().map(|s| with_unit(&s.name, s.unit.to_string())).collect()));
     for u in &v.inputs {
         let unit = u.unit.si_symbol();
-        row(
-            "input",
-            format!("{}  {} to {} {unit}, at most {} {unit}/s", u.name, u.lower, u.upper, u.rate_limit),
-        );
+        let mut range = format!("{}  {} to {}", u.name, u.lower, u.upper);
+        if u.lower == f64::NEG_INFINITY && u.upper == f64::INFINITY {
+            range = format!("{}  without limits", u.name);
+        } else if !unit.is_empty() {
+            range.push_str(&format!(" {unit}"));
+        }
+        if u.rate_limit.is_finite() {
+            let per = if unit.is_empty() { "1" } else { unit.as_str() };
+            range.push_str(&format!(", at most {} {per}/s", u.rate_limit));
+        }
+        row("input", range);
     }
     for y in &v.outputs {
         let unit = y.unit.si_symbol();

@@ -223,7 +223,8 @@ fn outcome(whole: &Whole, runs: &[Summarised]) -> Outcome {
     });
     let expected = runs.iter().flat_map(|run| {
         run.expect.iter().map(|v| Expected {
-            key: named(run, &v.key),
+            run: run.name.clone(),
+            key: v.key.clone(),
             limit: v.limit,
             found: v.found,
             unit: v.unit.clone(),

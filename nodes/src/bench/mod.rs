@@ -22,6 +22,8 @@ use crate::config::{
 };
 pub use member::{Member, run_member};
 
+pub use crate::os::available_cpus;
+
 /// The measurements, in the order in which they run.
 pub const MEASUREMENTS: [&str; 6] = ["plant", "inproc", "lockstep", "recorded", "zenoh", "realtime"];
 
@@ -32,7 +34,7 @@ pub struct Options {
     pub what: Vec<String>,
     /// Length of each throughput measurement, s.
     pub seconds: f64,
-    /// How often each throughput is measured; the best counts, the others are reported.
+    /// How often each throughput is measured; the median counts, and all are reported.
     pub repeat: u32,
     /// Length of the real-time measurement, s.
     pub realtime_seconds: f64,
@@ -50,7 +52,7 @@ pub struct Options {
 pub struct Figure {
     /// What was measured, for example `lockstep over iceoryx2, three processes`.
     pub name: String,
-    /// The best of all repetitions.
+    /// The median of all repetitions.
     pub value: f64,
     /// Its unit.
     pub unit: &'static str,
@@ -150,16 +152,27 @@ pub fn run(options: &Options, mut progress: impl FnMut(&Figure)) -> Result<Repor
 impl Figure {
     /// A figure of which more is better.
     fn highest(name: impl Into<String>, unit: &'static str, all: Vec<f64>, goal: Option<f64>) -> Self {
-        let value = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let value = median(&all);
         let goal = goal.map(|limit| Goal { limit, at_least: true, met: value >= limit });
         Self { name: name.into(), value, unit, all, goal }
     }
 
     /// A figure of which less is better.
     fn lowest(name: impl Into<String>, unit: &'static str, all: Vec<f64>, goal: Option<f64>) -> Self {
-        let value = all.iter().copied().fold(f64::INFINITY, f64::min);
+        let value = median(&all);
         let goal = goal.map(|limit| Goal { limit, at_least: false, met: value <= limit });
         Self { name: name.into(), value, unit, all, goal }
+    }
+}
+
+/// The middle one, or the mean of the two in the middle.
+fn median(all: &[f64]) -> f64 {
+    let mut sorted = all.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let (low, high) = (sorted.len().saturating_sub(1) / 2, sorted.len() / 2);
+    match (sorted.get(low), sorted.get(high)) {
+        (Some(a), Some(b)) => (a + b) / 2.0,
+        _ => f64::NAN,
     }
 }
 

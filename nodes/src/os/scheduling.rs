@@ -59,7 +59,7 @@ pub fn apply_realtime(options: &RealtimeOptions) -> Result<(), RealtimeError> {
     if !options.cpus.is_empty() {
         set_affinity(&options.cpus).map_err(|source| RealtimeError::Affinity {
             cpus: options.cpus.clone(),
-            allowed: allowed_cpus(),
+            allowed: available_cpus(),
             source,
         })?;
     }
@@ -102,7 +102,8 @@ fn set_affinity(cpus: &[usize]) -> io::Result<()> {
     if status == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
-fn allowed_cpus() -> Vec<usize> {
+/// CPUs that the calling thread may run on.
+pub fn available_cpus() -> Vec<usize> {
     // SAFETY: a zeroed cpu_set_t is the empty set.
     let mut set: libc::cpu_set_t = unsafe { std::mem::zeroed() };
     // SAFETY: `set` is a valid cpu_set_t of the size given, to write to; 0 is the calling thread.
@@ -139,9 +140,9 @@ mod tests {
     #[test]
     fn a_thread_can_be_put_on_one_cpu() {
         std::thread::spawn(|| {
-            let cpu = allowed_cpus()[0];
+            let cpu = available_cpus()[0];
             apply_realtime(&RealtimeOptions { cpus: vec![cpu], ..Default::default() }).unwrap();
-            assert_eq!(allowed_cpus(), [cpu]);
+            assert_eq!(available_cpus(), [cpu]);
         })
         .join()
         .unwrap();

@@ -18,6 +18,7 @@
 
 mod compile;
 mod disturbances;
+mod extended;
 mod inputs;
 mod kernel;
 mod nonlinear;
@@ -28,12 +29,11 @@ mod tests;
 
 use nalgebra::DMatrix;
 
-use self::compile::{Rest, System};
+use self::compile::System;
 use self::disturbances::Disturbances;
-use self::inputs::{Chain, Delay, RateLimit};
+use self::extended::Extended;
+use self::inputs::RateLimit;
 use self::kernel::Kernel;
-use self::nonlinear::Nonlinear;
-use self::schedule::Schedule;
 use self::sensors::Sensors;
 use crate::discretise::discretise;
 use crate::effects::{Effect, Place};
@@ -81,15 +81,6 @@ enum Plant {
     /// No effect on the motion: one matrix product a step.
     Plain(Kernel),
     Extended(Box<Extended>),
-}
-
-#[derive(Debug, Clone)]
-struct Extended {
-    chains: Vec<Chain>,
-    delays: Vec<Delay>,
-    schedule: Schedule,
-    nonlinear: Option<Nonlinear>,
-    rests: Vec<Rest>,
 }
 
 impl Simulator {
@@ -183,12 +174,7 @@ impl Simulator {
         match &mut self.plant {
             Plant::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
             Plant::Extended(extended) => {
-                for (value, delay) in self.drive.iter_mut().zip(&extended.delays) {
-                    *value = delay.newer();
-                }
-                for rest in &extended.rests {
-                    self.z[rest.state] = rest.gain * rest.signal.value(&self.z, &self.drive);
-                }
+                extended.rest(&mut self.z, &mut self.drive);
                 self.disturbances.set_oscillators(self.step, &mut self.z);
             }
         }
@@ -208,10 +194,7 @@ impl Simulator {
         self.z[..self.n].copy_from_slice(state);
         self.diverged = false;
         if let Plant::Extended(extended) = &self.plant {
-            for rest in extended.rests.iter().filter(|r| r.gain != 0.0) {
-                // Actuator filters depend on no state of the vehicle; only a sensor's lag changes here at rest.
-                self.z[rest.state] = rest.gain * rest.signal.value(&self.z, &self.drive);
-            }
+            extended.settle_sensors(&mut self.z, &self.drive);
         }
         self.sensors.fill_past(&self.z, &self.drive);
     }
@@ -236,11 +219,7 @@ impl Simulator {
             Plant::Extended(extended) => {
                 // The middle of the period: what drifts with time then has the right mean over it.
                 let t = (self.step as f64 + 0.5) * self.period_s;
-                let links = extended.chains.iter_mut().zip(&mut extended.delays);
-                for (((chain, delay), drive), applied) in links.zip(&mut self.drive).zip(&self.applied) {
-                    delay.push(chain.next(*applied, t));
-                    *drive = if delay.fraction_s > 0.0 { delay.older() } else { delay.newer() };
-                }
+                extended.command(&self.applied, t, &mut self.drive);
             }
         }
     }
@@ -269,22 +248,8 @@ impl Simulator {
 
     fn advance_extended(&mut self) {
         let Plant::Extended(extended) = &mut self.plant else { return };
-        let Extended { delays, schedule, nonlinear, .. } = &mut **extended;
-        let (step, period_s) = (self.step, self.period_s);
-        self.disturbances.set_oscillators(step, &mut self.z);
-        for segment in schedule.segments(step) {
-            let (v, held) = self.drive.split_at_mut(self.m);
-            for (value, delay) in v.iter_mut().zip(&*delays) {
-                let changed = schedule::reached((0, delay.fraction_s), 0, segment.start_s, period_s);
-                *value = if changed { delay.newer() } else { delay.older() };
-            }
-            self.disturbances.held(step, segment.start_s, held);
-            self.sensors.remember(segment.start_s, &self.z, v);
-            match nonlinear {
-                Some(nonlinear) => nonlinear.advance(segment, &mut self.z, &self.drive),
-                None => segment.levels[0].advance(&mut self.z, &self.drive, &mut self.scratch),
-            }
-        }
+        let (z, drive) = (&mut self.z, &mut self.drive);
+        extended.advance(self.step, z, drive, &self.disturbances, &mut self.sensors);
         for value in &mut self.z {
             if value.is_nan() || value.abs() > LARGEST {
                 self.diverged = true;
@@ -363,7 +328,7 @@ impl Simulator {
 
     /// True when a state has grown beyond any meaning.
     pub fn diverged(&self) -> bool {
-        self.diverged || self.state().iter().any(|x| !(x.abs() < LARGEST))
+        self.diverged || self.state().iter().any(|x| x.is_nan() || x.abs() >= LARGEST)
     }
 
     /// Runs a whole record: for each row of `inputs` (steps x inputs, row after row) the outputs measured at that
@@ -379,40 +344,5 @@ impl Simulator {
             y.copy_from_slice(self.measure());
             self.advance();
         }
-    }
-}
-
-impl Extended {
-    fn new(
-        effects: &[(Effect, Place)],
-        system: &System,
-        neutral: &[f64],
-        period_s: f64,
-        sensors: &Sensors,
-        disturbances: &Disturbances,
-    ) -> Result<Self, SimulatorError> {
-        let (mut chains, mut delays) = (Vec::new(), Vec::new());
-        for (i, &neutral) in neutral.iter().enumerate() {
-            let own = effects.iter().filter(move |(_, p)| *p == Place::Input(i)).map(|(e, _)| e);
-            let mut chain = Chain::new(own.clone(), neutral, period_s);
-            let delay_s = own
-                .filter(|e| e.kind() == crate::effects::Kind::InputDelay)
-                .map(|e| e.get("delay_s"))
-                .sum::<f64>();
-            delays.push(Delay::new(delay_s, period_s, chain.clone().next(neutral, 0.0)));
-            chains.push(std::mem::take(&mut chain));
-        }
-        let cuts: Vec<f64> =
-            delays.iter().map(|d| d.fraction_s).filter(|f| *f > 0.0).chain(sensors.cuts_s()).collect();
-        let padded = Kernel::padded(system.size());
-        let poles = system
-            .stages
-            .iter()
-            .flat_map(|(a, _)| a.complex_eigenvalues().iter().map(|p| p.norm()).collect::<Vec<_>>());
-        let fastest = poles.fold(0.0, f64::max);
-        let nonlinear = Nonlinear::new(effects, system.n, neutral.len(), padded, fastest);
-        let levels = if nonlinear.is_some() { nonlinear::LEVELS } else { 1 };
-        let schedule = Schedule::new(system, period_s, &cuts, &disturbances.events(), levels)?;
-        Ok(Self { chains, delays, schedule, nonlinear, rests: system.rests.clone() })
     }
 }

@@ -12,6 +12,9 @@ use crate::simulator::Simulator;
 
 const PERIOD: f64 = 0.01;
 
+/// Kind, place and parameters of an effect.
+type Extra<'a> = (Kind, &'a str, &'a [(&'a str, f64)]);
+
 /// A double integrator with a position and a velocity sensor, and nothing else.
 fn cart() -> Vehicle {
     let text = r#"
@@ -23,7 +26,7 @@ fn cart() -> Vehicle {
     Vehicle::parse(text, "cart").unwrap()
 }
 
-fn with(mut vehicle: Vehicle, effects: &[(Kind, &str, &[(&str, f64)])]) -> Vehicle {
+fn with(mut vehicle: Vehicle, effects: &[Extra<'_>]) -> Vehicle {
     for (kind, place, parameters) in effects {
         vehicle.add_effect(Effect::new(*kind, place, parameters).unwrap()).unwrap();
     }
@@ -150,7 +153,7 @@ fn a_mode_transition_continues_with_the_other_matrices() {
 fn deterministic_sensor_effects_are_their_formulas() {
     let start = [2.003, 0.5];
     let motion = |k: usize| 2.003 + 0.5 * PERIOD * k as f64;
-    let check = |effects: &[(Kind, &str, &[(&str, f64)])], formula: &dyn Fn(f64, f64) -> f64| {
+    let check = |effects: &[Extra<'_>], formula: &dyn Fn(f64, f64) -> f64| {
         let y = measured(&with(cart(), effects), &start, 0, 200);
         for (k, y) in y.iter().enumerate() {
             let expected = formula(motion(k), PERIOD * k as f64);

@@ -2,8 +2,28 @@
 (() => {
   const { columns, plots } = JSON.parse(document.getElementById("data").textContent);
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-  const config = { responsive: true, displaylogo: false, displayModeBar: "hover",
+  // A phone has no pointer to hover with and no width to spare: a double tap resets, the legend gets rows.
+  const narrow = window.matchMedia("(max-width: 640px)").matches;
+  const config = { responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover",
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "hoverClosestCartesian", "hoverCompareCartesian", "toggleSpikelines"] };
+  const meaning = { disturbance: "disturbance", held: "command held", failsafe: "failsafe", worst: "greatest error" };
+
+  // The legend says what a shade means: a text at the shade itself would lie on lines or on other texts.
+  function key(kind) {
+    return { type: "scatter", mode: "markers", x: [null], y: [null], name: meaning[kind], hoverinfo: "skip",
+      marker: { symbol: "square", size: 12, color: colour(kind), line: { width: 1, color: colour(kind) } } };
+  }
+
+  function lines(plot) {
+    const known = new Set();
+    const all = plot.traces.map(drawn);
+    for (const trace of all) {
+      trace.legendgroup = trace.name;
+      trace.showlegend = !known.has(trace.name);
+      known.add(trace.name);
+    }
+    return all.concat([...new Set(plot.spans.map((span) => span.kind))].map(key));
+  }
 
   function line(trace) {
     const own = colour("v" + (trace.variant % 6));
@@ -39,10 +59,6 @@
       const line = { width: mark ? 1.4 : 0, color: colour(span.kind === "disturbance" ? "disturbance-line" : "soft"), dash: "dot" };
       shapes.push({ type: mark ? "line" : "rect", xref: "x", yref: "paper", x0: span.from, x1: span.until, y0: 0, y1: 1,
         line, fillcolor: colour(span.kind), layer: "below" });
-      if (span.text) {
-        annotations.push({ x: plot.log_x ? Math.log10(span.from) : span.from, xref: "x", y: 1, yref: "paper", yanchor: "bottom",
-          xanchor: "left", text: span.text, showarrow: false, font: { size: 11, color: colour("soft") } });
-      }
     }
     for (const [x, y, text] of plot.notes) {
       annotations.push({ x: plot.log_x ? Math.log10(x) : x, y: plot.log_y ? Math.log10(y) : y, text, showarrow: true,
@@ -51,15 +67,21 @@
     return {
       font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("ink") },
       paper_bgcolor: colour("card"), plot_bgcolor: colour("card"),
-      margin: { l: 56, r: 12, t: 34, b: 40 }, height: plot.height,
+      margin: { l: narrow ? 44 : 56, r: narrow ? 8 : 34, t: 30, b: 40 }, height: height(plot),
       xaxis: { ...axis, title: { text: plot.x, standoff: 6 }, type: plot.log_x ? "log" : "linear", zeroline: false,
         hoverformat: ".4~g" },
       yaxis: { ...axis, type: plot.log_y ? "log" : "linear", zeroline: !plot.log_y, fixedrange: false },
-      legend: { orientation: "h", x: 1, xanchor: "right", y: 1.0, yanchor: "bottom", font: { size: 12 }, bgcolor: "rgba(0,0,0,0)" },
-      showlegend: plot.traces.length > 1, hovermode: "x unified", bargap: 0.08,
+      legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", font: { size: 12 }, bgcolor: "rgba(0,0,0,0)" },
+      // Upright in the margin, where it covers neither lines nor legend.
+      modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)", color: colour("sensor"), activecolor: colour("accent") },
+      showlegend: plot.traces.length + plot.spans.length > 1, hovermode: "x unified", bargap: 0.08,
       hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"), font: { color: colour("ink") } },
       shapes, annotations,
     };
+  }
+
+  function height(plot) {
+    return plot.height + (narrow ? 40 : 0);
   }
 
   let following = false;
@@ -78,9 +100,10 @@
     });
   }
 
-  const draw = (act) => plots.forEach((plot) => act("plot-" + plot.id, plot.traces.map(drawn), layout(plot), config));
+  const draw = (act) => plots.forEach((plot) => act("plot-" + plot.id, lines(plot), layout(plot), config));
   for (const plot of plots) {
-    Plotly.newPlot("plot-" + plot.id, plot.traces.map(drawn), layout(plot), config)
+    document.getElementById("plot-" + plot.id).style.height = height(plot) + "px";
+    Plotly.newPlot("plot-" + plot.id, lines(plot), layout(plot), config)
       .then((element) => link(plot, element));
   }
   const dark = window.matchMedia("(prefers-color-scheme: dark)");

@@ -16,113 +16,14 @@
 //! assert!((tilt.in_unit(&"rad".parse().unwrap()).unwrap() - 5f64.to_radians()).abs() < 1e-15);
 //! ```
 
-use std::f64::consts::PI;
-use std::fmt;
+mod dimension;
+mod symbols;
+
 use std::str::FromStr;
 
-/// Number of base dimensions.
-const BASES: usize = 7;
-
-/// Symbols of the base dimensions, in the order of [`Dimension`].
-const BASE_SYMBOLS: [&str; BASES] = ["kg", "m", "s", "A", "K", "rad", "samples"];
-
-/// Exponents of mass, length, time, current, temperature, plane angle and sample count.
-///
-/// The angle is kept as a dimension of its own, unlike in SI, so that `roll = "5 m"` is an error.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub struct Dimension([i8; BASES]);
-
-const NONE: Dimension = Dimension([0; BASES]);
-const LENGTH: Dimension = Dimension([0, 1, 0, 0, 0, 0, 0]);
-const TIME: Dimension = Dimension([0, 0, 1, 0, 0, 0, 0]);
-const ANGLE: Dimension = Dimension([0, 0, 0, 0, 0, 1, 0]);
-const RATE: Dimension = Dimension([0, 0, -1, 0, 0, 1, 0]);
-const FREQUENCY: Dimension = Dimension([0, 0, -1, 0, 0, 0, 0]);
-const SPEED: Dimension = Dimension([0, 1, -1, 0, 0, 0, 0]);
-const ACCELERATION: Dimension = Dimension([0, 1, -2, 0, 0, 0, 0]);
-const FORCE: Dimension = Dimension([1, 1, -2, 0, 0, 0, 0]);
-const PRESSURE: Dimension = Dimension([1, -1, -2, 0, 0, 0, 0]);
-const ENERGY: Dimension = Dimension([1, 2, -2, 0, 0, 0, 0]);
-const POWER: Dimension = Dimension([1, 2, -3, 0, 0, 0, 0]);
-const VOLTAGE: Dimension = Dimension([1, 2, -3, -1, 0, 0, 0]);
-const FLUX: Dimension = Dimension([1, 0, -2, -1, 0, 0, 0]);
-const RESISTANCE: Dimension = Dimension([1, 2, -3, -2, 0, 0, 0]);
-const TEMPERATURE: Dimension = Dimension([0, 0, 0, 0, 1, 0, 0]);
-
-/// Derived SI symbols that read better than their base units.
-const DERIVED: &[(&str, Dimension)] = &[
-    ("N", FORCE),
-    ("V", VOLTAGE),
-    ("W", POWER),
-    ("Pa", PRESSURE),
-    ("T", FLUX),
-    ("ohm", RESISTANCE),
-    // The torque of a rotor, by far the more frequent reading of this dimension on a rig.
-    ("N*m", ENERGY),
-];
-
-/// A symbol of the table: factor and offset to SI, dimension, and whether SI prefixes may stand before it.
-struct Symbol {
-    names: &'static [&'static str],
-    factor: f64,
-    offset: f64,
-    dimension: Dimension,
-    prefixed: bool,
-}
-
-const fn symbol(names: &'static [&'static str], factor: f64, dimension: Dimension) -> Symbol {
-    Symbol { names, factor, offset: 0.0, dimension, prefixed: false }
-}
-
-const fn si(names: &'static [&'static str], factor: f64, dimension: Dimension) -> Symbol {
-    Symbol { names, factor, offset: 0.0, dimension, prefixed: true }
-}
-
-/// Factors: BIPM SI brochure, 9th edition (2019), tables 4, 7 and 8; foot, knot and pound-force from NIST SP 811.
-const SYMBOLS: &[Symbol] = &[
-    symbol(&["1", "-", ""], 1.0, NONE),
-    symbol(&["%", "percent"], 0.01, NONE),
-    si(&["rad", "radian", "radians"], 1.0, ANGLE),
-    symbol(&["deg", "°", "degree", "degrees"], PI / 180.0, ANGLE),
-    symbol(&["cdeg", "centideg"], PI / 18_000.0, ANGLE),
-    symbol(&["rev", "turn", "turns"], 2.0 * PI, ANGLE),
-    symbol(&["rpm", "RPM"], PI / 30.0, RATE),
-    si(&["s", "sec", "second", "seconds"], 1.0, TIME),
-    symbol(&["min", "minute", "minutes"], 60.0, TIME),
-    symbol(&["h", "hour", "hours"], 3600.0, TIME),
-    si(&["Hz"], 1.0, FREQUENCY),
-    symbol(&["sample", "samples"], 1.0, Dimension([0, 0, 0, 0, 0, 0, 1])),
-    si(&["m", "metre", "meter", "metres", "meters"], 1.0, LENGTH),
-    symbol(&["ft", "feet", "foot"], 0.3048, LENGTH),
-    symbol(&["in", "inch"], 0.0254, LENGTH),
-    symbol(&["kt", "kn", "knot", "knots"], 1852.0 / 3600.0, SPEED),
-    symbol(&["g", "gee"], 9.80665, ACCELERATION),
-    symbol(&["kg"], 1.0, Dimension([1, 0, 0, 0, 0, 0, 0])),
-    symbol(&["lb"], 0.453_592_37, Dimension([1, 0, 0, 0, 0, 0, 0])),
-    si(&["N"], 1.0, FORCE),
-    symbol(&["lbf"], 4.448_221_615_260_5, FORCE),
-    si(&["Pa"], 1.0, PRESSURE),
-    symbol(&["bar"], 1e5, PRESSURE),
-    symbol(&["mbar"], 1e2, PRESSURE),
-    si(&["J"], 1.0, ENERGY),
-    si(&["W"], 1.0, POWER),
-    si(&["A"], 1.0, Dimension([0, 0, 0, 1, 0, 0, 0])),
-    si(&["V"], 1.0, VOLTAGE),
-    si(&["ohm", "Ohm", "Ω"], 1.0, RESISTANCE),
-    si(&["T"], 1.0, FLUX),
-    symbol(&["G", "gauss", "Gauss"], 1e-4, FLUX),
-    symbol(&["K", "kelvin"], 1.0, TEMPERATURE),
-    Symbol {
-        names: &["degC", "°C", "celsius"],
-        factor: 1.0,
-        offset: 273.15,
-        dimension: TEMPERATURE,
-        prefixed: false,
-    },
-];
-
-const PREFIXES: &[(&str, f64)] =
-    &[("n", 1e-9), ("u", 1e-6), ("µ", 1e-6), ("m", 1e-3), ("c", 1e-2), ("h", 1e2), ("k", 1e3), ("M", 1e6)];
+pub use self::dimension::Dimension;
+use self::dimension::{NONE, TIME};
+use self::symbols::lookup;
 
 /// Why a text is not a unit or a quantity.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -169,50 +70,6 @@ pub enum UnitError {
         /// The expected dimension, as an SI unit.
         expected: String,
     },
-}
-
-impl Dimension {
-    /// True for a pure number.
-    pub fn is_none(&self) -> bool {
-        *self == NONE
-    }
-
-    /// This dimension times a power of another; `None` when an exponent leaves the range of i8.
-    pub fn times(self, other: Self, power: i8) -> Option<Self> {
-        let mut product = self;
-        for (p, o) in product.0.iter_mut().zip(other.0) {
-            *p = p.checked_add(o.checked_mul(power)?)?;
-        }
-        Some(product)
-    }
-}
-
-/// The coherent SI unit, in the syntax that [`Unit`] reads; empty for a pure number.
-impl fmt::Display for Dimension {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some((symbol, _)) = DERIVED.iter().find(|(_, d)| d == self) {
-            return f.write_str(symbol);
-        }
-        let part = |positive: bool| {
-            let sign = if positive { 1 } else { -1 };
-            // The angle and the count of samples are named first: rad/s, not s^-1*rad.
-            [5, 6, 0, 1, 2, 3, 4]
-                .into_iter()
-                .filter(move |&i| self.0[i] * sign > 0)
-                .map(move |i| match self.0[i] * sign {
-                    1 => BASE_SYMBOLS[i].to_string(),
-                    power => format!("{}^{power}", BASE_SYMBOLS[i]),
-                })
-                .collect::<Vec<_>>()
-        };
-        let (over, under) = (part(true), part(false));
-        match (over.is_empty(), under.is_empty()) {
-            (true, true) => Ok(()),
-            (true, false) => write!(f, "1/{}", under.join("/")),
-            (false, true) => f.write_str(&over.join("*")),
-            (false, false) => write!(f, "{}/{}", over.join("*"), under.join("/")),
-        }
-    }
 }
 
 /// A unit: how to reach SI, and what kind of quantity it measures.
@@ -327,19 +184,6 @@ fn split_exponent(factor: &str) -> (&str, Option<&str>) {
     }
 }
 
-fn lookup(name: &str) -> Option<Unit> {
-    let find = |name: &str, prefixed: bool| {
-        SYMBOLS.iter().find(|s| s.names.contains(&name) && (!prefixed || s.prefixed && !name.is_empty()))
-    };
-    if let Some(s) = find(name, false) {
-        return Some(Unit { factor: s.factor, offset: s.offset, dimension: s.dimension });
-    }
-    PREFIXES.iter().find_map(|(prefix, scale)| {
-        let s = find(name.strip_prefix(prefix)?, true)?;
-        Some(Unit { factor: scale * s.factor, offset: 0.0, dimension: s.dimension })
-    })
-}
-
 /// A number with its unit, for example `5 deg`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quantity {
@@ -386,6 +230,9 @@ impl FromStr for Quantity {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
+    use super::symbols::SYMBOLS;
     use super::*;
     use proptest::prelude::*;
 

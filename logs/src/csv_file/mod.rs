@@ -2,13 +2,16 @@
 //!
 //! Lines that begin with `#` are comments. A semicolon or a tab separates as well as a comma, if the head says so.
 
+mod write;
+
 use std::fs::File;
-use std::io::{BufRead, BufReader, BufWriter, Read, Write};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
 use whirlstand_msgs::units::Unit;
 
+pub use self::write::{format_csv, write_csv};
 use crate::mapping::{MapError, Mapping, Source, resolve, split_unit};
 use crate::record::{Record, RecordError};
 
@@ -253,56 +256,6 @@ fn line_error(path: &Path, error: csv::Error) -> CsvError {
             CsvError::Line { path, line, reason: "the head is not UTF-8 text".into() }
         }
         other => CsvError::Line { path, line, reason: format!("{other:?}") },
-    }
-}
-
-/// Writes a record: `t[s]`, then every signal with its SI unit, numbers so that they read back bit for bit, empty
-/// cells for gaps.
-///
-/// # Errors
-/// [`CsvError::Io`].
-pub fn write_csv(record: &Record, path: impl AsRef<Path>) -> Result<(), CsvError> {
-    let path = path.as_ref();
-    let write = || -> std::io::Result<()> {
-        let mut out = BufWriter::with_capacity(1 << 16, File::create(path)?);
-        format_csv(record, &mut out)?;
-        out.flush()
-    };
-    write().map_err(|source| CsvError::Io { path: path.into(), source })
-}
-
-/// Writes a record as [`write_csv`] does, to anywhere.
-///
-/// # Errors
-/// What `out` says.
-pub fn format_csv(record: &Record, out: &mut impl Write) -> std::io::Result<()> {
-    write!(out, "t[{}]", record.time_unit)?;
-    for signal in record.signals() {
-        let head = if signal.unit.is_empty() {
-            signal.name.clone()
-        } else {
-            format!("{}[{}]", signal.name, signal.unit)
-        };
-        write!(out, ",{}", quoted(&head))?;
-    }
-    writeln!(out)?;
-    for (i, t) in record.time.iter().enumerate() {
-        write!(out, "{t}")?;
-        for signal in record.signals() {
-            let value = signal.values[i];
-            if value.is_nan() { out.write_all(b",")? } else { write!(out, ",{value}")? }
-        }
-        writeln!(out)?;
-    }
-    Ok(())
-}
-
-/// A head as RFC 4180 wants it.
-fn quoted(head: &str) -> String {
-    if head.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", head.replace('"', "\"\""))
-    } else {
-        head.into()
     }
 }
 

@@ -5,9 +5,12 @@
 //! Control 41, 1985, method 0), with the globally convergent rank-2 updates of Tits and Yang (IEEE Trans. Autom.
 //! Control 41, 1996), which move two eigenvectors at once, a pair of real ones or a complex one and its conjugate.
 
-use nalgebra::{ComplexField, DMatrix, DVector};
+mod eigenvectors;
+
+use nalgebra::DMatrix;
 use thiserror::Error;
 
+use self::eigenvectors::{Eigenvectors, null_space};
 use crate::linalg::{C64, QzError, complex, eigenvalues};
 
 /// A gain that places poles.
@@ -120,17 +123,18 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
     // Singular values come sorted, so the first `rank` columns span the range of B.
     let range = u.columns(0, rank).into_owned();
     let annihilator = null_space(&range.transpose(), n - rank);
-    // The determinant has local maxima; a few starts, and the best conditioned result of them, avoid the poor ones.
-    let starts = if rank > 1 && rank < n { 4 } else { 1 };
     let mut vectors = Eigenvectors::new(a, &annihilator, &poles);
+    let free = vectors.are_free();
+    // The determinant has local maxima; a few starts, and the best conditioned result of them, avoid the poor ones.
+    let starts = if free && rank < n { 4 } else { 1 };
     let mut best: Option<(f64, DMatrix<f64>)> = None;
     let mut sweeps = 0;
     for start in 0..starts {
         vectors.start(start);
-        sweeps += vectors.improve(if rank > 1 { 200 } else { 0 });
+        sweeps += vectors.improve(if free { 200 } else { 0 });
         let condition = vectors.condition();
         if best.as_ref().is_none_or(|(least, _)| condition < *least) {
-            best = Some((condition, vectors.x.clone()));
+            best = Some((condition, vectors.matrix().clone()));
         }
     }
     let Some((condition, x)) = best else { return Err(PlaceError::Defective) };
@@ -217,23 +221,6 @@ pub fn uncontrollability(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Result<Vec<(C64,
         .collect())
 }
 
-/// Orthonormal basis of the null space of `a`, taken as having at least `at_least` dimensions: that many right
-/// singular vectors of the smallest singular values, more when more of these vanish.
-fn null_space<T: ComplexField<RealField = f64>>(a: &DMatrix<T>, at_least: usize) -> DMatrix<T> {
-    let (rows, n) = a.shape();
-    // A square matrix, for nalgebra's SVD gives only min(rows, columns) right vectors.
-    let mut square = DMatrix::<T>::zeros(n.max(rows), n);
-    square.view_mut((0, 0), (rows, n)).copy_from(a);
-    let svd = square.svd(false, true);
-    let floor = svd.singular_values.max() * f64::EPSILON * n as f64 * 10.0;
-    let vanishing = svd.singular_values.iter().filter(|s| **s <= floor).count();
-    let count = vanishing.max(at_least).min(n);
-    match svd.v_t {
-        Some(v) => v.rows(n - count, count).adjoint(),
-        None => DMatrix::identity(n, n),
-    }
-}
-
 /// Block-diagonal real form of the poles: 1 x 1 for real ones, `[[re, im], [-im, re]]` for pairs.
 fn real_modal(poles: &[C64]) -> DMatrix<f64> {
     let n = poles.len();
@@ -250,184 +237,4 @@ fn real_modal(poles: &[C64]) -> DMatrix<f64> {
         j += 1;
     }
     lambda
-}
-
-/// The eigenvectors that can be had and those chosen. Column j of a pair holds the real part, j + 1 the
-/// imaginary part.
-struct Eigenvectors {
-    poles: Vec<C64>,
-    spaces: Vec<DMatrix<C64>>,
-    x: DMatrix<f64>,
-}
-
-impl Eigenvectors {
-    /// The spaces of eigenvectors that feedback can give; none chosen yet.
-    fn new(a: &DMatrix<f64>, annihilator: &DMatrix<f64>, poles: &[C64]) -> Self {
-        let n = a.nrows();
-        let rank = n - annihilator.ncols();
-        let projected = annihilator.transpose();
-        let spaces: Vec<DMatrix<C64>> = poles
-            .iter()
-            .map(|p| {
-                let mut shifted = a.clone();
-                (0..n).for_each(|i| shifted[(i, i)] -= p.re);
-                let shifted = &projected * shifted;
-                if p.im == 0.0 {
-                    return complex(&null_space(&shifted, rank));
-                }
-                let imaginary = complex(&projected) * C64::new(0.0, p.im);
-                null_space(&(complex(&shifted) - imaginary), rank)
-            })
-            .collect();
-        Self { poles: poles.to_vec(), spaces, x: DMatrix::zeros(n, n) }
-    }
-
-    /// A fixed generic combination in each space, another for every `start`.
-    fn start(&mut self, start: usize) {
-        let mut j = 0;
-        while j < self.poles.len() {
-            let space = &self.spaces[j];
-            let w = DVector::from_fn(space.ncols(), |i, _| {
-                let t = (i * 7 + j * 13 + start * 29 + 3) as f64;
-                C64::new((t * 0.731).sin() + 0.5, (t * 1.317).cos())
-            });
-            let v = space * w;
-            if self.poles[j].im == 0.0 {
-                self.set(j, &v.map(|v| v.re));
-                j += 1;
-            } else {
-                self.set_pair(j, &v);
-                j += 2;
-            }
-        }
-    }
-
-    fn set(&mut self, j: usize, v: &DVector<f64>) {
-        let norm = v.norm();
-        if norm > 0.0 {
-            self.x.set_column(j, &(v / norm));
-        }
-    }
-
-    fn set_pair(&mut self, j: usize, v: &DVector<C64>) {
-        // Both parts together have norm sqrt(2), so that a pair weighs as two real vectors do.
-        let v = v * C64::new(std::f64::consts::SQRT_2 / v.norm(), 0.0);
-        self.x.set_column(j, &v.map(|c| c.re));
-        self.x.set_column(j + 1, &v.map(|c| c.im));
-    }
-
-    /// Condition number of the matrix of unit eigenvectors.
-    fn condition(&self) -> f64 {
-        let n = self.poles.len();
-        let mut x = DMatrix::<C64>::zeros(n, n);
-        let mut j = 0;
-        while j < n {
-            if self.poles[j].im == 0.0 {
-                x.set_column(j, &self.x.column(j).map(|v| C64::new(v, 0.0)));
-                j += 1;
-            } else {
-                let v = DVector::from_fn(n, |i, _| C64::new(self.x[(i, j)], self.x[(i, j + 1)]));
-                let v = &v / C64::new(v.norm(), 0.0);
-                x.set_column(j + 1, &v.map(|c| c.conj()));
-                x.set_column(j, &v);
-                j += 2;
-            }
-        }
-        let s = x.singular_values();
-        s.max() / s.min()
-    }
-
-    /// Raises the determinant until sweeps gain nothing to speak of, at most `limit` sweeps; returns their number.
-    fn improve(&mut self, limit: usize) -> usize {
-        let n = self.poles.len();
-        if n < 2 {
-            return 0;
-        }
-        let reals = self.poles.iter().filter(|p| p.im == 0.0).count();
-        let mut before = self.log_determinant();
-        for sweep in 1..=limit {
-            if reals == 1 {
-                self.update_single(0);
-            }
-            for i in 0..reals {
-                // Neighbours and, in turn, more distant partners.
-                let k = (i + 1 + (sweep - 1) % (reals - 1).max(1)) % reals;
-                if k != i {
-                    self.update_real_pair(i.min(k), i.max(k));
-                }
-            }
-            for j in (reals..n).step_by(2) {
-                self.update_complex(j);
-            }
-            let after = self.log_determinant();
-            if sweep >= reals.max(3) && after - before < 1e-5 {
-                return sweep;
-            }
-            before = after;
-        }
-        limit
-    }
-
-    fn log_determinant(&self) -> f64 {
-        let d = self.x.clone().qr().r();
-        d.diagonal().iter().map(|v| v.abs().max(f64::MIN_POSITIVE).ln()).sum()
-    }
-
-    /// Orthonormal basis of what is orthogonal to all columns but those given.
-    fn complement(&self, skip: &[usize]) -> DMatrix<f64> {
-        let n = self.poles.len();
-        let kept: Vec<usize> = (0..n).filter(|j| !skip.contains(j)).collect();
-        let others = DMatrix::from_fn(kept.len(), n, |i, k| self.x[(k, kept[i])]);
-        let basis = null_space(&others, skip.len());
-        basis.columns(basis.ncols() - skip.len(), skip.len()).into_owned()
-    }
-
-    /// One real vector: the projection of the others' normal onto its space (method 0).
-    fn update_single(&mut self, j: usize) {
-        let normal = self.complement(&[j]);
-        let space = self.real_space(j);
-        let v = &space * space.tr_mul(&normal.column(0));
-        if v.norm() > 1e-12 {
-            self.set(j, &v);
-        }
-    }
-
-    /// Two real vectors at once: with u1, u2 normal to the others, the determinant is bilinear in the two, and
-    /// the best pair is the leading singular pair.
-    fn update_real_pair(&mut self, i: usize, k: usize) {
-        let u = self.complement(&[i, k]);
-        let skew = u.column(0) * u.column(1).transpose() - u.column(1) * u.column(0).transpose();
-        let (si, sk) = (self.real_space(i), self.real_space(k));
-        let svd = (si.transpose() * skew * &sk).svd(true, true);
-        let (Some(left), Some(right)) = (svd.u.as_ref(), svd.v_t.as_ref()) else { return };
-        let best = svd.singular_values.imax();
-        if svd.singular_values[best] <= 1e-12 {
-            return;
-        }
-        let vi = si * left.column(best);
-        let vk = sk * right.row(best).transpose();
-        self.set(i, &vi);
-        self.set(k, &vk);
-    }
-
-    /// A complex pair: the determinant is a Hermitian form in the vector's coordinates, and the best vector
-    /// belongs to its eigenvalue of largest magnitude.
-    fn update_complex(&mut self, j: usize) {
-        let u = self.complement(&[j, j + 1]);
-        let skew = u.column(0) * u.column(1).transpose() - u.column(1) * u.column(0).transpose();
-        let space = &self.spaces[j];
-        let form = space.adjoint() * complex(&skew) * space * C64::new(0.0, -0.5);
-        let eigen = form.symmetric_eigen();
-        let best = eigen.eigenvalues.iamax();
-        if eigen.eigenvalues[best].abs() <= 1e-12 {
-            return;
-        }
-        let v = &self.spaces[j] * eigen.eigenvectors.column(best);
-        self.set_pair(j, &v);
-    }
-
-    /// The space of a real pole, which is real.
-    fn real_space(&self, j: usize) -> DMatrix<f64> {
-        self.spaces[j].map(|v| v.re)
-    }
 }

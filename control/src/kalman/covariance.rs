@@ -1,0 +1,155 @@
+//! One step of the covariance: prediction, then measurements one at a time in Joseph's form.
+
+use nalgebra::DMatrix;
+
+use super::filter::FilterModel;
+use super::flow::Flow;
+use crate::kernel::{Block, Packed, add_scaled, blocks, dot};
+
+/// What the estimate needs of a step: gain, whitening of the innovations, standard deviations, covariance.
+#[derive(Debug, Clone)]
+pub struct Gains {
+    /// The measurements that these gains are for.
+    pub mask: u64,
+    /// States x outputs.
+    pub gain: Packed,
+    /// Outputs x outputs: innovations to independent ones of unit variance.
+    pub whitening: Packed,
+    /// Of the states, after the measurements.
+    pub std: Vec<f64>,
+    /// After the measurements.
+    pub p: Packed,
+}
+
+impl Gains {
+    /// Gains that do nothing, with the covariance `p`.
+    pub fn none(p: &DMatrix<f64>, outputs: usize) -> Self {
+        Self {
+            mask: 0,
+            gain: Packed::zeros(p.nrows(), outputs),
+            whitening: Packed::zeros(outputs, outputs),
+            std: p.diagonal().iter().map(|v| v.sqrt()).collect(),
+            p: Packed::new(p),
+        }
+    }
+}
+
+/// The covariance of the estimate and the model that moves it.
+#[derive(Debug, Clone)]
+pub struct Covariance {
+    n: usize,
+    outputs: usize,
+    f: Packed,
+    /// Columns are the rows of F.
+    f_rows: Packed,
+    q: Packed,
+    /// Columns are the rows of H.
+    h_rows: Packed,
+    variance: Vec<f64>,
+    p: Packed,
+    product: Packed,
+    /// P h, the gain of one measurement, and what Joseph's form corrects.
+    v: Vec<Block>,
+    k: Vec<Block>,
+    w: Vec<Block>,
+}
+
+impl Covariance {
+    /// Begins with the covariance `p` of the model's states.
+    pub fn new(model: &FilterModel, p: &DMatrix<f64>) -> Self {
+        let n = p.nrows();
+        let column = || vec![[0.0; 4]; blocks(n)];
+        Self {
+            n,
+            outputs: model.h.nrows(),
+            f: Packed::new(&model.f),
+            f_rows: Packed::new(&model.f.transpose()),
+            q: Packed::new(&model.q),
+            h_rows: Packed::new(&model.h.transpose()),
+            variance: model.variance.clone(),
+            p: Packed::new(p),
+            product: Packed::zeros(n, n),
+            v: column(),
+            k: column(),
+            w: column(),
+        }
+    }
+
+    /// As it is now.
+    pub fn p(&self) -> &Packed {
+        &self.p
+    }
+
+    /// Sets it.
+    pub fn set(&mut self, p: &Packed) {
+        self.p.copy_from(p);
+    }
+
+    /// Goes on to the end of the map.
+    pub fn flow_on(&mut self, flow: &mut Flow) {
+        flow.apply(&mut self.p);
+    }
+
+    /// Largest change of an entry since `before`, in units of the two standard deviations it belongs to.
+    pub fn change_from(&self, before: &Packed) -> f64 {
+        let mut largest: f64 = 0.0;
+        for j in 0..self.n {
+            for i in 0..=j {
+                let change = (self.p.entry(i, j) - before.entry(i, j)).abs();
+                if change != 0.0 {
+                    let share = change / (self.p.entry(i, i) * self.p.entry(j, j)).sqrt();
+                    largest = if share.is_nan() { f64::INFINITY } else { largest.max(share) };
+                }
+            }
+        }
+        largest
+    }
+
+    /// P becomes F P F' + Q.
+    pub fn predict(&mut self) {
+        self.product.clear();
+        self.product.add_product(&self.f, &self.p, self.n);
+        self.p.copy_from(&self.q);
+        self.p.add_product(&self.product, &self.f_rows, self.n);
+    }
+
+    /// Takes in the measurements of `mask`, and says with what gains.
+    pub fn update(&mut self, mask: u64, gains: &mut Gains) {
+        let n = self.n;
+        gains.mask = mask;
+        gains.gain.clear();
+        gains.whitening.clear();
+        for i in (0..self.outputs).filter(|i| mask >> i & 1 == 1) {
+            let h = self.h_rows.column(i);
+            self.v.fill([0.0; 4]);
+            self.p.add(&mut self.v, h.as_flattened());
+            let variance = self.variance[i];
+            let s = variance + dot(h, &self.v);
+            let (inverse, root) = (1.0 / s, 1.0 / s.sqrt());
+            self.k.fill([0.0; 4]);
+            add_scaled(&mut self.k, &self.v, inverse);
+            // The innovation left after the measurements before: row i of (I - H K).
+            for j in (0..=i).filter(|j| mask >> j & 1 == 1) {
+                let own = if i == j { 1.0 } else { 0.0 };
+                let left = own - dot(h, gains.gain.column(j));
+                add_scaled(gains.gain.column_mut(j), &self.k, left);
+                gains.whitening.set(i, j, left * root);
+            }
+            // T = (I - k h) P, then P = T (I - k h)' + r k k' = T - (T h' - r k) k'.
+            for (c, v) in self.v.as_flattened().iter().enumerate().take(n) {
+                add_scaled(self.p.column_mut(c), &self.k, -v);
+            }
+            self.w.fill([0.0; 4]);
+            self.p.add(&mut self.w, h.as_flattened());
+            add_scaled(&mut self.w, &self.k, -variance);
+            for (c, k) in self.k.as_flattened().iter().enumerate().take(n) {
+                add_scaled(self.p.column_mut(c), &self.w, -k);
+            }
+        }
+        self.p.symmetrise(n);
+        gains.p.copy_from(&self.p);
+        for (r, std) in gains.std.iter_mut().enumerate() {
+            *std = self.p.entry(r, r).max(0.0).sqrt();
+        }
+    }
+}

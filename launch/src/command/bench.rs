@@ -1,0 +1,106 @@
+//! `whirlstand bench`: what this machine does, beside its own floor.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use whirlstand_nodes::bench::{Figure, Member, Options, available_cpus, run, run_member};
+
+use super::{print, write_json};
+use crate::cli::BenchArgs;
+use crate::error::Failure;
+use crate::style;
+
+/// Processes of the loop, and positions of the ring.
+const PROCESSES: usize = 3;
+
+/// Runs the measurements; exit code 1 when a goal is missed.
+pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
+    if args.member {
+        return member();
+    }
+    for (option, value) in [("--seconds", args.seconds), ("--realtime-seconds", args.realtime_seconds)] {
+        if !(value > 0.0 && value <= 86_400.0) {
+            return Err(Failure::Mend(format!("{option} {value}: a time between 0 and 86400 s is expected")));
+        }
+    }
+    let program = std::env::current_exe()
+        .map_err(|e| Failure::Run(format!("this program cannot find itself, to start it again: {e}")))?;
+    let cpus = if args.cpus.is_empty() { spread(&available_cpus()) } else { args.cpus.clone() };
+    let options = Options {
+        what: args.what.clone(),
+        seconds: args.seconds,
+        repeat: args.repeat,
+        realtime_seconds: args.realtime_seconds,
+        priority: args.priority,
+        cpus,
+        member: vec![program.to_string_lossy().into_owned(), "bench".into(), "--member".into()],
+    };
+    let quiet = args.json.as_deref() == Some(Path::new("-"));
+    let report = run(&options, |figure| {
+        if !quiet {
+            anstream::print!("{}", line(figure));
+        }
+    })
+    .map_err(Failure::mend)?;
+    if let Some(path) = &args.json {
+        write_json(&report, path)?;
+    }
+    let missed = report.figures.iter().filter(|f| f.goal.is_some_and(|g| !g.met)).count();
+    if missed > 0 && !quiet {
+        print(&format!("{}\n", style::bad(&format!("{missed} goals were missed"))))?;
+    }
+    Ok(ExitCode::from(u8::from(missed > 0)))
+}
+
+/// Being one process of a measurement: the work comes on standard input, the words go to standard output.
+fn member() -> Result<ExitCode, Failure> {
+    let member: Member = serde_json::from_reader(std::io::stdin())
+        .map_err(|e| Failure::Mend(format!("--member is for the program itself: {e}")))?;
+    let words = run_member(&member).map_err(Failure::run)?;
+    print(&(words + "\n"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The plant on the first CPU, the others on the next ones; what is left over shares the last.
+fn spread(available: &[usize]) -> Vec<usize> {
+    let last = available.len().saturating_sub(1);
+    (0..PROCESSES).filter_map(|i| available.get(i.min(last)).copied()).collect()
+}
+
+fn line(f: &Figure) -> String {
+    let number = |v: f64| match v.abs() {
+        v if v >= 1e6 => format!("{:.2} M", v * 1e-6),
+        v if v >= 1e3 => format!("{:.1} k", v * 1e-3),
+        v if v == v.trunc() => format!("{v}"),
+        v => format!("{v:.2}"),
+    };
+    let with = |v: f64| match (f.unit, number(v).trim_end().ends_with(['M', 'k'])) {
+        (unit, true) => format!("{}{unit}", number(v)),
+        (unit, false) => format!("{} {unit}", number(v)).trim_end().to_string(),
+    };
+    let range = match f.all.len() {
+        0 | 1 => String::new(),
+        n => {
+            let least = f.all.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = f.all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            style::dim(&format!("  {} to {}, {n} runs", number(least), number(most)))
+        }
+    };
+    let goal = f.goal.map_or(String::new(), |g| {
+        let words = format!("goal {} {}", if g.at_least { "at least" } else { "at most" }, with(g.limit));
+        format!("  {}", if g.met { style::good(&words) } else { style::bad(&format!("{words}: missed")) })
+    });
+    format!("{:<62} {:>16}{goal}{range}\n", f.name, with(f.value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::spread;
+
+    #[test]
+    fn processes_spread_over_the_cpus_that_are_there() {
+        assert_eq!(spread(&[0, 1, 2, 3]), [0, 1, 2]);
+        assert_eq!(spread(&[4, 6]), [4, 6, 6]);
+        assert_eq!(spread(&[3]), [3, 3, 3]);
+    }
+}

@@ -1,0 +1,55 @@
+//! Nodes that are killed or stand still, at random times, again and again: the bench survives and says so.
+
+mod support;
+
+use std::time::Duration;
+
+use serde_json::Value;
+use support::{Finished, json, spawn, whirlstand};
+
+/// Twenty faults of a few seconds each.
+const LIMIT: Duration = Duration::from_secs(240);
+
+fn soak(fault: &str, more: &[&str]) -> (Finished, Value) {
+    let dir = tempfile::tempdir().unwrap();
+    let result = dir.path().join("soak.json");
+    let args = ["soak", "--fault", fault, "--rounds", "5", "--json", result.to_str().unwrap()];
+    let end = spawn(whirlstand(args.iter().chain(more))).finish_within(LIMIT);
+    assert_eq!(end.code(), 0, "{}\n{}", end.stdout, end.stderr);
+    (end, json(result))
+}
+
+/// Every fault of every node was followed by a recovery, and whoever gives commands was missed in time.
+#[track_caller]
+fn assert_survived(result: &Value) {
+    assert_eq!(result["ok"], true, "{result}");
+    let nodes = result["nodes"].as_array().expect("nodes");
+    assert_eq!(nodes.len(), 4, "{result}");
+    for node in nodes {
+        assert_eq!((&node["faults"], &node["recovered"]), (&5.into(), &5.into()), "{node}");
+        if ["estimator", "controller"].iter().any(|n| node["node"] == *n) {
+            let held = node["held_before_failsafe_max"].as_u64().expect("the plant went to its failsafe");
+            assert!(held < result["misses_to_failsafe"].as_u64().unwrap(), "{node}");
+        }
+    }
+}
+
+#[test]
+fn every_node_can_be_killed_over_shared_memory() {
+    assert_survived(&soak("kill", &["--seed", "11"]).1);
+}
+
+#[test]
+fn every_node_can_be_killed_over_zenoh() {
+    assert_survived(&soak("kill", &["--seed", "12", "--transport", "zenoh"]).1);
+}
+
+#[test]
+fn every_node_can_be_killed_in_lockstep() {
+    assert_survived(&soak("kill", &["--seed", "13", "--mode", "lockstep"]).1);
+}
+
+#[test]
+fn every_node_can_stand_still_for_two_seconds() {
+    assert_survived(&soak("stop", &["--seed", "14", "--stop-for", "2"]).1);
+}

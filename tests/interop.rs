@@ -1,0 +1,44 @@
+//! Programs that know nothing of this code, with the public packages of the transports, as nodes of a bench.
+
+mod support;
+
+use std::path::Path;
+
+use support::{json, python, run};
+
+/// Flies with the example as controller, which needs nothing but its transport's public package.
+fn fly(transport: &str, mode: &str) {
+    let Some(python) = python() else { return };
+    let example =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("examples/python/estimate_{transport}.py"));
+    let dir = tempfile::tempdir().unwrap();
+    let exec = format!("nodes.controller.exec=[{python:?}, {example:?}, \"--control\"]");
+    let out = dir.path().to_str().unwrap();
+    let end = run(["run", "quadrotor-lqr", "--transport", transport, "--mode", mode, "--out", out]
+        .into_iter()
+        // The example's gain is its own, and Python is late now and then.
+        .chain(["--set", &exec, "--set", "expect={}"]))
+    .success();
+    let summary = json(dir.path().join("summary.json"));
+    let run = &summary["runs"][0];
+    assert_eq!(run["ended"]["how"], "complete", "{}", end.stderr);
+    // 12 s at 200 Hz; what it read and answered brought the vehicle back from the gust at 6 s.
+    assert_eq!(run["steps"], 2400);
+    let roll = &run["outputs"]["roll"];
+    assert_eq!(roll["recovered"], true, "{roll}");
+    assert!(roll["peak"].as_f64().unwrap() < 0.35, "{roll}");
+    // It reads the estimates live, and prints some.
+    assert!(end.stderr.contains("step 2300"), "{}", end.stderr);
+}
+
+#[test]
+fn a_python_program_with_the_iceoryx2_package_is_the_controller() {
+    fly("iceoryx2", "lockstep");
+    fly("iceoryx2", "realtime");
+}
+
+#[test]
+fn a_python_program_with_the_zenoh_package_is_the_controller() {
+    fly("zenoh", "lockstep");
+    fly("zenoh", "realtime");
+}

@@ -1,0 +1,118 @@
+//! A vehicle with effects on its motion: chains on the inputs, segments of a period, nonlinear parts.
+
+use super::compile::{Rest, System};
+use super::disturbances::Disturbances;
+use super::inputs::{Chain, Delay};
+use super::kernel::Kernel;
+use super::nonlinear::{self, Nonlinear};
+use super::schedule::{self, Schedule};
+use super::sensors::Sensors;
+use crate::effects::{Effect, Place};
+use crate::error::SimulatorError;
+
+/// What moves a vehicle whose effects are more than a matrix product.
+#[derive(Debug, Clone)]
+pub struct Extended {
+    period_s: f64,
+    chains: Vec<Chain>,
+    delays: Vec<Delay>,
+    schedule: Schedule,
+    nonlinear: Option<Nonlinear>,
+    rests: Vec<Rest>,
+    scratch: Vec<f64>,
+}
+
+impl Extended {
+    /// `neutral`: the inputs' resting commands.
+    pub fn new(
+        effects: &[(Effect, Place)],
+        system: &System,
+        neutral: &[f64],
+        period_s: f64,
+        sensors: &Sensors,
+        disturbances: &Disturbances,
+    ) -> Result<Self, SimulatorError> {
+        let (mut chains, mut delays) = (Vec::new(), Vec::new());
+        for (i, &neutral) in neutral.iter().enumerate() {
+            let own = effects.iter().filter(move |(_, p)| *p == Place::Input(i)).map(|(e, _)| e);
+            let mut chain = Chain::new(own.clone(), neutral, period_s);
+            let delay_s = own
+                .filter(|e| e.kind() == crate::effects::Kind::InputDelay)
+                .map(|e| e.get("delay_s"))
+                .sum::<f64>();
+            delays.push(Delay::new(delay_s, period_s, chain.clone().next(neutral, 0.0)));
+            chains.push(std::mem::take(&mut chain));
+        }
+        let cuts: Vec<f64> =
+            delays.iter().map(|d| d.fraction_s).filter(|f| *f > 0.0).chain(sensors.cuts_s()).collect();
+        let padded = Kernel::padded(system.size());
+        let poles = system
+            .stages
+            .iter()
+            .flat_map(|(a, _)| a.complex_eigenvalues().iter().map(|p| p.norm()).collect::<Vec<_>>());
+        let fastest = poles.fold(0.0, f64::max);
+        let nonlinear = Nonlinear::new(effects, system.n, neutral.len(), padded, fastest);
+        let levels = if nonlinear.is_some() { nonlinear::LEVELS } else { 1 };
+        let schedule = Schedule::new(system, period_s, &cuts, &disturbances.events(), levels)?;
+        Ok(Self {
+            period_s,
+            chains,
+            delays,
+            schedule,
+            nonlinear,
+            rests: system.rests.clone(),
+            scratch: vec![0.0; padded],
+        })
+    }
+
+    /// Sets the resting inputs, and filters to where those lead.
+    pub fn rest(&self, z: &mut [f64], drive: &mut [f64]) {
+        for (value, delay) in drive.iter_mut().zip(&self.delays) {
+            *value = delay.newer();
+        }
+        for rest in &self.rests {
+            z[rest.state] = rest.gain * rest.signal.value(z, drive);
+        }
+    }
+
+    /// Sets the sensors' lags to where the vehicle's states lead. Actuator filters depend on none of these states.
+    pub fn settle_sensors(&self, z: &mut [f64], drive: &[f64]) {
+        for rest in self.rests.iter().filter(|r| r.gain != 0.0) {
+            z[rest.state] = rest.gain * rest.signal.value(z, drive);
+        }
+    }
+
+    /// Takes the commands of the step whose middle is at `t`, and sets what acts from its beginning.
+    pub fn command(&mut self, applied: &[f64], t: f64, drive: &mut [f64]) {
+        let links = self.chains.iter_mut().zip(&mut self.delays);
+        for (((chain, delay), drive), applied) in links.zip(drive).zip(applied) {
+            delay.push(chain.next(*applied, t));
+            *drive = if delay.fraction_s > 0.0 { delay.older() } else { delay.newer() };
+        }
+    }
+
+    /// Moves z over one period, segment by segment; `drive` holds the inputs, then what is added to the derivatives.
+    pub fn advance(
+        &mut self,
+        step: u64,
+        z: &mut [f64],
+        drive: &mut [f64],
+        disturbances: &Disturbances,
+        sensors: &mut Sensors,
+    ) {
+        disturbances.set_oscillators(step, z);
+        for segment in self.schedule.segments(step) {
+            let (v, held) = drive.split_at_mut(self.chains.len());
+            for (value, delay) in v.iter_mut().zip(&self.delays) {
+                let changed = schedule::reached((0, delay.fraction_s), 0, segment.start_s, self.period_s);
+                *value = if changed { delay.newer() } else { delay.older() };
+            }
+            disturbances.held(step, segment.start_s, held);
+            sensors.remember(segment.start_s, z, v);
+            match &mut self.nonlinear {
+                Some(nonlinear) => nonlinear.advance(segment, z, drive),
+                None => segment.levels[0].advance(z, drive, &mut self.scratch),
+            }
+        }
+    }
+}
