@@ -134,9 +134,45 @@ pub fn pieces(segments: &[Segment], steps: usize) -> Vec<Segment> {
     all
 }
 
+/// A signal with straight lines across its gaps, and its first and last value before and after.
+pub fn filled(values: &[f64]) -> Vec<f64> {
+    let known: Vec<usize> = (0..values.len()).filter(|k| values[*k].is_finite()).collect();
+    let (Some(first), Some(last)) = (known.first(), known.last()) else { return vec![0.0; values.len()] };
+    let mut out = values.to_vec();
+    out[..*first].fill(values[*first]);
+    out[*last..].fill(values[*last]);
+    for pair in known.windows(2) {
+        let (a, b) = (pair[0], pair[1]);
+        let slope = (values[b] - values[a]) / (b - a) as f64;
+        (a + 1..b).for_each(|k| out[k] = values[a] + slope * (k - a) as f64);
+    }
+    out
+}
+
 /// Outputs that at least one segment has.
 pub fn present(segments: &[Segment], p: usize) -> Vec<bool> {
     (0..p)
         .map(|i| segments.iter().any(|s| s.outputs.iter().skip(i).step_by(p).any(|v| v.is_finite())))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_become_straight_lines() {
+        let nan = f64::NAN;
+        assert_eq!(filled(&[nan, 1.0, nan, nan, 4.0, nan]), [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
+        assert_eq!(filled(&[nan, nan]), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_clock_that_was_rounded_is_even_and_one_with_a_gap_is_not() {
+        let rounded: Vec<f64> = (0..2000).map(|k| (k as f64 * 0.0016384 * 1e4).round() / 1e4).collect();
+        assert!((even_period(&rounded).unwrap() - 0.0016384).abs() < 1e-7);
+        let mut gap = rounded.clone();
+        gap[1000..].iter_mut().for_each(|t| *t += 0.1);
+        assert_eq!(even_period(&gap), None);
+    }
 }

@@ -115,7 +115,7 @@ fn regress(
     // One equation a window, frequency and part: [derivatives, states, inputs, one].
     let mut equations: Vec<Vec<f64>> = Vec::new();
     let filled: Vec<Vec<Vec<f64>>> =
-        segments.iter().map(|s| (0..p).map(|i| crate::compare::filled(&s.output(i, p))).collect()).collect();
+        segments.iter().map(|s| (0..p).map(|i| super::data::filled(&s.output(i, p))).collect()).collect();
     for h in (0..=highest).step_by(stride) {
         let w = std::f64::consts::TAU * h as f64 / l;
         // The same for all windows.
