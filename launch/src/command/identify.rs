@@ -26,8 +26,12 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
     for path in &args.logs {
         let (log, record) = open(path, args, &vehicle)?;
         closed_loop |= steered(&record);
-        let (from, to) = (args.from.unwrap_or(f64::NEG_INFINITY), args.to.unwrap_or(f64::INFINITY));
-        for (from, to) in rest((from, to), &args.hold_out) {
+        let (first, last) = (record.time.first().copied(), record.time.last().copied());
+        let from = args.from.unwrap_or(f64::NEG_INFINITY).max(first.unwrap_or(0.0));
+        let to = args.to.unwrap_or(f64::INFINITY).min(last.unwrap_or(0.0));
+        // What lies between two held-out parts may be too short to tell anything.
+        let least = 16.0 * record.duration() / record.len().max(1) as f64;
+        for (from, to) in rest((from, to), &args.hold_out, least) {
             let segment = part(&record, &vehicle, args, (from, to))?;
             fitted.push(Source { log: log.clone(), segment });
         }
@@ -143,14 +147,14 @@ fn part(
     Segment::new(record, vehicle, args.period, (some(from), some(to))).map_err(Failure::mend)
 }
 
-/// What is left of an interval without others.
-fn rest(whole: (f64, f64), without: &[(f64, f64)]) -> Vec<(f64, f64)> {
+/// What is left of an interval without others, in parts longer than `least`.
+fn rest(whole: (f64, f64), without: &[(f64, f64)], least: f64) -> Vec<(f64, f64)> {
     let mut sorted = without.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut left = Vec::new();
     let mut from = whole.0;
     for (a, b) in sorted {
-        if a > from {
+        if a > from && from < whole.1 {
             left.push((from, a.min(whole.1)));
         }
         from = from.max(b);
@@ -158,7 +162,9 @@ fn rest(whole: (f64, f64), without: &[(f64, f64)]) -> Vec<(f64, f64)> {
     if from < whole.1 {
         left.push((from, whole.1));
     }
-    left.retain(|(a, b)| a < b);
+    if left.len() > 1 {
+        left.retain(|(a, b)| b - a > least);
+    }
     left
 }
 
@@ -210,8 +216,10 @@ mod tests {
 
     #[test]
     fn what_is_held_out_is_not_fitted() {
-        assert_eq!(rest((3.0, 84.0), &[(60.0, 84.0)]), [(3.0, 60.0)]);
-        assert_eq!(rest((0.0, 10.0), &[(6.0, 7.0), (2.0, 3.0)]), [(0.0, 2.0), (3.0, 6.0), (7.0, 10.0)]);
-        assert!(rest((0.0, 1.0), &[(-1.0, 2.0)]).is_empty());
+        assert_eq!(rest((3.0, 84.0), &[(60.0, 84.0)], 0.1), [(3.0, 60.0)]);
+        let two = [(6.0, 7.0), (2.0, 3.0)];
+        assert_eq!(rest((0.0, 10.0), &two, 0.1), [(0.0, 2.0), (3.0, 6.0), (7.0, 10.0)]);
+        assert_eq!(rest((0.0, 10.0), &[(9.95, 10.0)], 0.1), [(0.0, 9.95)]);
+        assert!(rest((0.0, 1.0), &[(-1.0, 2.0)], 0.1).is_empty());
     }
 }
