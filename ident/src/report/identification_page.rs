@@ -3,8 +3,8 @@
 use super::ReportError;
 use super::page::{Attachment, Cell, Level, Page, Row, Section, Table};
 use super::plot::{Look, Plot, Trace};
-use crate::identify::data::filled;
 use crate::identify::answer::{Identification, PartSeries, Role};
+use crate::identify::data::filled;
 use crate::identify::response::{Response, response};
 use crate::units::{number, shown, shown_factor, shown_unit};
 
