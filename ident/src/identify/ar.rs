@@ -28,7 +28,7 @@ impl Ar {
         let mut a: Vec<f64> = Vec::new();
         let n = total as f64;
         for order in 0..=most.min(total / 10) {
-            if !(variance > 0.0) {
+            if variance.is_nan() || variance <= 0.0 {
                 break;
             }
             let bic = n * variance.ln() + order as f64 * n.ln();
@@ -42,7 +42,7 @@ impl Ar {
                     power += f[k] * f[k] + b[k - 1] * b[k - 1];
                 }
             }
-            if !(power > 0.0) {
+            if power.is_nan() || power <= 0.0 {
                 break;
             }
             let reflection = -2.0 * cross / power;

@@ -161,8 +161,9 @@ impl<'p> Batch<'p> {
             for k in 0..segment.steps {
                 simulator.apply(&segment.inputs[k * m..(k + 1) * m]);
                 let y = simulator.measure();
-                for i in 0..p {
-                    let e = segment.outputs[k * p + i] - y[i] - offsets.get(i).unwrap_or(&0.0);
+                let measured = &segment.outputs[k * p..(k + 1) * p];
+                for (i, (measured, y)) in measured.iter().zip(y).enumerate() {
+                    let e = measured - y - offsets.get(i).unwrap_or(&0.0);
                     if e.is_finite() {
                         cost += self.scale[i] * e * e;
                     }

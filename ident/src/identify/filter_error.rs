@@ -127,7 +127,7 @@ fn part(
     let p = problem.p();
     let model = Linear::new(problem, theta, Some(gains))?;
     let columns = model.columns();
-    let whiten: Vec<DMatrix<f64>> = (0..gains.len())
+    let whiten: Vec<DMatrix<f64>> = (0..gains.phases())
         .map(|f| {
             let s = &gains.phase(f).covariance;
             let factor = s.clone().cholesky()?;
@@ -135,7 +135,7 @@ fn part(
         })
         .collect::<Option<_>>()?;
     let mut phases: Vec<(usize, DMatrix<f64>)> =
-        (0..gains.len()).map(|f| (0, DMatrix::zeros(whiten[f].nrows(), whiten[f].nrows()))).collect();
+        (0..gains.phases()).map(|f| (0, DMatrix::zeros(whiten[f].nrows(), whiten[f].nrows()))).collect();
     let mut normal = Normal::new(columns);
     let mut row = vec![0.0; columns];
     let mut errors = vec![0.0; p];
@@ -150,7 +150,7 @@ fn part(
         if fresh.is_empty() || errors.iter().any(|e| !e.is_finite()) {
             return;
         }
-        let f = step.k % gains.len();
+        let f = step.k % gains.phases();
         let (count, products) = &mut phases[f];
         *count += 1;
         for i in 0..fresh.len() {

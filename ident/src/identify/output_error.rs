@@ -66,7 +66,7 @@ const LARGEST_GROWTH: f64 = 5.0;
 fn grows(problem: &Problem, segments: &[Segment], theta: &[f64]) -> bool {
     let longest = segments.iter().map(|s| s.steps).max().unwrap_or(0) as f64 * problem.period_s;
     let poles = problem.vehicle_at(theta).a.complex_eigenvalues();
-    poles.iter().any(|p| !(p.re * longest < LARGEST_GROWTH))
+    poles.iter().any(|p| p.re.is_nan() || p.re * longest >= LARGEST_GROWTH)
 }
 
 fn sums(
@@ -141,10 +141,10 @@ pub fn spacing(segment: &Segment, i: usize, p: usize) -> usize {
     let mut gaps = Vec::new();
     let mut last = None;
     for k in 0..segment.steps {
-        if segment.outputs[k * p + i].is_finite() {
-            if let Some(last) = last.replace(k) {
-                gaps.push(k - last);
-            }
+        if segment.outputs[k * p + i].is_finite()
+            && let Some(last) = last.replace(k)
+        {
+            gaps.push(k - last);
         }
     }
     gaps.sort_unstable();

@@ -83,11 +83,6 @@ impl NoiseStructure {
             outputs: (0..problem.p()).filter(|i| problem.weights[*i] > 0.0).collect(),
         }
     }
-
-    /// Number of noise parameters: the natural logarithms of the standard deviations.
-    pub fn len(&self) -> usize {
-        self.states.len() + self.outputs.len()
-    }
 }
 
 /// One phase of the periodic steady state.
@@ -163,7 +158,7 @@ impl Gains {
     }
 
     /// Number of phases.
-    pub fn len(&self) -> usize {
+    pub fn phases(&self) -> usize {
         self.phases.len()
     }
 

@@ -61,7 +61,8 @@ mod tests {
         for size in [0.1, 1.0, 8.0] {
             let m = DMatrix::from_fn(5, 5, |i, j| size * ((3 * i + 7 * j) as f64).sin());
             let direction = DMatrix::from_fn(5, 5, |i, j| f64::from(u8::from((i, j) == (2, 3))));
-            let (value, derivatives) = exponential_with_derivatives(&m, &[direction.clone()]).unwrap();
+            let (value, derivatives) =
+                exponential_with_derivatives(&m, std::slice::from_ref(&direction)).unwrap();
             let exact = matrix_exponential(&m).unwrap();
             assert!((&value - &exact).norm() < 1e-13 * exact.norm() * (1.0 + size), "{size}");
             let h = 1e-5;

@@ -31,35 +31,23 @@ pub fn covariance(
     let p = problem.p();
     let mut spread = DMatrix::zeros(np, np);
     for ((segment, nuisance), coupling) in segments.iter().zip(&fit.nuisances).zip(&fit.coupling) {
-        let mut channels: Vec<Option<(RowFilter, RowFilter, Normal, usize, Option<usize>)>> = (0..p)
+        let mut channels: Vec<Option<Channel>> = (0..p)
             .map(|i| {
-                (problem.weights[i] > 0.0).then(|| {
-                    (
-                        RowFilter::new(&whitening[i], false, columns),
-                        RowFilter::new(&residual[i], true, columns),
-                        Normal::new(columns),
-                        spacing(segment, i, p),
-                        None,
-                    )
+                (problem.weights[i] > 0.0).then(|| Channel {
+                    whiten: RowFilter::new(&whitening[i], false, columns),
+                    colour: RowFilter::new(&residual[i], true, columns),
+                    normal: Normal::new(columns),
+                    every: spacing(segment, i, p),
+                    last: None,
                 })
             })
             .collect();
         simulation.sweep(segment, nuisance, &mut |step| {
             for (i, channel) in channels.iter_mut().enumerate() {
-                let Some((whiten, colour, normal, every, last)) = channel else { continue };
-                if !segment.outputs[step.k * p + i].is_finite() {
-                    continue;
-                }
-                if last.is_some_and(|l| step.k - l != *every) {
-                    whiten.reset();
-                    colour.reset();
-                }
-                *last = Some(step.k);
-                let slopes = &step.slopes[i * columns..(i + 1) * columns];
-                if let Some(row) = whiten.next(slopes)
-                    && let Some(row) = colour.next(row)
+                if let Some(channel) = channel
+                    && segment.outputs[step.k * p + i].is_finite()
                 {
-                    normal.add(row, 0.0);
+                    channel.add(step.k, &step.slopes[i * columns..(i + 1) * columns]);
                 }
             }
         });
@@ -68,12 +56,37 @@ pub fn covariance(
         turn.fill_diagonal(1.0);
         turn.view_mut((np, 0), coupling.shape()).copy_from(coupling);
         for (i, channel) in channels.into_iter().enumerate() {
-            let Some((_, _, normal, ..)) = channel else { continue };
+            let Some(channel) = channel else { continue };
             let weight = (problem.weights[i] / fit.variances[i]).powi(2) * residual[i].variance;
-            spread += turn.transpose() * normal.finish().information * &turn * weight;
+            spread += turn.transpose() * channel.normal.finish().information * &turn * weight;
         }
     }
     Some(&inverse * spread * &inverse)
+}
+
+/// The sensitivities of one output on their way through both filters.
+struct Channel {
+    whiten: RowFilter,
+    colour: RowFilter,
+    normal: Normal,
+    /// Usual distance of fresh values, steps.
+    every: usize,
+    last: Option<usize>,
+}
+
+impl Channel {
+    fn add(&mut self, k: usize, slopes: &[f64]) {
+        if self.last.is_some_and(|l| k - l != self.every) {
+            self.whiten.reset();
+            self.colour.reset();
+        }
+        self.last = Some(k);
+        if let Some(row) = self.whiten.next(slopes)
+            && let Some(row) = self.colour.next(row)
+        {
+            self.normal.add(row, 0.0);
+        }
+    }
 }
 
 /// A parameter that the data do not determine, and why.
@@ -99,7 +112,7 @@ pub fn undetermined(
     let n = parameters.len();
     let scale: Vec<f64> = (0..n).map(|i| information[(i, i)].max(0.0).sqrt()).collect();
     let size = |i: usize| scale[i] * (parameters[i].upper - parameters[i].lower);
-    if let Some(index) = (0..n).find(|i| !(size(*i) > 1e-6)) {
+    if let Some(index) = (0..n).find(|i| size(*i).is_nan() || size(*i) <= 1e-6) {
         return Some(Undetermined { index, why: "the fitted outputs do not depend on it".into() });
     }
     let scaled = DMatrix::from_fn(n, n, |i, j| information[(i, j)] / (scale[i] * scale[j]));
