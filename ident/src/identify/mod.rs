@@ -11,6 +11,7 @@ pub mod data;
 mod error;
 pub mod filter_error;
 pub mod ga;
+mod kalman;
 mod linear;
 pub mod normal;
 pub mod options;
