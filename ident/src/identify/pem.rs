@@ -140,9 +140,11 @@ fn from_starts(
     let white = white(problem);
     let mut starts = extra.to_vec();
     starts.extend(start::candidates(problem, segments));
-    if extra.is_empty() {
+    if starts.is_empty() {
         starts.push(start::given(problem));
         starts.extend(start::scattered(problem));
+    } else if problem.parameters.iter().any(|p| p.start.is_none()) {
+        starts.push(start::given(problem));
     }
     let evaluated = |segments: &[Segment]| {
         let nuisances = no_nuisances(problem, segments);
