@@ -149,7 +149,7 @@ impl Estimator {
             }
         }
         let u_before = self.gate.applied().u;
-        let u_now = self.filter.has_feedthrough().then(|| self.u_now(step)).unwrap_or(u_before);
+        let u_now = if self.filter.has_feedthrough() { self.u_now(step) } else { u_before };
         let odometry = self.odometry.filter(|o| o.head.step == step);
         let clean = self.filter.step(imu, odometry.as_ref(), &u_before, &u_now);
         self.refused += u64::from(!clean);
