@@ -146,6 +146,9 @@ impl Bus {
         deadline: Instant,
         mut ready: impl FnMut() -> Result<bool, E>,
     ) -> Result<bool, E> {
+        if self.wait.give_way {
+            std::thread::yield_now();
+        }
         for _ in 0..self.wait.spin {
             if ready()? {
                 return Ok(true);

@@ -107,6 +107,9 @@ pub struct ZenohConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WaitStrategy {
+    /// Yield before the first look: right after its own message a node has nothing to look for, and who answers may need
+    /// this very CPU.
+    pub give_way: bool,
     /// Looks before the first yield, with a processor pause in between.
     pub spin: u32,
     /// For how long to look with a yield of the processor in between.
@@ -123,6 +126,7 @@ impl WaitStrategy {
     /// loses nothing to a network that is slow for a moment.
     pub fn lockstep() -> Self {
         Self {
+            give_way: true,
             spin: 0,
             yield_for: Duration::from_millis(1),
             sleep: Duration::from_millis(1),
@@ -133,6 +137,7 @@ impl WaitStrategy {
     /// For real time: sleeps soon, so that a node of high priority does not starve the others.
     pub fn realtime() -> Self {
         Self {
+            give_way: false,
             spin: 20,
             yield_for: Duration::from_micros(5),
             sleep: Duration::from_millis(1),

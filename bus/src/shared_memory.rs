@@ -31,9 +31,9 @@ use crate::presence::Presence;
 use crate::{BusConfig, OpenError, RecvError, SendError, Transport};
 
 /// Publishers a topic can have; every node publishes `health`.
-pub const MAX_PUBLISHERS: usize = 16;
+pub const MAX_PUBLISHERS: usize = 8;
 /// Subscribers a topic can have.
-pub const MAX_SUBSCRIBERS: usize = 16;
+pub const MAX_SUBSCRIBERS: usize = 8;
 /// Nodes a bench can have.
 pub const MAX_NODES: usize = 32;
 /// Longest queue of a subscriber.

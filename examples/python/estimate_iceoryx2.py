@@ -15,8 +15,8 @@ from whirlstand_messages import Command, Estimate
 from whirlstand_node import Node, pause
 
 # The settings with which Whirlstand's nodes make and open a topic; all must ask for the same.
-MAX_PUBLISHERS = 16
-MAX_SUBSCRIBERS = 16
+MAX_PUBLISHERS = 8
+MAX_SUBSCRIBERS = 8
 MAX_NODES = 32
 MAX_DEPTH = 1024
 

@@ -214,8 +214,8 @@ pub(crate) struct BenchArgs {
     /// SCHED_FIFO priority of the realtime measurement [default: none]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(1..=99))]
     pub priority: Option<u8>,
-    /// CPUs of plant, estimator and controller, and of the ring beside them [default: the plant on the first, the
-    /// others on the next ones as far as there are any]
+    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the ring beside them [default: the
+    /// scheduler decides]
     #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
     pub cpus: Vec<usize>,
     /// Writes the figures as JSON; - for standard output.

@@ -3,15 +3,12 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use whirlstand_nodes::bench::{Figure, Member, Options, available_cpus, run, run_member};
+use whirlstand_nodes::bench::{Figure, Member, Options, run, run_member};
 
 use super::{print, write_json};
 use crate::cli::BenchArgs;
 use crate::error::Failure;
 use crate::style;
-
-/// Processes of the loop, and positions of the ring.
-const PROCESSES: usize = 3;
 
 /// Runs the measurements; exit code 1 when a goal is missed.
 pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
@@ -25,14 +22,13 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
     }
     let program = std::env::current_exe()
         .map_err(|e| Failure::Run(format!("this program cannot find itself, to start it again: {e}")))?;
-    let cpus = if args.cpus.is_empty() { spread(&available_cpus()) } else { args.cpus.clone() };
     let options = Options {
         what: args.what.clone(),
         seconds: args.seconds,
         repeat: args.repeat,
         realtime_seconds: args.realtime_seconds,
         priority: args.priority,
-        cpus,
+        cpus: args.cpus.clone(),
         member: vec![program.to_string_lossy().into_owned(), "bench".into(), "--member".into()],
     };
     let quiet = args.json.as_deref() == Some(Path::new("-"));
@@ -61,12 +57,6 @@ fn member() -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The plant on the first CPU, the others on the next ones; what is left over shares the last.
-fn spread(available: &[usize]) -> Vec<usize> {
-    let last = available.len().saturating_sub(1);
-    (0..PROCESSES).filter_map(|i| available.get(i.min(last)).copied()).collect()
-}
-
 fn line(f: &Figure) -> String {
     let number = |v: f64| match v.abs() {
         v if v >= 1e6 => format!("{:.2} M", v * 1e-6),
@@ -91,16 +81,4 @@ fn line(f: &Figure) -> String {
         format!("  {}", if g.met { style::good(&words) } else { style::bad(&format!("{words}: missed")) })
     });
     format!("{:<62} {:>16}{goal}{range}\n", f.name, with(f.value))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::spread;
-
-    #[test]
-    fn processes_spread_over_the_cpus_that_are_there() {
-        assert_eq!(spread(&[0, 1, 2, 3]), [0, 1, 2]);
-        assert_eq!(spread(&[4, 6]), [4, 6, 6]);
-        assert_eq!(spread(&[3]), [3, 3, 3]);
-    }
 }

@@ -165,7 +165,7 @@ impl Document {
     /// For an unknown key, with the nearest known one; for a missing key or a value of the wrong type.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, LaunchError> {
         let table = Spanned::new(0..0, self.checked()?);
-        T::deserialize(toml::Deserializer::from(table)).map_err(|e| self.from_toml(&e, 0..0))
+        T::deserialize(toml::Deserializer::from(table)).map_err(|e| self.syntax_error(&e, 0..0))
     }
 
     /// Reads the part at `path`; `None` when there is nothing.
@@ -177,10 +177,10 @@ impl Document {
         let (span, found) = follow(&table, path);
         let Some(value) = found else { return Ok(None) };
         let read = T::deserialize(toml::de::ValueDeserializer::from(value.clone()));
-        read.map(Some).map_err(|e| self.from_toml(&e, span))
+        read.map(Some).map_err(|e| self.syntax_error(&e, span))
     }
 
-    fn from_toml(&self, error: &toml::de::Error, fallback: Range<usize>) -> LaunchError {
+    fn syntax_error(&self, error: &toml::de::Error, fallback: Range<usize>) -> LaunchError {
         LaunchError {
             place: self.place(&error.span().unwrap_or(fallback)),
             message: reworded(error.message()),
@@ -297,7 +297,7 @@ fn assign<'d>(
         }
         DeValue::Array(array) => {
             let count = array.len();
-            let chosen = first.parse::<usize>().ok().and_then(|i| array.iter_mut().nth(i));
+            let chosen = first.parse::<usize>().ok().and_then(|i| array.get_mut(i));
             let chosen = chosen.ok_or_else(|| match count {
                 0 => format!("there is no entry '{first}': the list is empty"),
                 _ => format!("there is no entry '{first}': the list has the entries 0 to {}", count - 1),

@@ -28,7 +28,7 @@ pub enum Member {
         /// Position, from 0.
         position: usize,
         /// How it joins.
-        bus: BusConfig,
+        bus: Box<BusConfig>,
         /// Without the bus, on the transport alone.
         bare: bool,
         /// Laps to time.
@@ -63,7 +63,7 @@ pub fn run_member(member: &Member) -> Result<String, BenchError> {
         Member::Ring { position, bus, bare, laps, cpus } => {
             apply_realtime(&RealtimeOptions { cpus: cpus.clone(), ..RealtimeOptions::default() })
                 .map_err(NodeError::from)?;
-            let ring = Ring { bus: bus.clone(), bare: *bare, laps: *laps };
+            let ring = Ring { bus: bus.as_ref().clone(), bare: *bare, laps: *laps };
             let seconds = ring.run(*position)?.map_or(0.0, |t| t.as_secs_f64());
             Words { count: *laps, seconds, ..Words::default() }
         }

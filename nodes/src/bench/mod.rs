@@ -22,8 +22,6 @@ use crate::config::{
 };
 pub use member::{Member, run_member};
 
-pub use crate::os::available_cpus;
-
 /// The measurements, in the order in which they run.
 pub const MEASUREMENTS: [&str; 6] = ["plant", "inproc", "lockstep", "recorded", "zenoh", "realtime"];
 

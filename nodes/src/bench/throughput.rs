@@ -141,7 +141,7 @@ fn ring(options: &Options, transport: Transport, bare: bool) -> Result<f64, Benc
             bus.zenoh.connect = endpoints[..position].to_vec();
         }
         let cpus = options.cpus.get(position).copied().into_iter().collect();
-        (name(position), Member::Ring { position, bus, bare, laps, cpus })
+        (name(position), Member::Ring { position, bus: Box::new(bus), bare, laps, cpus })
     });
     let mut fleet = Fleet::start(options, members)?;
     let lead = fleet.finish(&name(0))?;

@@ -93,17 +93,18 @@ impl Controller {
             }
             _ => {}
         }
-        let tracked = self.profile.tracked();
-        let (reference, stick) = self.profile.at(step);
-        let mut setpoint = Setpoint { head: estimate.head, x: *reference, stick: *stick, tracked };
-        if let Some(piloted) = &self.piloted {
-            setpoint = Setpoint { head: estimate.head, ..*piloted };
-        }
+        let setpoint = match &mut self.piloted {
+            Some(piloted) => {
+                piloted.head = estimate.head;
+                &*piloted
+            }
+            None => self.profile.at(estimate.head),
+        };
         let mut command = Command { head: estimate.head, count: self.inputs as u32, ..Command::zeroed() };
-        command.flags = self.law.step(estimate, &setpoint, &mut command.u);
+        command.flags = self.law.step(estimate, setpoint, &mut command.u);
         self.commands.send(&command)?;
         if self.telemetry {
-            self.setpoints.send(&setpoint)?;
+            self.setpoints.send(setpoint)?;
         }
         self.last = Some(command);
         self.steps += 1;

@@ -1,6 +1,6 @@
 //! The reference and the stick over time.
 
-use whirlstand_msgs::{MAX_INPUTS, MAX_STATES};
+use whirlstand_msgs::{Head, Message, Setpoint};
 use whirlstand_vehicle::Vehicle;
 
 use crate::config::{NodeConfig, SignalChange};
@@ -17,13 +17,12 @@ struct Change {
 
 /// Steps of a set of signals, read forwards.
 #[derive(Debug, Clone)]
-struct Track<const N: usize> {
+struct Track {
     changes: Vec<Change>,
     next: usize,
-    values: [f64; N],
 }
 
-impl<const N: usize> Track<N> {
+impl Track {
     fn new(field: &str, changes: &[SignalChange], period_ns: u64, names: &[&str]) -> Result<Self, NodeError> {
         let mut list = Vec::new();
         for change in changes {
@@ -36,29 +35,24 @@ impl<const N: usize> Track<N> {
                 list.push(Change { step: step_at(change.at_s, period_ns), index, value });
             }
         }
-        Ok(Self { changes: list, next: 0, values: [0.0; N] })
+        Ok(Self { changes: list, next: 0 })
     }
 
-    fn at(&mut self, step: u64) -> &[f64; N] {
+    /// Makes the changes up to `step`.
+    fn advance(&mut self, step: u64, values: &mut [f64]) {
         while let Some(change) = self.changes.get(self.next).filter(|c| c.step <= step) {
-            self.values[change.index] = change.value;
+            values[change.index] = change.value;
             self.next += 1;
         }
-        &self.values
-    }
-
-    fn rewind(&mut self) {
-        self.next = 0;
-        self.values = [0.0; N];
     }
 }
 
 /// What the run asks of the controller, step by step.
 #[derive(Debug, Clone)]
 pub(super) struct Profile {
-    reference: Track<MAX_STATES>,
-    stick: Track<MAX_INPUTS>,
-    tracked: u64,
+    reference: Track,
+    stick: Track,
+    setpoint: Setpoint,
 }
 
 impl Profile {
@@ -68,22 +62,20 @@ impl Profile {
         let reference = Track::new("setpoint", &config.setpoint, config.period_ns, &states)?;
         let tracked = reference.changes.iter().fold(0, |bits, c| bits | 1 << c.index);
         let stick = Track::new("stick", &config.stick, config.period_ns, &inputs)?;
-        Ok(Self { reference, stick, tracked })
+        Ok(Self { reference, stick, setpoint: Setpoint { tracked, ..Setpoint::zeroed() } })
     }
 
-    /// States that the profile ever sets, as bits.
-    pub(super) fn tracked(&self) -> u64 {
-        self.tracked
-    }
-
-    /// Reference and stick at a step that is not before the last one asked for.
-    pub(super) fn at(&mut self, step: u64) -> (&[f64; MAX_STATES], &[f64; MAX_INPUTS]) {
-        (self.reference.at(step), self.stick.at(step))
+    /// Reference, stick and which states the profile ever sets, at a step that is not before the last one asked for.
+    pub(super) fn at(&mut self, head: Head) -> &Setpoint {
+        self.setpoint.head = head;
+        self.reference.advance(head.step, &mut self.setpoint.x);
+        self.stick.advance(head.step, &mut self.setpoint.stick);
+        &self.setpoint
     }
 
     /// Begins again at step 0.
     pub(super) fn rewind(&mut self) {
-        self.reference.rewind();
-        self.stick.rewind();
+        (self.reference.next, self.stick.next) = (0, 0);
+        self.setpoint = Setpoint { tracked: self.setpoint.tracked, ..Setpoint::zeroed() };
     }
 }

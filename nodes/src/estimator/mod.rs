@@ -112,7 +112,7 @@ impl Estimator {
 
     fn is_complete(&self, imu: &Imu) -> bool {
         let step = imu.head.step;
-        let follows = self.last.is_some_and(|l| l.head.step + 1 == step);
+        let follows = self.last.as_ref().is_some_and(|l| l.head.step + 1 == step);
         // After a miss commands are not coming, and waiting for each would make the next answers late as well.
         let command = !follows
             || self.gate.applied().flags & whirlstand_msgs::flags::HELD != 0
@@ -123,8 +123,8 @@ impl Estimator {
 
     fn answer(&mut self, imu: &Imu) -> Result<(), NodeError> {
         let step = imu.head.step;
-        let steps_to_predict = match self.last {
-            Some(last) if step == last.head.step => return Ok(self.estimates.send(&last)?),
+        let steps_to_predict = match &self.last {
+            Some(last) if step == last.head.step => return Ok(self.estimates.send(last)?),
             Some(last) if step < last.head.step => {
                 tracing::warn!(step, "the plant began a new run: starting the filter anew");
                 self.restart();
@@ -149,13 +149,12 @@ impl Estimator {
             }
         }
         let u_before = self.gate.applied().u;
-        let u_now = self.filter.has_feedthrough().then(|| self.u_now(step)).unwrap_or(u_before);
+        let u_now = if self.filter.has_feedthrough() { self.u_now(step) } else { u_before };
         let odometry = self.odometry.filter(|o| o.head.step == step);
         let clean = self.filter.step(imu, odometry.as_ref(), &u_before, &u_now);
         self.refused += u64::from(!clean);
-        let estimate = self.filter.estimate(imu.head);
-        self.estimates.send(&estimate)?;
-        self.last = Some(estimate);
+        let estimate = self.last.insert(self.filter.estimate(imu.head));
+        self.estimates.send(estimate)?;
         self.steps += 1;
         Ok(())
     }
@@ -209,7 +208,9 @@ impl Follower for Estimator {
                 Some(imu) => (imu, clock.now()),
                 None => {
                     // Between two measurements there is time for what the next one needs.
-                    self.take_commands()?;
+                    if self.last.as_ref().is_some_and(|l| self.history.get(l.head.step).is_none()) {
+                        self.take_commands()?;
+                    }
                     return Ok(Turn::Idle);
                 }
             },

@@ -6,6 +6,6 @@ mod sleep;
 mod stop;
 
 pub use notify::notify_ready;
-pub use scheduling::{RealtimeError, apply_realtime, available_cpus};
+pub use scheduling::{RealtimeError, apply_realtime};
 pub use sleep::{MonotonicTime, sleep_until};
 pub use stop::StopFlag;
