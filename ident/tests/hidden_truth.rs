@@ -99,7 +99,7 @@ fn prediction_error_finds_the_true_optimum() {
 
 #[test]
 fn the_genetic_algorithm_finds_the_true_optimum() {
-    let trials = trials(8);
+    let trials = trials(5);
     let structure = Vehicle::builtin("quadrotor-structure").unwrap();
     let mut failed = Vec::new();
     let mut evaluations = 0;

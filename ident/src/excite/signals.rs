@@ -67,7 +67,9 @@ fn one_by_one(shape: &Shape, active: usize, m: usize, pattern: &[f64]) -> Vec<Ve
     loop {
         // A doublet's power peaks near 2.3 rad over the length of its step (Jategaonkar 2015, section 2.4).
         let frequency = shape.lowest_hz * ratio.powf(0.25 + 0.25 * (turn / (2 * m) % 3) as f64);
-        let unit = ((2.3 / (TAU * frequency) / shape.period_s).round() as usize).max(1);
+        // Every input gets its turn, however short the flight.
+        let longest = active / (2 * pattern.len() * m);
+        let unit = ((2.3 / (TAU * frequency) / shape.period_s).round() as usize).min(longest).max(1);
         let (input, side) = (turn % m, if (turn / m).is_multiple_of(2) { 1.0 } else { -1.0 });
         if k + unit * pattern.len() > active {
             return all;

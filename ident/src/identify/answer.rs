@@ -24,6 +24,8 @@ pub struct Identification {
     pub method: Method,
     /// How residuals were modelled.
     pub noise: Noise,
+    /// True when a controller was in the loop.
+    pub closed_loop: bool,
     /// Seed of everything random.
     pub seed: u64,
     /// Version of this program.

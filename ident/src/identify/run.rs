@@ -116,6 +116,7 @@ fn answer(
         vehicle: vehicle.name.clone(),
         method: options.method,
         noise,
+        closed_loop: options.closed_loop,
         seed: options.seed,
         version: env!("CARGO_PKG_VERSION").into(),
         data: parts(problem, fitted, &own, Role::Identification)

@@ -75,6 +75,13 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
             "One-step residuals are not white ({}): something acts that the model does not have.",
             coloured.join(", ")
         ));
+        if answer.closed_loop {
+            all.push(
+                "The controller answers to it, which biases parameters beyond their standard errors where the \
+                 setpoint moves little: move it more."
+                    .into(),
+            );
+        }
     }
     let mut pairs = Vec::new();
     for (i, row) in answer.correlations.iter().enumerate() {
