@@ -24,8 +24,10 @@ fn answer(args: &[&str]) -> serde_json::Value {
 #[test]
 fn help_and_version_are_there_for_every_call() {
     let help = run(["--help"]).success().stdout;
-    for call in ["run", "node", "design", "simulate", "compare", "log", "vehicle", "launch", "doctor", "soak"]
-    {
+    for call in [
+        "run", "node", "design", "simulate", "compare", "identify", "excite", "log", "vehicle", "launch",
+        "doctor", "soak",
+    ] {
         assert!(help.contains(call), "{call}");
         let own = run([call, "--help"]).success().stdout;
         assert!(own.contains("Usage: whirlstand"), "{own}");

@@ -70,7 +70,7 @@ fn gains_of(
     Some((gains.collect::<Option<_>>()?, which))
 }
 
-/// Evaluates the likelihood. With `held_noise`, the noise parameters are not unknowns but given.
+/// Evaluates the likelihood; `None` when the predictor has no steady state or leaves all bounds.
 pub fn evaluate(
     problem: &Problem,
     structure: &NoiseStructure,

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
-use whirlstand_vehicle::{Vehicle, builtin_names};
+use whirlstand_vehicle::{Vehicle, builtin_names, template_names};
 
 use super::{print, print_json};
 use crate::cli::VehicleCommand;
@@ -36,7 +36,10 @@ fn list(json: bool) -> Result<(), Failure> {
             .iter()
             .map(|v| json!({ "name": v.name, "description": v.description, "states": v.states.len(), "inputs": v.inputs.len(), "outputs": v.outputs.len() }))
             .collect();
-        return print_json(&json!({ "schema": "whirlstand.vehicles.v1", "vehicles": all }));
+        let templates: Vec<&str> = template_names().collect();
+        return print_json(
+            &json!({ "schema": "whirlstand.vehicles.v1", "vehicles": all, "templates": templates }),
+        );
     }
     let mut text = String::new();
     for v in &vehicles {
@@ -45,6 +48,8 @@ fn list(json: bool) -> Result<(), Failure> {
         let name = style::strong(&format!("{:<26}", v.name));
         text.push_str(&format!("{name}  {size:<34}  {}\n", v.description));
     }
+    let templates = template_names().collect::<Vec<_>>().join(", ");
+    text.push_str(&format!("templates without numbers, for `whirlstand identify`: {templates}\n"));
     print(&text)
 }
 
