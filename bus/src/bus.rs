@@ -214,6 +214,20 @@ impl<M: Message> Publisher<M> {
     pub fn send(&mut self, message: &M) -> Result<(), SendError> {
         let seq = self.seq;
         self.seq += 1;
+        self.send_as(message, seq)
+    }
+
+    /// Publishes the message that was sent last once more, under its own number: for a subscriber that may not have been
+    /// there. Others see a number go back, which is no loss.
+    ///
+    /// # Errors
+    /// As [`Self::send`].
+    pub fn send_again(&mut self, message: &M) -> Result<(), SendError> {
+        self.send_as(message, self.seq.saturating_sub(1))
+    }
+
+    #[inline]
+    fn send_as(&mut self, message: &M, seq: u64) -> Result<(), SendError> {
         match &mut self.port {
             PublisherPort::Iceoryx2(port) => port.send(&self.topic, message, seq)?,
             PublisherPort::Inproc(port) => port.send(message, seq),

@@ -4,7 +4,7 @@ mod common;
 
 use std::time::{Duration, Instant};
 
-use whirlstand_bus::{Bus, BusConfig, Subscriber, Transport};
+use whirlstand_bus::{Bus, BusConfig, RecvError, Subscriber, Transport};
 use whirlstand_msgs::{Command, Estimate, Imu, Message, Setpoint, Truth, flags};
 use whirlstand_nodes::clock::{Clock, Turn};
 use whirlstand_nodes::config::{EstimatorKind, LawKind, Mode, NodeConfig};
@@ -214,10 +214,13 @@ fn each_node_can_leave_and_come_back() {
 #[test]
 fn a_stop_ends_in_order() {
     let config = common::config("stop", u64::MAX);
+    let bus = Bus::open(&BusConfig::new(&config.bench, "witness", Transport::Inproc)).unwrap();
+    let mut truths = bus.subscriber::<Truth>(16).unwrap();
     let stop = StopFlag::default();
     let flag = stop.clone();
     let handle = std::thread::spawn(move || whirlstand_nodes::run_inproc(&config, &flag).unwrap());
-    std::thread::sleep(Duration::from_millis(100));
+    let flown = || Ok::<_, RecvError>(truths.try_recv()?.is_some_and(|t| t.head.step >= 100));
+    assert!(bus.wait_until(Instant::now() + Duration::from_secs(60), flown).unwrap());
     stop.set();
     let ended = handle.join().unwrap();
     assert!(ended.steps > 0);

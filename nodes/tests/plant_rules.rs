@@ -177,7 +177,7 @@ fn an_unanswered_step_0_is_repeated_and_then_given_up() {
     };
     assert!(error.contains("step 0") && error.contains("0.5 s"), "{error}");
     let repeated = rig.imus.try_recv().unwrap().expect("the measurement was repeated");
-    assert_eq!(repeated.head.step, 0);
+    assert_eq!((repeated.head.step, repeated.head.seq), (0, 0), "the same message, also by its number");
 }
 
 #[test]

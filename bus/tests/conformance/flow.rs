@@ -108,6 +108,20 @@ pub fn several_publishers_share_a_topic(transport: Transport) {
     assert!(subscriber.try_recv().unwrap().is_none());
 }
 
+pub fn a_message_sent_again_keeps_its_number(transport: Transport) {
+    let stage = Stage::new(transport, "again");
+    let (here, there) = (stage.join("here"), stage.join("there"));
+    let mut publisher = here.publisher::<Health>().unwrap();
+    let mut subscriber = there.subscriber::<Health>(8).unwrap();
+    until_heard(&here, &mut publisher);
+    publisher.send(&at(0)).unwrap();
+    publisher.send_again(&at(0)).unwrap();
+    publisher.send(&at(1)).unwrap();
+    let numbers = [(); 3].map(|()| next(&there, &mut subscriber).head.seq);
+    assert_eq!(numbers, [0, 0, 1]);
+    assert_eq!(subscriber.lost(), 0);
+}
+
 pub fn a_late_joiner_hears_nothing_from_before(transport: Transport) {
     let stage = Stage::new(transport, "late");
     let (here, early) = (stage.join("here"), stage.join("early"));

@@ -32,6 +32,7 @@ conformance!(
     flow::every_message_arrives_as_it_was_sent,
     flow::messages_keep_their_order,
     flow::several_publishers_share_a_topic,
+    flow::a_message_sent_again_keeps_its_number,
     flow::a_late_joiner_hears_nothing_from_before,
     flow::a_full_queue_loses_the_oldest_and_counts,
     flow::other_topics_of_the_same_type_are_apart,

@@ -84,7 +84,7 @@ impl Controller {
             return Ok(());
         }
         match self.last {
-            Some(last) if step == last.head.step => return Ok(self.commands.send(&last)?),
+            Some(last) if step == last.head.step => return Ok(self.commands.send_again(&last)?),
             Some(last) if step < last.head.step => {
                 tracing::warn!(step, "the plant began a new run: resetting the law");
                 self.law.reset();

@@ -124,7 +124,7 @@ impl Estimator {
     fn answer(&mut self, imu: &Imu) -> Result<(), NodeError> {
         let step = imu.head.step;
         let steps_to_predict = match &self.last {
-            Some(last) if step == last.head.step => return Ok(self.estimates.send(last)?),
+            Some(last) if step == last.head.step => return Ok(self.estimates.send_again(last)?),
             Some(last) if step < last.head.step => {
                 tracing::warn!(step, "the plant began a new run: starting the filter anew");
                 self.restart();

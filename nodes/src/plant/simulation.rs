@@ -122,7 +122,7 @@ impl Simulation {
 
     /// Publishes the last measurement again, for a peer that was not there yet.
     pub(super) fn repeat_measurement(&mut self) -> Result<(), NodeError> {
-        Ok(self.imu.send(&self.last_imu)?)
+        Ok(self.imu.send_again(&self.last_imu)?)
     }
 
     /// Advances the vehicle by one period, and measures while the others work where the next input cannot show.
