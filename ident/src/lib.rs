@@ -1,6 +1,7 @@
 //! What data says: compare, identify, diagnose and report.
 
 pub mod compare;
+pub mod diagnose;
 pub mod excite;
 pub mod identify;
 pub mod metrics;

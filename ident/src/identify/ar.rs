@@ -63,6 +63,51 @@ impl Ar {
         best.1
     }
 
+    /// As [`Ar::fit`] for a single run, and done with once several orders in a row were no better.
+    pub fn burg(run: &[f64], most: usize) -> Self {
+        const PATIENCE: usize = 5;
+        let n = run.len() as f64;
+        let mut variance = run.iter().map(|v| v * v).sum::<f64>() / n.max(1.0);
+        let mut best = (f64::INFINITY, Self::white(variance));
+        let (mut forward, mut backward) = (run.to_vec(), run.to_vec());
+        let mut a: Vec<f64> = Vec::with_capacity(most);
+        for order in 0..=most.min(run.len() / 10) {
+            if variance.is_nan() || variance <= 0.0 {
+                break;
+            }
+            let bic = n * variance.ln() + order as f64 * n.ln();
+            if bic < best.0 {
+                best = (bic, Self { coefficients: a.clone(), variance });
+            } else if order > best.1.order() + PATIENCE {
+                break;
+            }
+            // backward[k] holds b_(k-1): shifted by one in each order, by taking a shorter slice.
+            let f = &mut forward[order + 1..];
+            let b = &mut backward[..run.len() - order - 1];
+            let (mut cross, mut power) = (0.0, 0.0);
+            for (f, b) in f.iter().zip(b.iter()) {
+                cross += f * b;
+                power += f * f + b * b;
+            }
+            if power.is_nan() || power <= 0.0 {
+                break;
+            }
+            let reflection = -2.0 * cross / power;
+            for (f, b) in f.iter_mut().zip(b.iter_mut()) {
+                let before = *f;
+                *f = before + reflection * *b;
+                *b += reflection * before;
+            }
+            let previous = a.clone();
+            a.push(reflection);
+            for (i, p) in previous.iter().enumerate() {
+                a[i] = p + reflection * previous[order - 1 - i];
+            }
+            variance *= 1.0 - reflection * reflection;
+        }
+        best.1
+    }
+
     /// Order.
     pub fn order(&self) -> usize {
         self.coefficients.len()
@@ -161,6 +206,16 @@ mod tests {
         assert!((ar.coefficients[0] + 1.5).abs() < 0.05 && (ar.coefficients[1] - 0.8).abs() < 0.05, "{ar:?}");
         assert!((ar.variance - 1.0).abs() < 0.05);
         assert_eq!(Ar::fit(&[coloured(5000, &[], 3)], 20).order(), 0);
+    }
+
+    #[test]
+    fn a_single_run_gives_what_several_runs_give() {
+        let run = coloured(3000, &[-1.2, 0.5, 0.1], 9);
+        let (single, several) = (Ar::burg(&run, 20), Ar::fit(std::slice::from_ref(&run), 20));
+        assert_eq!(single.order(), several.order());
+        for (a, b) in single.coefficients.iter().zip(&several.coefficients) {
+            assert!((a - b).abs() < 1e-9, "{single:?} {several:?}");
+        }
     }
 
     #[test]

@@ -1,0 +1,192 @@
+//! A record as a diagnosis sees it: inputs on an even grid, and every measured output as a sequence of its own.
+
+use whirlstand_logs::Record;
+use whirlstand_vehicle::Vehicle;
+
+use super::DiagnoseError;
+use crate::identify::data::Segment;
+
+/// One measured output: samples every `stride` steps from step `first` on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    /// Index of the vehicle's output.
+    pub output: usize,
+    /// Steps from one sample to the next.
+    pub stride: usize,
+    /// Step of the first sample.
+    pub first: usize,
+    /// Measured values, SI; NaN where there is none.
+    pub values: Vec<f64>,
+    /// Which samples count: measured, and not set aside as held, clipped or an outlier.
+    pub good: Vec<bool>,
+}
+
+impl Channel {
+    /// The step of a sample.
+    pub fn step(&self, sample: usize) -> usize {
+        self.first + sample * self.stride
+    }
+}
+
+/// A record on an even grid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Data {
+    /// Where it was read from.
+    pub origin: String,
+    /// Time of step 0 on the record's clock, s.
+    pub start_s: f64,
+    /// Period, s.
+    pub period_s: f64,
+    /// Number of steps.
+    pub steps: usize,
+    /// Steps x inputs, row after row, within the vehicle's limits.
+    pub inputs: Vec<f64>,
+    /// Number of inputs.
+    pub m: usize,
+    /// The outputs that were measured.
+    pub channels: Vec<Channel>,
+}
+
+/// Fewer steps than this tell nothing about dynamics.
+pub const LEAST_STEPS: usize = 64;
+
+impl Data {
+    /// Takes the vehicle's inputs and outputs out of a record.
+    ///
+    /// # Errors
+    /// When an input or every output is missing, or the record is too short or has no clock.
+    pub fn new(record: &Record, vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
+        let segment = Segment::new(record, vehicle, period_s, (None, None))?;
+        if segment.steps < LEAST_STEPS {
+            return Err(DiagnoseError::TooShort {
+                origin: record.origin.clone(),
+                steps: segment.steps,
+                least: LEAST_STEPS,
+            });
+        }
+        let p = vehicle.outputs.len();
+        let channels = (0..p).filter_map(|i| channel(&segment, i, p)).collect();
+        Ok(Self {
+            origin: record.origin.clone(),
+            start_s: segment.start_s,
+            period_s: segment.period_s,
+            steps: segment.steps,
+            inputs: segment.inputs,
+            m: vehicle.inputs.len(),
+            channels,
+        })
+    }
+
+    /// Samples of all channels together.
+    pub fn samples(&self) -> usize {
+        self.channels.iter().map(|c| c.values.len()).sum()
+    }
+
+    /// Samples that count.
+    pub fn good(&self) -> usize {
+        self.channels.iter().map(|c| c.good.iter().filter(|g| **g).count()).sum()
+    }
+
+    /// Length, s.
+    pub fn duration_s(&self) -> f64 {
+        self.steps as f64 * self.period_s
+    }
+
+    /// An input as a sequence.
+    pub fn input(&self, j: usize) -> impl Iterator<Item = f64> + '_ {
+        self.inputs.iter().skip(j).step_by(self.m).copied()
+    }
+
+    /// Where each channel's samples lie among all samples, channel after channel.
+    pub fn ranges(&self) -> Vec<std::ops::Range<usize>> {
+        let mut at = 0;
+        self.channels
+            .iter()
+            .map(|c| {
+                let range = at..at + c.values.len();
+                at = range.end;
+                range
+            })
+            .collect()
+    }
+
+    /// Measured values of all channels, channel after channel.
+    pub fn measured(&self) -> Vec<f64> {
+        self.channels.iter().flat_map(|c| c.values.iter().copied()).collect()
+    }
+
+    /// Replaces samples that do not count by the straight line between their neighbours. As it is linear, it may be
+    /// done to a residual and to a signature alike, and the two stay comparable.
+    pub fn fill(&self, samples: &mut [f64]) {
+        for (channel, range) in self.channels.iter().zip(self.ranges()) {
+            fill(&mut samples[range], &channel.good);
+        }
+    }
+}
+
+fn channel(segment: &Segment, i: usize, p: usize) -> Option<Channel> {
+    let all = segment.output(i, p);
+    let present: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
+    let first = *present.first()?;
+    // A sensor that is slower than the record delivers every so many steps.
+    let mut gaps: Vec<usize> = present.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_unstable();
+    let mut stride = gaps.get(gaps.len() / 2).copied().unwrap_or(1);
+    let mut first = first;
+    if let Some((start, every)) = held_rate(&all, &present) {
+        (first, stride) = (start, every);
+    }
+    let values: Vec<f64> = all.iter().skip(first).step_by(stride).copied().collect();
+    let good = values.iter().map(|v| v.is_finite()).collect();
+    Some(Channel { output: i, stride, first, values, good })
+}
+
+/// First fresh step and distance of fresh values, for a slow sensor whose last value was repeated in between.
+fn held_rate(all: &[f64], present: &[usize]) -> Option<(usize, usize)> {
+    let changes: Vec<usize> = present.windows(2).filter(|w| all[w[1]] != all[w[0]]).map(|w| w[1]).collect();
+    if changes.len() < 8 || changes.len() * 2 > present.len() {
+        return None;
+    }
+    let mut gaps: Vec<usize> = changes.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_unstable();
+    let every = gaps[gaps.len() / 2];
+    let regular = gaps.iter().filter(|g| *g % every == 0).count();
+    (every > 1 && regular * 10 > gaps.len() * 9).then(|| (changes[0] % every, every))
+}
+
+fn fill(values: &mut [f64], good: &[bool]) {
+    let mut last: Option<usize> = None;
+    let mut k = 0;
+    while k < values.len() {
+        if good[k] {
+            last = Some(k);
+            k += 1;
+            continue;
+        }
+        let next = (k..values.len()).find(|j| good[*j]);
+        let end = next.unwrap_or(values.len());
+        for j in k..end {
+            values[j] = match (last, next) {
+                (Some(a), Some(b)) => {
+                    values[a] + (values[b] - values[a]) * (j - a) as f64 / (b - a) as f64
+                }
+                (Some(a), None) => values[a],
+                (None, Some(b)) => values[b],
+                (None, None) => 0.0,
+            };
+        }
+        k = end;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fill;
+
+    #[test]
+    fn gaps_are_bridged_by_straight_lines() {
+        let mut v = [9.0, 1.0, f64::NAN, f64::NAN, 4.0, f64::NAN];
+        fill(&mut v, &[false, true, false, false, true, false]);
+        assert_eq!(v, [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
+    }
+}

@@ -1,0 +1,129 @@
+//! When something may have happened: disturbances by their response at every time, transitions on a grid.
+
+use rayon::prelude::*;
+use whirlstand_vehicle::{Effect, Kind};
+
+use super::library::{Candidate, Sizes, pulse, step};
+use super::model::{Fit, Model, dot};
+use super::screen::Frame;
+
+/// Times at which an event is tried.
+const TIMES: usize = 600;
+/// Durations of a pulse, in shares of the record and in steps of the grid of times: each about 1.6 times the last.
+const GROWTH: f64 = 1.6;
+
+/// The best times for a step and for a pulse on every state, in a frame.
+///
+/// The model is taken as linear and constant here: the response to a disturbance at one time is that at another,
+/// shifted. What is found is fitted with the simulator afterwards.
+pub fn events(model: &Model<'_, '_>, fit: &Fit, frame: &Frame<'_>, sizes: &Sizes) -> Vec<Candidate> {
+    let states = &model.runner.vehicle.states;
+    let found = (0..states.len()).into_par_iter().filter_map(|i| on_state(model, fit, frame, sizes, i));
+    found.flatten_iter().collect()
+}
+
+fn on_state(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    frame: &Frame<'_>,
+    sizes: &Sizes,
+    state: usize,
+) -> Option<Vec<Candidate>> {
+    let place = &model.runner.vehicle.states[state].name;
+    let data = model.runner.data;
+    let size = sizes.slopes[state].max(1e-9);
+    // Smaller than a nonlinear effect would notice, larger than rounding.
+    let effect = Effect::new(Kind::StepDisturbance, place, &[("at_s", 0.0), ("magnitude", 1e-3 * size)]).ok()?;
+    let mut vehicle = model.vehicle(&fit.values)?;
+    vehicle.add_effect(effect).ok()?;
+    let mut response = model.runner.run_vehicle(&vehicle, &fit.values[..model.states()])?;
+    response.iter_mut().zip(&fit.predicted).for_each(|(r, y)| *r = (*r - y) / (1e-3 * size));
+    let white = unmasked(frame, &response);
+    let every = data.steps.div_ceil(TIMES).max(1);
+    let times = data.steps / every;
+    let (mut products, mut overlaps) = (vec![0.0; times + 1], vec![vec![0.0; times + 1]; frame.basis().len()]);
+    let shifted = |of: &[f64], steps: usize| -> f64 {
+        data.channels
+            .iter()
+            .zip(data.ranges())
+            .map(|(channel, range)| {
+                let shift = (steps / channel.stride).min(range.len());
+                let (h, e) = (&white[range.clone()], &of[range]);
+                dot(&e[shift..], &h[..h.len() - shift])
+            })
+            .sum()
+    };
+    for t in 0..times {
+        products[t] = shifted(frame.residual(), t * every);
+        for (overlap, b) in overlaps.iter_mut().zip(frame.basis()) {
+            overlap[t] = shifted(b, t * every);
+        }
+    }
+    // Energy of the response to a pulse of d grid steps within its first k steps.
+    let energy = |d: usize| -> Vec<f64> {
+        let mut total = vec![0.0; times + 1];
+        for (channel, range) in data.channels.iter().zip(data.ranges()) {
+            let h = &white[range];
+            let lag = d * every / channel.stride;
+            let mut sum = 0.0;
+            let mut next = 0;
+            for (t, slot) in total.iter_mut().enumerate() {
+                let end = (t * every / channel.stride).min(h.len());
+                while next < end {
+                    let v = if lag > 0 && next >= lag { h[next] - h[next - lag] } else { h[next] };
+                    sum += v * v;
+                    next += 1;
+                }
+                *slot += sum;
+            }
+        }
+        total
+    };
+    // (score, time, duration, amplitude)
+    let best = |d: usize| {
+        let energies = energy(d);
+        let mut best = (0.0, 0, d, 0.0);
+        for t in 0..times {
+            let end = if d > 0 { (t + d).min(times) } else { times };
+            let product = products[t] - if d > 0 { products[end] } else { 0.0 };
+            let mut left = energies[times - t];
+            let whole = left;
+            for overlap in &overlaps {
+                let o = overlap[t] - if d > 0 { overlap[end] } else { 0.0 };
+                left -= o * o;
+            }
+            // What nuisances imitate almost wholly is no evidence.
+            if left > 1e-3 * whole && product * product > best.0 * left {
+                best = (product * product / left, t, d, product / left);
+            }
+        }
+        best
+    };
+    let at = |t: usize| (t * every) as f64 * data.period_s;
+    let mut durations = Vec::new();
+    let mut d = 1.0f64;
+    while (d as usize) < times / 2 {
+        if durations.last() != Some(&(d as usize)) {
+            durations.push(d as usize);
+        }
+        d = (d * GROWTH).max(d + 1.0);
+    }
+    let mut found = Vec::new();
+    let (score, t, _, amplitude) = best(0);
+    if score > 0.0 {
+        found.push(step(place, at(t), amplitude, sizes, times as f64));
+    }
+    let looks = (times * durations.len()) as f64;
+    let pulses = durations.iter().map(|d| best(*d));
+    if let Some((score, t, d, amplitude)) = pulses.max_by(|a, b| a.0.total_cmp(&b.0))
+        && score > 0.0
+    {
+        found.push(pulse(place, at(t), at(d), amplitude, sizes, looks));
+    }
+    Some(found)
+}
+
+/// The whitened response, without the rows that a frame leaves out at the start: shifted, they count.
+fn unmasked(frame: &Frame<'_>, response: &[f64]) -> Vec<f64> {
+    frame.noise().filter_all(frame.data(), response)
+}

@@ -1,0 +1,119 @@
+//! Gain on data that a fit has not seen.
+
+use nalgebra::DVector;
+
+use super::data::Data;
+use super::model::{Fit, dot};
+use super::noise::Noise;
+use crate::identify::normal::pseudo_inverse;
+
+/// Blocks that are left out, one after the other.
+const BLOCKS: usize = 12;
+
+/// The gain of `extended` over `reduced` on blocks that are left out of both fits, over its standard error.
+///
+/// Every block is predicted with the values that the other blocks give: the step from the fit to all blocks to that
+/// without one follows from the block's own share of gradient and information. Both are judged by the noise model of the
+/// extended one. Blocks are cut so that in each the two predictions differ by as much: an event that lasts a second
+/// has its blocks within that second. Whitened, residuals of one block say nothing about those of the next.
+///
+/// The first `states` values of a fit, the initial state, are left as they are: without the first block nothing would be
+/// known of them.
+pub fn gain_in_sigmas(data: &Data, states: usize, reduced: &Fit, extended: &Fit) -> f64 {
+    let noise = &extended.profile.noise;
+    let cuts = cuts(data, noise, reduced, extended);
+    let of = |fit: &Fit| left_out(data, noise, fit, states, &cuts);
+    let (Some(before), Some(after)) = (of(reduced), of(extended)) else { return 0.0 };
+    let gains: Vec<f64> = before.iter().zip(&after).map(|(b, a)| 0.5 * (b - a)).collect();
+    let n = gains.len() as f64;
+    if n < 3.0 {
+        return 0.0;
+    }
+    let mean = gains.iter().sum::<f64>() / n;
+    let variance = gains.iter().map(|g| (g - mean) * (g - mean)).sum::<f64>() / (n - 1.0);
+    if variance > 0.0 { mean / (variance / n).sqrt() } else { 0.0 }
+}
+
+/// First steps of the blocks, and the end.
+fn cuts(data: &Data, noise: &Noise, reduced: &Fit, extended: &Fit) -> Vec<usize> {
+    let mut difference: Vec<f64> =
+        extended.predicted.iter().zip(&reduced.predicted).map(|(a, b)| a - b).collect();
+    data.fill(&mut difference);
+    let white = noise.whiten(data, &difference);
+    let mut energy = vec![0.0; data.steps];
+    for (channel, range) in data.channels.iter().zip(data.ranges()) {
+        for (k, w) in white[range].iter().enumerate() {
+            energy[channel.step(k)] += w * w;
+        }
+    }
+    let total: f64 = energy.iter().sum();
+    let mut cuts = vec![0];
+    let mut sum = 0.0;
+    for (k, e) in energy.iter().enumerate() {
+        sum += e;
+        let wanted = cuts.len() as f64 / BLOCKS as f64;
+        if sum >= wanted * total && cuts.len() < BLOCKS && k >= cuts[cuts.len() - 1] + 4 {
+            cuts.push(k + 1);
+        }
+    }
+    cuts.push(data.steps);
+    cuts.dedup();
+    cuts
+}
+
+/// Sum of squared whitened errors of every block when it is left out.
+fn left_out(data: &Data, noise: &Noise, fit: &Fit, states: usize, cuts: &[usize]) -> Option<Vec<f64>> {
+    let residual = noise.whiten(data, &fit.residual);
+    let columns: Vec<Vec<f64>> = fit
+        .columns
+        .iter()
+        .skip(states)
+        .map(|c| {
+            let mut filled = c.clone();
+            data.fill(&mut filled);
+            noise.whiten(data, &filled)
+        })
+        .collect();
+    let n = columns.len();
+    let parts: Vec<Vec<std::ops::Range<usize>>> = cuts
+        .windows(2)
+        .map(|cut| {
+            data.channels
+                .iter()
+                .zip(data.ranges())
+                .map(|(channel, range)| {
+                    let sample = |step: usize| {
+                        range.start + step.saturating_sub(channel.first).div_ceil(channel.stride).min(range.len())
+                    };
+                    sample(cut[0])..sample(cut[1])
+                })
+                .collect()
+        })
+        .collect();
+    let sums = |ranges: &[std::ops::Range<usize>], a: &[f64], b: &[f64]| -> f64 {
+        ranges.iter().map(|r| dot(&a[r.clone()], &b[r.clone()])).sum()
+    };
+    let information = |ranges: &[std::ops::Range<usize>]| {
+        let mut f = nalgebra::DMatrix::zeros(n, n);
+        for i in 0..n {
+            for j in 0..=i {
+                let v = sums(ranges, &columns[i], &columns[j]);
+                (f[(i, j)], f[(j, i)]) = (v, v);
+            }
+        }
+        f
+    };
+    let blocks: Vec<_> = parts.iter().map(|p| information(p)).collect();
+    let total = blocks.iter().fold(nalgebra::DMatrix::zeros(n, n), |sum, b| sum + b);
+    parts
+        .iter()
+        .zip(&blocks)
+        .map(|(ranges, own)| {
+            let gradient = DVector::from_iterator(n, columns.iter().map(|c| sums(ranges, c, &residual)));
+            let step = -(pseudo_inverse(&(&total - own))? * &gradient);
+            // |e - J d|^2 over the block.
+            let square = sums(ranges, &residual, &residual);
+            Some((square - 2.0 * gradient.dot(&step) + step.dot(&(own * &step))).max(0.0))
+        })
+        .collect()
+}

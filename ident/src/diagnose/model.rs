@@ -1,0 +1,268 @@
+//! A hypothesis about a record: the vehicle, effects with open values, and the fit of all of them together.
+
+use nalgebra::{DMatrix, DVector};
+use whirlstand_vehicle::{Effect, Free, Target, Vehicle};
+
+use super::library::Candidate;
+use super::noise::{Noise, Profile};
+use super::runner::Runner;
+use crate::identify::normal::pseudo_inverse;
+
+/// Steps of Levenberg and Marquardt under one noise model.
+const INNER: usize = 6;
+/// How often the noise model is fitted anew.
+const OUTER: usize = 5;
+/// Gain of the log-likelihood below which a fit is done.
+const DONE: f64 = 0.02;
+
+/// The vehicle with free parameters and effects whose values are open.
+///
+/// Values come in one vector: initial state, free parameters of the vehicle, then the tunables of every effect.
+#[derive(Debug, Clone)]
+pub struct Model<'r, 'd> {
+    /// The vehicle over the record.
+    pub runner: &'r Runner<'d>,
+    /// Free parameters of the vehicle, for one that was fitted itself.
+    pub free: &'r [Free],
+    /// Effects.
+    pub terms: Vec<Candidate>,
+}
+
+/// A model at its best values.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// Best values.
+    pub values: Vec<f64>,
+    /// Predicted samples.
+    pub predicted: Vec<f64>,
+    /// Measured minus predicted, filled.
+    pub residual: Vec<f64>,
+    /// Likelihood and noise model.
+    pub profile: Profile,
+    /// Columns of the sensitivities, raw, in the order of the values.
+    pub columns: Vec<Vec<f64>>,
+}
+
+struct Slot {
+    lower: f64,
+    upper: f64,
+    scale: f64,
+}
+
+impl<'r, 'd> Model<'r, 'd> {
+    /// How many values are the initial state.
+    pub fn states(&self) -> usize {
+        self.runner.states()
+    }
+
+    /// How many values come before those of the effects.
+    pub fn base(&self) -> usize {
+        self.states() + self.free.len()
+    }
+
+    /// Number of values that are no initial state: what BIC counts.
+    pub fn parameters(&self) -> usize {
+        self.free.len() + self.terms.iter().map(|t| t.tunables.len()).sum::<usize>()
+    }
+
+    /// Where the values of a term lie.
+    pub fn range(&self, term: usize) -> std::ops::Range<usize> {
+        let from = self.base() + self.terms[..term].iter().map(|t| t.tunables.len()).sum::<usize>();
+        from..from + self.terms[term].tunables.len()
+    }
+
+    /// The effects at the given values.
+    pub fn effects(&self, values: &[f64]) -> Option<Vec<Effect>> {
+        (0..self.terms.len()).map(|t| self.terms[t].effect(&values[self.range(t)])).collect()
+    }
+
+    /// The vehicle at the given values.
+    pub fn vehicle(&self, values: &[f64]) -> Option<Vehicle> {
+        let mut vehicle = self.runner.with(&self.effects(values)?)?;
+        for (free, value) in self.free.iter().zip(&values[self.states()..]) {
+            vehicle.set_free(&free.target, *value).ok()?;
+        }
+        Some(vehicle)
+    }
+
+    /// Predicted samples.
+    pub fn predict(&self, values: &[f64]) -> Option<Vec<f64>> {
+        self.runner.run_vehicle(&self.vehicle(values)?, &values[..self.states()])
+    }
+
+    fn slots(&self) -> Vec<Slot> {
+        let mut slots: Vec<Slot> = (0..self.states())
+            .map(|_| Slot { lower: f64::NEG_INFINITY, upper: f64::INFINITY, scale: 1e-2 })
+            .collect();
+        let vehicle = &self.runner.vehicle;
+        slots.extend(self.free.iter().map(|f| {
+            let value = vehicle.free_value(&f.target).abs();
+            // A zero that was fitted has no size of its own: its neighbours in the matrix have.
+            let scale = if value > 0.0 { value } else { 1e-3 * (f.upper - f.lower).min(1e3) };
+            let _: &Target = &f.target;
+            Slot { lower: f.lower, upper: f.upper, scale: 1e-3 * scale }
+        }));
+        let tunables = self.terms.iter().flat_map(|t| &t.tunables);
+        slots.extend(tunables.map(|t| Slot { lower: t.lower, upper: t.upper, scale: t.scale }));
+        slots
+    }
+
+    /// Sensitivities by one-sided differences; those of the initial state may be given.
+    fn columns(
+        &self,
+        values: &[f64],
+        centre: &[f64],
+        slots: &[Slot],
+        initial: Option<&[Vec<f64>]>,
+    ) -> Option<Vec<Vec<f64>>> {
+        let n = self.states();
+        let mut columns = match initial {
+            Some(columns) => columns.to_vec(),
+            None => self.runner.initial_columns(&self.vehicle(values)?, &values[..n], centre)?,
+        };
+        for i in n..values.len() {
+            let up = values[i] + slots[i].scale <= slots[i].upper;
+            let step = if up { slots[i].scale } else { -slots[i].scale };
+            let mut moved = values.to_vec();
+            moved[i] += step;
+            let mut column = match self.predict(&moved) {
+                Some(column) => column,
+                None => {
+                    moved[i] = values[i] - step;
+                    self.predict(&moved)?
+                }
+            };
+            let inverse = 1.0 / (moved[i] - values[i]);
+            column.iter_mut().zip(centre).for_each(|(c, y)| *c = (*c - y) * inverse);
+            columns.push(column);
+        }
+        Some(columns)
+    }
+
+    fn residual(&self, measured: &[f64], predicted: &[f64]) -> Vec<f64> {
+        let mut residual: Vec<f64> = measured.iter().zip(predicted).map(|(y, p)| y - p).collect();
+        self.runner.data.fill(&mut residual);
+        residual
+    }
+
+    /// Fits all values, the noise model in turn with them. `initial` are sensitivities by the initial state from a
+    /// model nearby: the search follows them, the answer does not depend on them.
+    ///
+    /// `None` when the start cannot be simulated.
+    pub fn fit(&self, start: Vec<f64>, noise: Option<&Noise>, initial: Option<&[Vec<f64>]>) -> Option<Fit> {
+        let data = self.runner.data;
+        let measured = data.measured();
+        let slots = self.slots();
+        let mut values = start;
+        for (v, s) in values.iter_mut().zip(&slots) {
+            *v = v.clamp(s.lower, s.upper);
+        }
+        let mut predicted = self.predict(&values)?;
+        let mut residual = self.residual(&measured, &predicted);
+        let mut profile = Noise::fit(data, &residual);
+        let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
+        let mut columns = Vec::new();
+        let mut damping = 1e-4;
+        for _ in 0..OUTER {
+            let mut white = used.whiten(data, &residual);
+            let mut cost = dot(&white, &white);
+            for _ in 0..INNER {
+                columns = self.columns(&values, &predicted, &slots, initial)?;
+                let (information, right) = normal(&used, data, &columns, &white);
+                let mut moved = None;
+                for _ in 0..6 {
+                    let Some(step) = damped(&information, &right, damping) else { break };
+                    let mut next = values.clone();
+                    next.iter_mut().zip(step.iter()).zip(&slots).for_each(|((v, d), s)| {
+                        *v = (*v + d).clamp(s.lower, s.upper);
+                    });
+                    if let Some(p) = self.predict(&next) {
+                        let r = self.residual(&measured, &p);
+                        let w = used.whiten(data, &r);
+                        let c = dot(&w, &w);
+                        if c < cost {
+                            moved = Some((next, p, r, w, c));
+                            break;
+                        }
+                    }
+                    damping = (damping * 10.0).max(1e-4);
+                }
+                let Some((next, p, r, w, c)) = moved else { break };
+                let gain = cost - c;
+                (values, predicted, residual, white, cost) = (next, p, r, w, c);
+                damping = (0.1 * damping).max(1e-9);
+                if gain < DONE {
+                    break;
+                }
+            }
+            let next = Noise::fit(data, &residual);
+            let gain = next.log_likelihood - profile.log_likelihood;
+            let same = next.noise == used;
+            profile = next;
+            used = profile.noise.clone();
+            if same || gain.abs() < DONE {
+                break;
+            }
+        }
+        if initial.is_some() || columns.is_empty() {
+            columns = self.columns(&values, &predicted, &slots, initial)?;
+        }
+        Some(Fit { values, predicted, residual, profile, columns })
+    }
+
+    /// Covariance of the values (Cramer and Rao), from exact sensitivities at the fit.
+    pub fn covariance(&self, fit: &Fit) -> Option<DMatrix<f64>> {
+        let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
+        let data = self.runner.data;
+        let zero = vec![0.0; fit.residual.len()];
+        let (information, _) = normal(&fit.profile.noise, data, &columns, &zero);
+        pseudo_inverse(&information)
+    }
+}
+
+fn normal(
+    noise: &Noise,
+    data: &super::data::Data,
+    columns: &[Vec<f64>],
+    white: &[f64],
+) -> (DMatrix<f64>, DVector<f64>) {
+    let whitened: Vec<Vec<f64>> = columns
+        .iter()
+        .map(|c| {
+            let mut c = c.clone();
+            data.fill(&mut c);
+            noise.whiten(data, &c)
+        })
+        .collect();
+    let n = whitened.len();
+    let mut information = DMatrix::zeros(n, n);
+    for i in 0..n {
+        for j in 0..=i {
+            let v = dot(&whitened[i], &whitened[j]);
+            (information[(i, j)], information[(j, i)]) = (v, v);
+        }
+    }
+    (information, DVector::from_iterator(n, whitened.iter().map(|c| dot(c, white))))
+}
+
+/// The step of Levenberg and Marquardt; directions that the data do not show stay.
+fn damped(information: &DMatrix<f64>, right: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
+    let mut damped = information.clone();
+    for i in 0..damped.nrows() {
+        damped[(i, i)] *= 1.0 + damping;
+    }
+    Some(pseudo_inverse(&damped)? * right)
+}
+
+/// Sum of products, in four independent sums.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in a4.zip(b4) {
+        for i in 0..4 {
+            sums[i] += x[i] * y[i];
+        }
+    }
+    rest + sums.iter().sum::<f64>()
+}

@@ -1,0 +1,116 @@
+//! The noise of a record: one autoregressive model a channel, and what it makes of residuals and signatures.
+
+use crate::identify::ar::Ar;
+
+use super::data::Data;
+
+/// Highest order that is considered. Rows up to it are left out of every likelihood, whatever the order, so that
+/// likelihoods can be compared.
+pub const MOST: usize = 20;
+
+/// One model a channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noise {
+    /// In the order of the channels.
+    pub channels: Vec<Ar>,
+}
+
+/// Likelihood of a residual with the noise model that fits it best.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    /// The model.
+    pub noise: Noise,
+    /// Logarithm of the likelihood, without constants.
+    pub log_likelihood: f64,
+    /// Rows that count.
+    pub rows: usize,
+    /// Numbers that the noise model has.
+    pub parameters: usize,
+}
+
+impl Profile {
+    /// Bayesian information criterion with `parameters` more of the model's own; smaller is better.
+    pub fn bic(&self, parameters: usize) -> f64 {
+        -2.0 * self.log_likelihood + (self.parameters + parameters) as f64 * (self.rows as f64).ln()
+    }
+}
+
+impl Noise {
+    /// White noise of the given standard deviations.
+    pub fn white(stds: &[f64]) -> Self {
+        Self { channels: stds.iter().map(|s| Ar::white(s * s)).collect() }
+    }
+
+    /// Fits residuals (filled, all channels).
+    pub fn fit(data: &Data, residual: &[f64]) -> Profile {
+        let mut profile = Profile {
+            noise: Self { channels: Vec::with_capacity(data.channels.len()) },
+            log_likelihood: 0.0,
+            rows: 0,
+            parameters: 0,
+        };
+        for (channel, range) in data.channels.iter().zip(data.ranges()) {
+            let r = &residual[range];
+            let mut ar = Ar::burg(r, MOST);
+            let white = filtered(&ar, r);
+            let (mut sum, mut rows) = (0.0, 0usize);
+            for (e, good) in white.iter().zip(&channel.good).skip(MOST) {
+                if *good {
+                    sum += e * e;
+                    rows += 1;
+                }
+            }
+            ar.variance = (sum / rows.max(1) as f64).max(f64::MIN_POSITIVE);
+            profile.log_likelihood -= 0.5 * rows as f64 * (ar.variance.ln() + 1.0);
+            profile.rows += rows;
+            profile.parameters += ar.order() + 1;
+            profile.noise.channels.push(ar);
+        }
+        profile
+    }
+
+    /// What is white in `samples`, over its standard deviation; 0 in rows that do not count.
+    pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        let mut out = Vec::with_capacity(samples.len());
+        for ((channel, range), ar) in data.channels.iter().zip(data.ranges()).zip(&self.channels) {
+            let mut white = filtered(ar, &samples[range]);
+            let scale = if ar.variance > 0.0 { 1.0 / ar.variance.sqrt() } else { 0.0 };
+            for (k, (e, good)) in white.iter_mut().zip(&channel.good).enumerate() {
+                *e *= if *good && k >= MOST { scale } else { 0.0 };
+            }
+            out.append(&mut white);
+        }
+        out
+    }
+
+    /// As [`Noise::whiten`], but with every row: for a response that is shifted in time afterwards.
+    pub fn filter_all(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        let mut out = Vec::with_capacity(samples.len());
+        for (range, ar) in data.ranges().into_iter().zip(&self.channels) {
+            let scale = if ar.variance > 0.0 { 1.0 / ar.variance.sqrt() } else { 0.0 };
+            out.extend(filtered(ar, &samples[range]).iter().map(|e| e * scale));
+        }
+        out
+    }
+
+    /// Standard deviation of what a channel's noise adds up to.
+    pub fn std(&self, channel: usize, data: &Data, residual: &[f64]) -> f64 {
+        let range = data.ranges()[channel].clone();
+        let good = &data.channels[channel].good;
+        let kept: Vec<f64> =
+            residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
+        crate::stats::rms(&kept)
+    }
+}
+
+/// A(q) applied to a sequence; what lies before it counts as zero.
+fn filtered(ar: &Ar, r: &[f64]) -> Vec<f64> {
+    let mut out = r.to_vec();
+    for (i, a) in ar.coefficients.iter().enumerate() {
+        let lag = i + 1;
+        if lag < r.len() {
+            out[lag..].iter_mut().zip(r).for_each(|(o, past)| *o += a * past);
+        }
+    }
+    out
+}

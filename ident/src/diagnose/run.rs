@@ -1,0 +1,241 @@
+//! A whole diagnosis: checks of the data, causes, the extended vehicle, and what is gained.
+
+use std::collections::BTreeMap;
+
+use whirlstand_logs::Record;
+use whirlstand_vehicle::{Effect, Free, Kind, Vehicle};
+
+use super::DiagnoseError;
+use super::answer::*;
+use super::data::Data;
+use super::library::{self, Sizes};
+use super::model::{Fit, Model};
+use super::runner::Runner;
+use super::samples::{SampleEffect, measured_effects, outliers};
+use super::select::{Selection, select};
+use super::stochastic::{ExcessNoise, Turbulence, excess_noise, turbulence};
+use super::survey::Scene;
+use super::{checks, gains, words};
+
+/// What can be chosen.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Period, s; the record's own when `None`.
+    pub period_s: Option<f64>,
+    /// The vehicle's free parameters are estimates that may be refitted; `None`: they are when the vehicle file says
+    /// that they were identified from a record.
+    pub refit: Option<bool>,
+    /// Vehicles whose flight mode the record may change to, beside the built-in ones.
+    pub modes: Vec<String>,
+    /// A record on the ground with the engine on.
+    pub engine_on: Option<Record>,
+    /// A record with the engine off.
+    pub engine_off: Option<Record>,
+}
+
+/// Least gain in BIC for turbulence: its likelihood is an approximation.
+const TURBULENCE: f64 = 30.0;
+
+/// All that was found, before it is put into words.
+pub(super) struct Findings<'r, 'd> {
+    pub selection: Selection<'r, 'd>,
+    pub sizes: Sizes,
+    pub samples: Vec<SampleEffect>,
+    pub turbulence: Option<Turbulence>,
+    pub noise: Vec<(usize, ExcessNoise)>,
+}
+
+/// Diagnoses a record.
+///
+/// # Errors
+/// [`DiagnoseError`] when there is nothing that could be simulated; what is wrong with data that can is an answer.
+pub fn diagnose(record: &Record, vehicle: &Vehicle, options: &Options) -> Result<Diagnosis, DiagnoseError> {
+    let mut data = Data::new(record, vehicle, options.period_s)?;
+    let mut found = checks::record(record, vehicle);
+    found.extend(checks::stuck(&mut data, vehicle));
+    found.extend(checks::excitation(&data, vehicle));
+    let mut samples = measured_effects(&mut data, vehicle);
+    let free = free(vehicle, options);
+    let states = vehicle.states.len();
+    let start = || -> Vec<f64> {
+        let values = free.iter().map(|f| vehicle.free_value(&f.target));
+        std::iter::repeat_n(0.0, states).chain(values).collect()
+    };
+    let first = {
+        let runner = Runner::new(vehicle, &data);
+        let model = Model { runner: &runner, free: &[], terms: Vec::new() };
+        let Some(fit) = model.fit(vec![0.0; states], None, None) else {
+            return Ok(words::diverged(record, vehicle, &data, found));
+        };
+        found.extend(checks::channels(&runner, &fit.predicted, &fit.residual));
+        if !found.iter().any(|f| f.blocking) {
+            found.extend(checks::inputs(&runner, &fit.values, &fit.predicted, &fit.residual));
+        }
+        fit
+    };
+    if !found.iter().any(|f| f.blocking) {
+        samples.extend(outliers(&mut data, &first.residual));
+    }
+    let runner = Runner::new(vehicle, &data);
+    let blocked = found.iter().any(|f| f.blocking);
+    let sizes = sizes(&runner, &first);
+    let present: Vec<usize> = data.channels.iter().map(|c| c.output).collect();
+    let mut candidates = if blocked { Vec::new() } else { library::library(vehicle, &sizes, &present) };
+    if !blocked {
+        candidates.extend(transitions(vehicle, &sizes, &options.modes));
+    }
+    let declared: Vec<f64> = present.iter().map(|i| vehicle.outputs[*i].noise).collect();
+    let scene = Scene { library: &candidates, sizes: &sizes, declared: &declared, share: 1.0 };
+    let model = Model { runner: &runner, free: &free, terms: Vec::new() };
+    let selection = if blocked {
+        Selection::nothing(model.clone(), start())
+    } else {
+        select(model.clone(), &scene)
+    };
+    let Some(mut selection) = selection else {
+        return Ok(words::diverged(record, vehicle, &data, found));
+    };
+    let mut random = None;
+    if !blocked {
+        // Turbulence imitated by events would be many of them, and still leave colour behind.
+        let gained = selection.null.profile.bic(0) - selection.fit.profile.bic(selection.model.parameters());
+        let alone = turbulence(&model, &selection.null).filter(|t| t.delta_bic > TURBULENCE);
+        if let Some(found) = alone.filter(|t| t.delta_bic > gained + TURBULENCE) {
+            let strict = Scene { share: 0.5, ..scene };
+            if let Some(beside) = select(model, &strict) {
+                selection = beside;
+            }
+            random = turbulence(&selection.model, &selection.fit)
+                .filter(|t| t.delta_bic > TURBULENCE)
+                .or(Some(found));
+        } else {
+            random = turbulence(&selection.model, &selection.fit).filter(|t| t.delta_bic > TURBULENCE);
+        }
+    }
+    let noise = excess(&data, &selection.fit, &declared, random.is_some());
+    let findings = Findings { selection, sizes, samples, turbulence: random, noise };
+    let extended = extended(vehicle, &findings);
+    let gains = gains::gains(&findings, &data, vehicle);
+    Ok(words::answer(record, vehicle, options, &data, found, findings, extended, gains))
+}
+
+/// Which free parameters are estimates.
+fn free(vehicle: &Vehicle, options: &Options) -> Vec<Free> {
+    let estimated = options.refit.unwrap_or(!vehicle.provenance.is_empty());
+    let entries = |f: &&Free| matches!(f.target, whirlstand_vehicle::Target::Entry(..));
+    if estimated { vehicle.free.iter().filter(entries).cloned().collect() } else { Vec::new() }
+}
+
+fn sizes(runner: &Runner<'_>, fit: &Fit) -> Sizes {
+    let data = runner.data;
+    let n = runner.states();
+    let states = runner.run_states(&fit.values[..n]).unwrap_or_else(|| vec![Vec::new(); n]);
+    let peak = |v: &[f64]| v.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    let slope = |v: &Vec<f64>| {
+        crate::stats::rms(&v.windows(2).map(|w| (w[1] - w[0]) / data.period_s).collect::<Vec<_>>())
+    };
+    let mut outputs = vec![0.0; runner.vehicle.outputs.len()];
+    let mut noise = vec![0.0; outputs.len()];
+    for (c, channel) in data.channels.iter().enumerate() {
+        let values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
+        outputs[channel.output] = peak(&values);
+        let declared = runner.vehicle.outputs[channel.output].noise;
+        noise[channel.output] =
+            if declared > 0.0 { declared } else { fit.profile.noise.channels[c].variance.sqrt() };
+    }
+    Sizes {
+        inputs: runner.input_peaks(),
+        states: states.iter().map(|s| peak(s)).collect(),
+        slopes: states.iter().map(slope).collect(),
+        outputs,
+        noise,
+        duration_s: data.duration_s(),
+        period_s: data.period_s,
+    }
+}
+
+/// Times at which a transition is tried.
+const TRANSITIONS: usize = 24;
+
+fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<library::Candidate> {
+    let builtin = whirlstand_vehicle::builtin_names().map(String::from);
+    let others = builtin.chain(modes.iter().cloned()).filter(|name| *name != vehicle.name);
+    let times = || (0..TRANSITIONS).map(|i| i as f64 / TRANSITIONS as f64 * sizes.duration_s).collect::<Vec<_>>();
+    others
+        .filter(|to| {
+            let effect = Effect::mode_transition(0.0, to);
+            effect.is_ok_and(|e| vehicle.clone().add_effect(e).is_ok())
+        })
+        .map(|to| library::transition(&to, times(), sizes, TRANSITIONS as f64))
+        .collect()
+}
+
+/// Noise beyond the declared; coloured noise that turbulence accounts for is none.
+fn excess(data: &Data, fit: &Fit, declared: &[f64], turbulent: bool) -> Vec<(usize, ExcessNoise)> {
+    if turbulent {
+        return Vec::new();
+    }
+    let channels = fit.profile.noise.channels.iter().zip(declared).enumerate();
+    channels
+        .filter_map(|(c, (ar, declared))| Some((c, excess_noise(data, &fit.residual, ar, c, *declared)?)))
+        .collect()
+}
+
+/// The vehicle with everything that was found.
+fn extended(vehicle: &Vehicle, findings: &Findings<'_, '_>) -> Option<Vehicle> {
+    let selection = &findings.selection;
+    let mut extended = vehicle.clone();
+    for (free, value) in selection.model.free.iter().zip(&selection.fit.values[selection.model.states()..]) {
+        extended.set_free(&free.target, *value).ok()?;
+    }
+    let mut any = false;
+    let mut add = |effect: Effect| any |= extended.add_effect(effect).is_ok();
+    selection.model.effects(&selection.fit.values)?.into_iter().for_each(&mut add);
+    for effect in &findings.samples {
+        let place = &vehicle.outputs[selection.model.runner.data.channels[effect.channel].output].name;
+        let parameters: Vec<(&str, f64)> = effect.parameters.iter().map(|(n, v)| (*n, v.0)).collect();
+        if let Ok(effect) = Effect::new(effect.kind, place, &parameters) {
+            add(effect);
+        }
+    }
+    if let Some(t) = &findings.turbulence {
+        let place = &vehicle.states[t.state].name;
+        if let Ok(e) = Effect::new(Kind::Turbulence, place, &[("std", t.std.0), ("bandwidth_hz", t.bandwidth_hz.0)]) {
+            add(e);
+        }
+    }
+    for (channel, noise) in &findings.noise {
+        let place = &vehicle.outputs[selection.model.runner.data.channels[*channel].output].name;
+        if let Ok(e) = Effect::new(Kind::Noise, place, &[("std", noise.std.0)]) {
+            add(e);
+        }
+    }
+    any.then_some(extended)
+}
+
+/// Names and 95 % intervals of a term's values.
+pub(super) fn estimates(selection: &Selection<'_, '_>, term: usize) -> BTreeMap<String, Estimate> {
+    let range = selection.model.range(term);
+    let covariance = selection.model.covariance(&selection.fit);
+    let candidate = &selection.model.terms[term];
+    let mut estimates: BTreeMap<String, Estimate> = candidate
+        .tunables
+        .iter()
+        .zip(range)
+        .map(|(t, i)| {
+            let value = selection.fit.values[i];
+            let half = covariance.as_ref().map_or(0.0, |c| 1.96 * c[(i, i)].max(0.0).sqrt());
+            let (mut low, mut high) = ((value - half).max(t.lower), (value + half).min(t.upper));
+            let mut value = value;
+            if t.name == "phase_rad" {
+                let turns = (value / std::f64::consts::TAU).round() * std::f64::consts::TAU;
+                (value, low, high) = (value - turns, low - turns, high - turns);
+            }
+            (t.name.to_string(), Estimate { value, low, high })
+        })
+        .collect();
+    for (name, value) in &candidate.fixed {
+        estimates.insert((*name).into(), Estimate { value: *value, low: *value, high: *value });
+    }
+    estimates
+}

@@ -1,0 +1,110 @@
+//! Free runs of a vehicle over a record's inputs, with any effects added.
+
+use whirlstand_vehicle::{Effect, Simulator, Vehicle};
+
+use super::data::Data;
+
+/// By how much a state is moved for a sensitivity.
+const NUDGE: f64 = 1e-3;
+
+/// A vehicle that is run over one record.
+#[derive(Debug, Clone)]
+pub struct Runner<'d> {
+    /// The record.
+    pub data: &'d Data,
+    /// The vehicle, with whatever is taken for granted.
+    pub vehicle: Vehicle,
+}
+
+impl<'d> Runner<'d> {
+    /// For a vehicle and a record.
+    pub fn new(vehicle: &Vehicle, data: &'d Data) -> Self {
+        let mut vehicle = vehicle.clone();
+        // Texts are of no use to a simulation, and copies of a vehicle are made by the hundred.
+        vehicle.source_text.clear();
+        Self { data, vehicle }
+    }
+
+    /// The vehicle with effects added; `None` when one does not fit.
+    pub fn with(&self, effects: &[Effect]) -> Option<Vehicle> {
+        let mut vehicle = self.vehicle.clone();
+        for effect in effects {
+            vehicle.add_effect(effect.clone()).ok()?;
+        }
+        Some(vehicle)
+    }
+
+    /// Number of states.
+    pub fn states(&self) -> usize {
+        self.vehicle.states.len()
+    }
+
+    /// Predicted samples of all channels with `effects` added, from the initial state; `None` when the run leaves all
+    /// bounds.
+    pub fn run(&self, effects: &[Effect], initial: &[f64]) -> Option<Vec<f64>> {
+        self.run_vehicle(&self.with(effects)?, initial)
+    }
+
+    /// As [`Runner::run`] for a vehicle that is complete.
+    pub fn run_vehicle(&self, vehicle: &Vehicle, initial: &[f64]) -> Option<Vec<f64>> {
+        let mut simulator = Simulator::expected(vehicle, self.data.period_s).ok()?;
+        simulator.set_state(initial);
+        let data = self.data;
+        let mut samples = vec![0.0; data.samples()];
+        let mut places: Vec<(usize, usize, usize, usize)> = data
+            .channels
+            .iter()
+            .zip(data.ranges())
+            .map(|(c, range)| (c.output, c.stride, c.first, range.start))
+            .collect();
+        let ends: Vec<usize> = data.ranges().iter().map(|r| r.end).collect();
+        for k in 0..data.steps {
+            simulator.apply(&data.inputs[k * data.m..(k + 1) * data.m]);
+            let y = simulator.measure();
+            for ((output, stride, next, at), end) in places.iter_mut().zip(&ends) {
+                if k == *next && *at < *end {
+                    samples[*at] = y[*output];
+                    *next += *stride;
+                    *at += 1;
+                }
+            }
+            simulator.advance();
+        }
+        (!simulator.diverged() && samples.iter().all(|y| y.is_finite())).then_some(samples)
+    }
+
+    /// States over the record, one vector a state; `None` when the run leaves all bounds.
+    pub fn run_states(&self, initial: &[f64]) -> Option<Vec<Vec<f64>>> {
+        let mut simulator = Simulator::expected(&self.vehicle, self.data.period_s).ok()?;
+        simulator.set_state(initial);
+        let mut states = vec![Vec::with_capacity(self.data.steps); self.states()];
+        for u in self.data.inputs.chunks_exact(self.data.m) {
+            states.iter_mut().zip(simulator.state()).for_each(|(column, x)| column.push(*x));
+            simulator.step(u);
+        }
+        (!simulator.diverged()).then_some(states)
+    }
+
+    /// Derivatives of all samples by the initial state, one column a state.
+    pub fn initial_columns(
+        &self,
+        vehicle: &Vehicle,
+        initial: &[f64],
+        centre: &[f64],
+    ) -> Option<Vec<Vec<f64>>> {
+        (0..self.states())
+            .map(|i| {
+                let mut moved = initial.to_vec();
+                moved[i] += NUDGE;
+                let mut column = self.run_vehicle(vehicle, &moved)?;
+                column.iter_mut().zip(centre).for_each(|(c, y)| *c = (*c - y) / NUDGE);
+                Some(column)
+            })
+            .collect()
+    }
+
+    /// Largest magnitude of each input over the record.
+    pub fn input_peaks(&self) -> Vec<f64> {
+        (0..self.data.m).map(|j| self.data.input(j).fold(0.0f64, |m, u| m.max(u.abs()))).collect()
+    }
+}

@@ -1,0 +1,302 @@
+//! The choice of causes: added one by one, exchanged while that is better, taken back when the rest does without.
+
+use super::heldout::gain_in_sigmas;
+use super::library::Candidate;
+use super::model::{Fit, Model, dot};
+use super::screen::{Frame, cosine};
+use super::survey::{Scene, Trial, fitted, survey};
+use crate::identify::quality::chi_square_tail;
+
+/// Causes that are named, at most.
+const MOST: usize = 5;
+/// Least gain in BIC.
+pub const LEAST_BIC: f64 = 10.0;
+/// Largest probability of a chance, corrected.
+pub const LARGEST_P: f64 = 0.01;
+/// Least gain on left-out data over its standard error.
+pub const LEAST_GAIN: f64 = 2.0;
+/// Largest standard error of a size, as a share of it.
+pub const LARGEST_ERROR: f64 = 0.3;
+/// Detectability below which an effect cannot be told.
+pub const LEAST_DETECTABILITY: f64 = 12.0;
+/// Cosine from which on two signatures are one.
+pub const ALIKE: f64 = 0.95;
+/// Difference in BIC up to which a rival is as good.
+const AS_GOOD: f64 = 6.0;
+
+/// Evidence for a term.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weight {
+    /// Gain in BIC over the model without it.
+    pub delta_bic: f64,
+    /// Gain on left-out data over its standard error.
+    pub heldout: f64,
+    /// Probability by chance, corrected.
+    pub p_value: f64,
+    /// Squared norm of its whitened signature, nuisances projected out.
+    pub detectability: f64,
+}
+
+/// Why a candidate was not accepted, or its evidence.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Judgement {
+    /// All conditions hold.
+    Accepted(Weight),
+    /// The first that does not.
+    Refused(String),
+}
+
+/// A rival that explains as much.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rival {
+    /// The effect.
+    pub candidate: Candidate,
+    /// Its values.
+    pub values: Vec<f64>,
+    /// By how much the accepted cause is better, in BIC.
+    pub gap: f64,
+    /// Cosine of the angle between the signatures.
+    pub kappa: f64,
+}
+
+/// An accepted term.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Accepted {
+    /// Evidence.
+    pub weight: Weight,
+    /// Rivals, nearest first.
+    pub rivals: Vec<Rival>,
+}
+
+/// What the search came to.
+#[derive(Debug, Clone)]
+pub struct Selection<'r, 'd> {
+    /// The model with all accepted terms.
+    pub model: Model<'r, 'd>,
+    /// Its fit.
+    pub fit: Fit,
+    /// The fit without any term.
+    pub null: Fit,
+    /// Evidence of each term.
+    pub accepted: Vec<Accepted>,
+    /// Candidates beside the accepted ones that were not accepted, with reasons; nearest first.
+    pub refused: Vec<(Trial, String)>,
+}
+
+/// Searches for causes. `None` when the vehicle cannot be simulated over the record.
+pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Selection<'r, 'd>> {
+    let states = model.states();
+    let mut start = vec![0.0; states];
+    start.extend(model.free.iter().map(|f| model.runner.vehicle.free_value(&f.target)));
+    let null = model.fit(start, None, None)?;
+    let mut fit = null.clone();
+    let mut refused;
+    loop {
+        let trials = survey(&model, &fit, scene);
+        let hypotheses = trials.len();
+        refused = Vec::new();
+        let mut best = None;
+        let left = hypotheses.saturating_sub(model.terms.len()).max(1);
+        for trial in trials {
+            if best.is_some() {
+                refused.push((trial, "others explain more".into()));
+                continue;
+            }
+            match judge(&model, &fit, &trial, left, scene.share) {
+                Judgement::Accepted(_) if model.terms.len() < MOST => best = Some(trial),
+                Judgement::Accepted(_) => refused.push((trial, format!("{MOST} causes were named already"))),
+                Judgement::Refused(why) => refused.push((trial, why)),
+            }
+        }
+        let added = best.is_some();
+        if let Some(Trial { candidate, fit: Some(better), .. }) = best {
+            model.terms.push(candidate);
+            fit = better;
+        }
+        if !added {
+            break;
+        }
+        exchange(&mut model, &mut fit, scene);
+    }
+    let mut accepted = Vec::new();
+    let mut term = 0;
+    while term < model.terms.len() {
+        let (reduced, without) = without(&model, &fit, term)?;
+        let trials = survey(&reduced, &without, scene);
+        let own = own_trial(&reduced, &without, &model, &fit, term);
+        match own.as_ref().map(|own| judge(&reduced, &without, own, trials.len(), scene.share)) {
+            Some(Judgement::Accepted(weight)) => {
+                let own = own?;
+                let rivals = rivals(&reduced, &without, &own, &trials);
+                accepted.push(Accepted { weight, rivals });
+                term += 1;
+            }
+            _ => {
+                (model, fit) = (reduced, without);
+                accepted.truncate(0);
+                term = 0;
+            }
+        }
+    }
+    Some(Selection { model, fit, null, accepted, refused })
+}
+
+impl<'r, 'd> Selection<'r, 'd> {
+    /// A selection that has not looked for anything.
+    pub fn nothing(model: Model<'r, 'd>, start: Vec<f64>) -> Option<Self> {
+        let null = model.fit(start, None, None)?;
+        Some(Self { model, fit: null.clone(), null, accepted: Vec::new(), refused: Vec::new() })
+    }
+}
+
+/// The model without a term, fitted.
+fn without<'r, 'd>(model: &Model<'r, 'd>, fit: &Fit, term: usize) -> Option<(Model<'r, 'd>, Fit)> {
+    let mut reduced = model.clone();
+    let range = model.range(term);
+    reduced.terms.remove(term);
+    let mut values = fit.values.clone();
+    values.drain(range);
+    let without = reduced.fit(values, None, Some(&fit.columns[..model.states()]))?;
+    Some((reduced, without))
+}
+
+/// A term of a model as a trial beside the others.
+fn own_trial(
+    reduced: &Model<'_, '_>,
+    without: &Fit,
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    term: usize,
+) -> Option<Trial> {
+    fitted(reduced, without, &model.terms[term], fit.values[model.range(term)].to_vec())
+}
+
+/// Exchanges terms for better ones beside the others, and drops those that the others do without.
+fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>) {
+    if model.terms.len() < 2 {
+        return;
+    }
+    // The newest was the best beside the others already.
+    let mut term = 0;
+    while term + 1 < model.terms.len() {
+        let Some((reduced, without)) = without(model, fit, term) else { return };
+        let own = own_trial(&reduced, &without, model, fit, term);
+        let own_bic = own.as_ref().map_or(f64::NEG_INFINITY, |t| t.delta_bic);
+        let best = survey(&reduced, &without, scene).into_iter().find(|t| t.fit.is_some());
+        match best {
+            Some(best) if best.delta_bic > own_bic + 1.0 && best.delta_bic > LEAST_BIC => {
+                let Some(better) = best.fit else { return };
+                *model = reduced;
+                model.terms.push(best.candidate);
+                *fit = better;
+            }
+            _ if own_bic < LEAST_BIC => {
+                *model = reduced;
+                *fit = without;
+            }
+            _ => {}
+        }
+        term += 1;
+    }
+}
+
+/// Whether a fitted candidate passes all conditions.
+pub fn judge(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    trial: &Trial,
+    hypotheses: usize,
+    share: f64,
+) -> Judgement {
+    let refuse = |why: String| Judgement::Refused(why);
+    let k = trial.candidate.tunables.len();
+    let delta_bic = trial.delta_bic - (1.0 - share) * trial.ratio.max(0.0);
+    if delta_bic < LEAST_BIC {
+        return refuse(match delta_bic {
+            d if d <= 0.0 => "what it explains is not worth its parameters".into(),
+            d => format!("it gains {d:.1} in BIC; {LEAST_BIC:.0} are asked"),
+        });
+    }
+    let Some(extended) = &trial.fit else {
+        return refuse("others explain more".into());
+    };
+    let chance = chi_square_tail(share * trial.ratio.max(0.0), k as f64);
+    let p_value = (chance * trial.candidate.looks * hypotheses as f64).min(1.0);
+    if p_value >= LARGEST_P {
+        return refuse(format!("chance alone does as well with probability {p_value:.2}, all looks counted"));
+    }
+    let mut whole = model.clone();
+    whole.terms.push(trial.candidate.clone());
+    let Some(covariance) = whole.covariance(extended) else {
+        return refuse("its parameters are not determined".into());
+    };
+    let from = extended.values.len() - k;
+    for (i, tunable) in trial.candidate.tunables.iter().enumerate() {
+        if !tunable.size {
+            continue;
+        }
+        let error = covariance[(from + i, from + i)].max(0.0).sqrt();
+        let null = if i + 1 == k { trial.candidate.null } else { 0.0 };
+        let size = (extended.values[from + i] - null).abs();
+        if error > LARGEST_ERROR * size {
+            return refuse(format!(
+                "its {} is known to {:.0} % only",
+                tunable.name,
+                (100.0 * error / size.max(f64::MIN_POSITIVE)).min(999.0)
+            ));
+        }
+    }
+    let heldout = gain_in_sigmas(model.runner.data, model.states(), fit, extended);
+    if heldout <= LEAST_GAIN {
+        return refuse(format!("on data left out of the fit it gains {heldout:.1} standard errors; 2 are asked"));
+    }
+    let detectability = detectability(model, fit, trial).unwrap_or(0.0);
+    Judgement::Accepted(Weight { delta_bic, heldout, p_value, detectability })
+}
+
+/// The signature of a fitted candidate: what it changes at its values, the others as they are.
+fn signature(model: &Model<'_, '_>, trial: &Trial) -> Option<Vec<f64>> {
+    let extended = trial.fit.as_ref()?;
+    let others = &extended.values[..extended.values.len() - trial.candidate.tunables.len()];
+    let without = model.predict(others)?;
+    Some(extended.predicted.iter().zip(&without).map(|(a, b)| a - b).collect())
+}
+
+fn detectability(model: &Model<'_, '_>, fit: &Fit, trial: &Trial) -> Option<f64> {
+    let extended = trial.fit.as_ref()?;
+    let zero = vec![0.0; fit.residual.len()];
+    let frame = Frame::new(model.runner.data, &extended.profile.noise, &zero, &fit.columns);
+    let s = frame.signature(&signature(model, trial)?);
+    Some(dot(&s, &s))
+}
+
+/// Other fitted candidates, and how alike they look.
+fn rivals(model: &Model<'_, '_>, fit: &Fit, own: &Trial, trials: &[Trial]) -> Vec<Rival> {
+    let (Some(extended), Some(mine)) = (&own.fit, signature(model, own)) else { return Vec::new() };
+    let zero = vec![0.0; fit.residual.len()];
+    let frame = Frame::new(model.runner.data, &extended.profile.noise, &zero, &fit.columns);
+    let mine = frame.signature(&mine);
+    let name = own.candidate.name();
+    let others = trials.iter().filter(|t| t.candidate.name() != name);
+    let mut rivals: Vec<Rival> = others
+        .filter_map(|t| {
+            let theirs = frame.signature(&signature(model, t)?);
+            let values = t.fit.as_ref()?.values.clone();
+            Some(Rival {
+                values: values[values.len() - t.candidate.tunables.len()..].to_vec(),
+                candidate: t.candidate.clone(),
+                gap: own.delta_bic - t.delta_bic,
+                kappa: cosine(&mine, &theirs).abs(),
+            })
+        })
+        .collect();
+    rivals.sort_by(|a, b| a.gap.total_cmp(&b.gap));
+    rivals
+}
+
+impl Rival {
+    /// True when the record cannot tell it from the accepted cause.
+    pub fn indistinguishable(&self) -> bool {
+        self.kappa > ALIKE && self.gap < AS_GOOD
+    }
+}

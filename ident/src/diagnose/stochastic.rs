@@ -1,0 +1,385 @@
+//! What is random in a residual: noise beyond what is declared, and turbulence that the motion has shaped.
+//!
+//! Turbulence on one state reaches all outputs that follow it, each by its own transfer function; coloured sensor noise
+//! stays in its channel. The two are weighed by Whittle's likelihood of the matrix of cross spectra.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Complex, DMatrix, DVector};
+use rayon::prelude::*;
+use rustfft::FftPlanner;
+use whirlstand_vehicle::Vehicle;
+
+use super::data::Data;
+use super::model::{Fit, Model};
+use crate::identify::ar::Ar;
+use crate::identify::normal::pseudo_inverse;
+
+type C = Complex<f64>;
+
+/// Turbulence on a state, with standard errors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Turbulence {
+    /// Index of the state.
+    pub state: usize,
+    /// Standard deviation of the derivative that it adds, SI, and its relative standard error.
+    pub std: (f64, f64),
+    /// Bandwidth, Hz, and its relative standard error.
+    pub bandwidth_hz: (f64, f64),
+    /// Gain in BIC over coloured noise of every channel for itself.
+    pub delta_bic: f64,
+    /// Gains of the same on other states: state and gain.
+    pub others: Vec<(usize, f64)>,
+}
+
+/// Cross spectra of channels, averaged over segments and bands.
+struct Cross {
+    /// Frequencies, Hz.
+    f: Vec<f64>,
+    /// One-sided densities, channels x channels, per frequency.
+    s: Vec<DMatrix<C>>,
+    /// Widths of the bands, Hz.
+    df: Vec<f64>,
+    /// Independent averages behind each.
+    averages: Vec<f64>,
+    channels: Vec<usize>,
+}
+
+fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
+    // Slower channels have other frequencies: they are left out.
+    let channels: Vec<usize> = (0..data.channels.len()).filter(|c| data.channels[*c].stride == 1).collect();
+    let ranges = data.ranges();
+    let n = channels.iter().map(|c| data.channels[*c].values.len()).min()?;
+    let mut length = 64;
+    while length * 2 <= n / 8 && length < 2048 {
+        length *= 2;
+    }
+    if channels.len() < 2 || n < 8 * length {
+        return None;
+    }
+    let window: Vec<f64> =
+        (0..length).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / length as f64).cos()).collect();
+    let scale = 2.0 * data.period_s / window.iter().map(|w| w * w).sum::<f64>();
+    let fft = FftPlanner::new().plan_fft_forward(length);
+    let bins = length / 2;
+    let mut s = vec![DMatrix::<C>::zeros(channels.len(), channels.len()); bins - 2];
+    let mut segments = 0.0;
+    for start in (0..=n - length).step_by(length / 2) {
+        let spectra: Vec<Vec<C>> = channels
+            .iter()
+            .map(|c| {
+                let r = &residual[ranges[*c].clone()][start..start + length];
+                let mut buffer: Vec<C> = r.iter().zip(&window).map(|(r, w)| C::new(r * w, 0.0)).collect();
+                fft.process(&mut buffer);
+                buffer
+            })
+            .collect();
+        for (bin, s) in s.iter_mut().enumerate() {
+            for i in 0..channels.len() {
+                for j in 0..channels.len() {
+                    s[(i, j)] += spectra[i][bin + 2] * spectra[j][bin + 2].conj();
+                }
+            }
+        }
+        segments += 1.0;
+    }
+    s.iter_mut().for_each(|s| *s *= C::new(scale / segments, 0.0));
+    let df = 1.0 / (length as f64 * data.period_s);
+    // Neighbouring bins of Hann windows and overlapping segments are not independent: together they count for what
+    // the samples count for.
+    let averages = n as f64 / length as f64;
+    let mut bands = Cross { f: Vec::new(), df: Vec::new(), s: Vec::new(), averages: Vec::new(), channels };
+    let mut from = 0;
+    while from < s.len() {
+        // Bands of about a tenth of their frequency.
+        let until = (from + 1 + from / 10).min(s.len());
+        let count = (until - from) as f64;
+        let sum = s[from..until].iter().fold(DMatrix::zeros(s[from].nrows(), s[from].ncols()), |a, b| a + b);
+        bands.f.push((from + until + 3) as f64 * 0.5 * df);
+        bands.df.push(count * df);
+        bands.averages.push(count * averages);
+        bands.s.push(sum * C::new(1.0 / count, 0.0));
+        from = until;
+    }
+    Some(bands)
+}
+
+/// Whittle's log-likelihood of noise of every channel for itself with density `level(band, channel)`, and a common part
+/// with density `common(band)` that reaches the channels by the responses `h`.
+fn whittle(
+    cross: &Cross,
+    level: impl Fn(usize, usize) -> f64,
+    common: impl Fn(usize) -> f64,
+    h: &[Vec<C>],
+) -> Option<f64> {
+    let p = cross.channels.len();
+    let mut sum = 0.0;
+    for (band, s) in cross.s.iter().enumerate() {
+        // Sherman and Morrison: the inverse of a diagonal and one outer product.
+        let (mut value, mut reach) = (0.0, 0.0);
+        let mut turned = vec![C::new(0.0, 0.0); p];
+        for c in 0..p {
+            let r = level(band, c);
+            value += r.ln() + s[(c, c)].re / r;
+            if let Some(h) = h.get(band) {
+                reach += h[c].norm_sqr() / r;
+                turned[c] = h[c] / r;
+            }
+        }
+        if !h.is_empty() {
+            let phi = common(band);
+            let mut quadratic = 0.0;
+            for i in 0..p {
+                for j in 0..p {
+                    quadratic += (turned[i].conj() * s[(i, j)] * turned[j]).re;
+                }
+            }
+            value += (1.0 + phi * reach).ln() - phi * quadratic / (1.0 + phi * reach);
+        }
+        sum -= cross.averages[band] * value;
+    }
+    sum.is_finite().then_some(sum)
+}
+
+fn ar_density(ar: &Ar, f: f64, period_s: f64) -> f64 {
+    let mut a = C::new(1.0, 0.0);
+    for (i, c) in ar.coefficients.iter().enumerate() {
+        a += C::from_polar(*c, -TAU * f * period_s * (i + 1) as f64);
+    }
+    2.0 * period_s * ar.variance / a.norm_sqr()
+}
+
+/// Response of the channels to what is added to each state's derivative: channels x states, per frequency.
+fn responses(vehicle: &Vehicle, data: &Data, cross: &Cross) -> Option<Vec<DMatrix<C>>> {
+    let n = vehicle.states.len();
+    let rows: Vec<usize> = cross.channels.iter().map(|c| data.channels[*c].output).collect();
+    let c = DMatrix::from_fn(rows.len(), n, |i, j| C::new(vehicle.c[(rows[i], j)], 0.0));
+    cross
+        .f
+        .iter()
+        .map(|f| {
+            let m = DMatrix::from_fn(n, n, |i, j| {
+                C::new(-vehicle.a[(i, j)], if i == j { TAU * f } else { 0.0 })
+            });
+            Some(&c * m.try_inverse()?)
+        })
+        .collect()
+}
+
+/// Looks for turbulence on any state in a residual; `None` when noise of every channel for itself does as well.
+pub fn turbulence(model: &Model<'_, '_>, fit: &Fit) -> Option<Turbulence> {
+    let data = model.runner.data;
+    let noise = &fit.profile.noise.channels;
+    if noise.iter().filter(|ar| ar.order() > 0).count() < 2 {
+        return None;
+    }
+    let cross = cross(data, &fit.residual)?;
+    let vehicle = model.vehicle(&fit.values)?;
+    let responses = responses(&vehicle, data, &cross)?;
+    let rows = (2.0 * cross.averages.iter().sum::<f64>() * cross.channels.len() as f64).ln();
+    let density =
+        |band: usize, c: usize| ar_density(&noise[cross.channels[c]], cross.f[band], data.period_s);
+    let alone = whittle(&cross, density, |_| 0.0, &[])?;
+    let parameters: usize = cross.channels.iter().map(|c| noise[*c].order() + 1).sum();
+    let alone = -2.0 * alone + parameters as f64 * rows;
+    let fits: Vec<(usize, Shaped, f64)> = (0..vehicle.states.len())
+        .into_par_iter()
+        .filter_map(|state| {
+            let shaped = {
+                let h: Vec<Vec<C>> = responses.iter().map(|r| r.column(state).iter().copied().collect()).collect();
+                Shaped::fit(&cross, &h, data.period_s)?
+            };
+            let bic = -2.0 * shaped.likelihood + (shaped.values.len() as f64) * rows;
+            Some((state, shaped, alone - bic))
+        })
+        .collect();
+    let (state, best, delta_bic) = fits.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
+    let others = fits.iter().filter(|f| f.0 != *state).map(|f| (f.0, f.2)).collect();
+    Some(Turbulence {
+        state: *state,
+        std: (best.values[0].exp(), best.errors[0]),
+        bandwidth_hz: (best.values[1].exp(), best.errors[1]),
+        delta_bic: *delta_bic,
+        others,
+    })
+}
+
+/// First-order shaped noise on one state beside noise of the channels, white or with one pole each. Values: logarithms
+/// of standard deviation and bandwidth; then of each channel's standard deviation, then the poles' inverse hyperbolic tangents.
+struct Shaped {
+    values: Vec<f64>,
+    errors: Vec<f64>,
+    likelihood: f64,
+}
+
+impl Shaped {
+    fn fit(cross: &Cross, h: &[Vec<C>], period_s: f64) -> Option<Self> {
+        let p = cross.channels.len();
+        let mut start = vec![0.0; 2 + 2 * p];
+        // Noise: the level of the upper part of the band. Turbulence: what is above that.
+        let upper = 3 * cross.f.len() / 4;
+        for c in 0..p {
+            let level: Vec<f64> = cross.s[upper..].iter().map(|s| s[(c, c)].re).collect();
+            start[2 + c] = 0.5 * (crate::stats::median(&level) / (2.0 * period_s)).max(1e-300).ln();
+        }
+        let mut size = f64::INFINITY;
+        for c in 0..p {
+            let (mut power, mut gain) = (0.0, 0.0);
+            for ((s, h), df) in cross.s.iter().zip(h).zip(&cross.df) {
+                power += s[(c, c)].re * df;
+                gain += h[c].norm_sqr() * df;
+            }
+            if gain > 0.0 {
+                size = size.min((power / gain).sqrt());
+            }
+        }
+        let mut best: Option<Self> = None;
+        for bandwidth in [0.15f64, 1.5] {
+            let mut values = start.clone();
+            (values[0], values[1]) = ((size * (bandwidth * 2.0).sqrt()).max(1e-300).ln(), bandwidth.ln());
+            let found = Self::search(cross, h, period_s, values);
+            if let Some(found) = found
+                && best.as_ref().is_none_or(|b| found.likelihood > b.likelihood)
+            {
+                best = Some(found);
+            }
+        }
+        best
+    }
+
+    /// Density of the shaped noise, and its derivatives by the first two values.
+    fn common(values: &[f64], f: f64) -> (f64, [f64; 2]) {
+        let (std, a, w) = (values[0].exp(), TAU * values[1].exp(), TAU * f);
+        let phi = 4.0 * std * std * a / (a * a + w * w);
+        (phi, [2.0 * phi, phi * (1.0 - 2.0 * a * a / (a * a + w * w))])
+    }
+
+    /// Density of a channel's own noise, and its derivatives by size and pole.
+    fn own(values: &[f64], c: usize, p: usize, f: f64, period_s: f64) -> (f64, [f64; 2]) {
+        let pole = values[2 + p + c].tanh();
+        let cosine = (TAU * f * period_s).cos();
+        let denominator = 1.0 + pole * pole - 2.0 * pole * cosine;
+        let level = 2.0 * period_s * (2.0 * values[2 + c]).exp() / denominator;
+        let by_pole = -level * (2.0 * pole - 2.0 * cosine) / denominator * (1.0 - pole * pole);
+        (level, [2.0 * level, by_pole])
+    }
+
+    fn likelihood(cross: &Cross, h: &[Vec<C>], period_s: f64, values: &[f64]) -> Option<f64> {
+        let p = cross.channels.len();
+        let level = |band: usize, c: usize| Self::own(values, c, p, cross.f[band], period_s).0;
+        whittle(cross, level, |band| Self::common(values, cross.f[band]).0, h)
+    }
+
+    /// Information and gradient of Whittle's likelihood.
+    fn scoring(cross: &Cross, h: &[Vec<C>], period_s: f64, values: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+        let (p, k) = (cross.channels.len(), values.len());
+        let (mut information, mut gradient) = (DMatrix::zeros(k, k), DVector::zeros(k));
+        for (band, measured) in cross.s.iter().enumerate() {
+            let (weight, f, h) = (cross.averages[band], cross.f[band], &h[band]);
+            let (phi, by_common) = Self::common(values, f);
+            let own: Vec<(f64, [f64; 2])> = (0..p).map(|c| Self::own(values, c, p, f, period_s)).collect();
+            let reach: f64 = (0..p).map(|c| h[c].norm_sqr() / own[c].0).sum();
+            let inverse = DMatrix::from_fn(p, p, |i, j| {
+                let outer = (h[i] / own[i].0) * (h[j] / own[j].0).conj() * (phi / (1.0 + phi * reach));
+                if i == j { C::new(1.0 / own[i].0, 0.0) - outer } else { -outer }
+            });
+            let v: Vec<C> = (0..p).map(|i| (0..p).map(|j| inverse[(i, j)] * h[j]).sum()).collect();
+            let through: f64 = (0..p).map(|c| (h[c].conj() * v[c]).re).sum();
+            let excess = &inverse * measured * &inverse - &inverse;
+            let along: f64 = {
+                let mut sum = 0.0;
+                for i in 0..p {
+                    for j in 0..p {
+                        sum += (h[i].conj() * excess[(i, j)] * h[j]).re;
+                    }
+                }
+                sum
+            };
+            for a in 0..2 {
+                gradient[a] += weight * by_common[a] * along;
+                for b in 0..2 {
+                    information[(a, b)] += weight * by_common[a] * by_common[b] * through * through;
+                }
+                for (c, (_, by_own)) in own.iter().enumerate() {
+                    for (d, by) in by_own.iter().enumerate() {
+                        let value = weight * by_common[a] * by * v[c].norm_sqr();
+                        let at = 2 + d * p + c;
+                        information[(a, at)] += value;
+                        information[(at, a)] += value;
+                    }
+                }
+            }
+            for (c, (_, by_c)) in own.iter().enumerate() {
+                for (d, by) in by_c.iter().enumerate() {
+                    gradient[2 + d * p + c] += weight * by * excess[(c, c)].re;
+                }
+                for (e, (_, by_e)) in own.iter().enumerate() {
+                    let alike = weight * inverse[(c, e)].norm_sqr();
+                    for (i, x) in by_c.iter().enumerate() {
+                        for (j, y) in by_e.iter().enumerate() {
+                            information[(2 + i * p + c, 2 + j * p + e)] += alike * x * y;
+                        }
+                    }
+                }
+            }
+        }
+        (information, gradient)
+    }
+
+    /// Fisher scoring.
+    fn search(cross: &Cross, h: &[Vec<C>], period_s: f64, mut values: Vec<f64>) -> Option<Self> {
+        let mut now = Self::likelihood(cross, h, period_s, &values)?;
+        let mut covariance = DMatrix::zeros(values.len(), values.len());
+        for _ in 0..20 {
+            let (information, gradient) = Self::scoring(cross, h, period_s, &values);
+            covariance = pseudo_inverse(&information)?;
+            let step = &covariance * gradient;
+            let mut scale = 1.0 / step.amax().max(1.0);
+            let mut moved = false;
+            for _ in 0..6 {
+                let next: Vec<f64> = values.iter().zip(step.iter()).map(|(v, d)| v + scale * d).collect();
+                if let Some(l) = Self::likelihood(cross, h, period_s, &next)
+                    && l > now
+                {
+                    moved = l - now > 1e-2;
+                    (values, now) = (next, l);
+                    break;
+                }
+                scale *= 0.4;
+            }
+            if !moved {
+                break;
+            }
+        }
+        let errors = (0..values.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
+        Some(Self { values, errors, likelihood: now })
+    }
+}
+
+/// White noise of a channel beyond what is declared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExcessNoise {
+    /// Standard deviation of what is added, with its 95 % interval, SI.
+    pub std: (f64, f64, f64),
+    /// Standard deviation in all over the declared one.
+    pub times: f64,
+}
+
+/// Noise is named from this many times the declared on.
+const TIMES: f64 = 2.0;
+
+/// Noise of a channel that is more than twice the declared, and about white.
+pub fn excess_noise(data: &Data, residual: &[f64], ar: &Ar, channel: usize, declared: f64) -> Option<ExcessNoise> {
+    let range = data.ranges()[channel].clone();
+    let good = &data.channels[channel].good;
+    let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
+    let total = crate::stats::rms(&kept);
+    let times = total / declared;
+    // Of coloured noise a part could be foretold: it is of another kind than the declared.
+    let white = ar.variance.sqrt() > 0.8 * total;
+    (declared > 0.0 && times > TIMES && white).then(|| {
+        let at = |factor: f64| ((total * factor).powi(2) - declared * declared).max(0.0).sqrt();
+        let error = 1.96 / (2.0 * kept.len() as f64).sqrt();
+        ExcessNoise { std: (at(1.0), at(1.0 - error), at(1.0 + error)), times }
+    })
+}

@@ -1,0 +1,240 @@
+//! The survey: every candidate weighed against the residual of a model, the best of them fitted.
+
+use rayon::prelude::*;
+
+use super::library::Candidate;
+use super::library::Sizes;
+use super::model::{Fit, Model};
+use super::noise::Noise;
+use super::screen::Frame;
+use super::{events, tones};
+
+/// Candidates that are fitted, at most.
+const FITTED: usize = 12;
+/// Candidates of each frame whose noise model is fitted anew before that choice.
+const WEIGHED: usize = 40;
+
+/// A candidate beside the terms of a model, fitted together with them.
+#[derive(Debug, Clone)]
+pub struct Trial {
+    /// The candidate.
+    pub candidate: Candidate,
+    /// The fit of model and candidate; the candidate's values come last. `None` when it was not worth a fit.
+    pub fit: Option<Fit>,
+    /// Gain in BIC over the model without it: by the fit, or estimated from the score.
+    pub delta_bic: f64,
+    /// Twice the gain in log-likelihood.
+    pub ratio: f64,
+}
+
+/// A signature at one start, and how well it does in a frame.
+#[derive(Debug, Clone)]
+struct Shot {
+    start: usize,
+    amplitude: f64,
+    score: f64,
+    frame: usize,
+}
+
+/// What the search knows beside model and fit.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'s> {
+    /// Candidates whose response follows from the inputs.
+    pub library: &'s [Candidate],
+    /// Sizes of the record.
+    pub sizes: &'s Sizes,
+    /// Standard deviations of the channels' noise as the vehicle declares it; 0 where it says nothing.
+    pub declared: &'s [f64],
+    /// Which share of a likelihood counts: below 1 where channels have noise in common, which the noise models of single
+    /// channels count once for each.
+    pub share: f64,
+}
+
+/// Weighs every candidate of the scene, and events and tones that the residual suggests. Best first.
+pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial> {
+    let data = model.runner.data;
+    // Where an effect is strong, the noise model fitted to its own traces hides it; white noise of the declared size
+    // does not. Both are asked, the likelihood with a noise model fitted anew decides.
+    let stds: Vec<f64> = scene
+        .declared
+        .iter()
+        .zip(&fit.profile.noise.channels)
+        .map(|(declared, ar)| declared.max(ar.variance.sqrt()))
+        .collect();
+    let frames = [
+        Frame::new(data, &fit.profile.noise, &fit.residual, &fit.columns),
+        Frame::new(data, &Noise::white(&stds), &fit.residual, &fit.columns),
+    ];
+    let mut candidates: Vec<Candidate> = scene
+        .library
+        .iter()
+        .filter(|c| !model.terms.iter().any(|t| t.kind == c.kind && t.place == c.place))
+        .cloned()
+        .collect();
+    for frame in &frames {
+        candidates.extend(events::events(model, fit, frame, scene.sizes));
+        candidates.extend(tones::tones(model, fit, frame, scene.sizes));
+    }
+    let mut weighed: Vec<(Candidate, Vec<Shot>)> = candidates
+        .into_par_iter()
+        .map(|candidate| {
+            let shots = shots(model, fit, &frames, &candidate);
+            (candidate, shots)
+        })
+        .collect();
+    let promising = promising(&weighed, frames.len());
+    let rows = (fit.profile.rows as f64).ln();
+    let mut trials: Vec<(Trial, Vec<f64>)> = weighed
+        .par_drain(..)
+        .enumerate()
+        .map(|(index, (candidate, shots))| {
+            let cost = candidate.tunables.len() as f64 * rows;
+            let mut best = (-cost, candidate.starts.first().cloned().unwrap_or_default());
+            for shot in &shots {
+                let gain = if promising[index] {
+                    profiled(model, fit, &frames[shot.frame], &candidate, shot).unwrap_or(-cost)
+                } else if shot.frame == 0 {
+                    shot.score - cost
+                } else {
+                    -cost
+                };
+                if gain > best.0 {
+                    best = (gain, start(&candidate, shot));
+                }
+            }
+            let trial = Trial { candidate, fit: None, delta_bic: best.0, ratio: best.0 + cost };
+            (trial, best.1)
+        })
+        .collect();
+    trials.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
+    once(&mut trials);
+    let fitted: Vec<Option<Trial>> = trials
+        .par_iter()
+        .take(FITTED)
+        .map(|(trial, start)| fitted(model, fit, &trial.candidate, start.clone()))
+        .collect();
+    for ((trial, _), fitted) in trials.iter_mut().zip(fitted) {
+        if let Some(fitted) = fitted {
+            *trial = fitted;
+        }
+    }
+    trials.sort_by(|a, b| {
+        let fitted = |t: &Trial| t.fit.is_some();
+        fitted(&b.0).cmp(&fitted(&a.0)).then(b.0.delta_bic.total_cmp(&a.0.delta_bic))
+    });
+    let mut names = std::collections::HashSet::new();
+    trials.into_iter().map(|(trial, _)| trial).filter(|t| names.insert(t.candidate.name())).collect()
+}
+
+/// Both frames often suggest the same event or tone: once is enough. Sorted, the better one stays.
+fn once(trials: &mut Vec<(Trial, Vec<f64>)>) {
+    let mut kept: Vec<(String, Vec<f64>, f64)> = Vec::new();
+    trials.retain(|(trial, start)| {
+        let name = trial.candidate.name();
+        let near = |other: &[f64]| {
+            let mut pairs = start.iter().zip(other).zip(&trial.candidate.tunables);
+            other.len() == start.len()
+                && pairs.all(|((a, b), t)| t.size || t.name == "phase_rad" || (a - b).abs() <= 3.0 * t.scale)
+        };
+        // The score of one whose noise was fitted anew is the same when it is the same.
+        let known = kept.iter().any(|(n, other, bic)| {
+            *n == name && near(other) && (bic - trial.delta_bic).abs() < 1.0
+        });
+        if !known {
+            kept.push((name, start.clone(), trial.delta_bic));
+        }
+        !known
+    });
+}
+
+/// Which candidates are among the best of any frame.
+fn promising(weighed: &[(Candidate, Vec<Shot>)], frames: usize) -> Vec<bool> {
+    let mut promising = vec![false; weighed.len()];
+    for frame in 0..frames {
+        let score = |i: usize| weighed[i].1.iter().find(|s| s.frame == frame).map_or(0.0, |s| s.score);
+        let mut order: Vec<usize> = (0..weighed.len()).collect();
+        order.sort_by(|a, b| score(*b).total_cmp(&score(*a)));
+        order.iter().take(WEIGHED).for_each(|i| promising[*i] = true);
+    }
+    promising
+}
+
+/// The best start in each frame.
+fn shots(model: &Model<'_, '_>, fit: &Fit, frames: &[Frame<'_>], candidate: &Candidate) -> Vec<Shot> {
+    let mut best: Vec<Option<Shot>> = vec![None; frames.len()];
+    for (start, values) in candidate.starts.iter().enumerate() {
+        let Some(signature) = signature(model, fit, candidate, values) else { continue };
+        for (f, frame) in frames.iter().enumerate() {
+            let look = frame.look(&signature);
+            // A delay cannot be negative: what points the other way is no sign of it.
+            if look.amplitude <= 0.0 && !two_sided(candidate) {
+                continue;
+            }
+            if best[f].as_ref().is_none_or(|b| look.score > b.score) {
+                best[f] = Some(Shot { start, amplitude: look.amplitude, score: look.score, frame: f });
+            }
+        }
+    }
+    best.into_iter().flatten().collect()
+}
+
+/// True when the response may be turned round.
+fn two_sided(candidate: &Candidate) -> bool {
+    candidate.linear && candidate.tunables.last().is_some_and(|t| t.lower < candidate.null)
+}
+
+/// Change of the predicted samples when the candidate is added.
+fn signature(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    candidate: &Candidate,
+    values: &[f64],
+) -> Option<Vec<f64>> {
+    let mut vehicle = model.vehicle(&fit.values)?;
+    vehicle.add_effect(candidate.effect(values)?).ok()?;
+    let mut samples = model.runner.run_vehicle(&vehicle, &fit.values[..model.states()])?;
+    samples.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y -= p);
+    Some(samples)
+}
+
+/// Where a fit starts: at the amplitude that the score suggests where the response is proportional to it.
+fn start(candidate: &Candidate, shot: &Shot) -> Vec<f64> {
+    let mut values = candidate.starts[shot.start].clone();
+    if candidate.linear
+        && let (Some(value), Some(tunable)) = (values.last_mut(), candidate.tunables.last())
+    {
+        let moved = candidate.null + shot.amplitude * (*value - candidate.null);
+        *value = moved.clamp(tunable.lower, tunable.upper);
+    }
+    values
+}
+
+/// Gain in BIC when the signature is taken off at its amplitude and the noise fitted anew.
+fn profiled(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    frame: &Frame<'_>,
+    candidate: &Candidate,
+    shot: &Shot,
+) -> Option<f64> {
+    let data = model.runner.data;
+    let mut signature = signature(model, fit, candidate, &candidate.starts[shot.start])?;
+    data.fill(&mut signature);
+    let rest: Vec<f64> =
+        fit.residual.iter().zip(&signature).map(|(r, s)| r - shot.amplitude * s).collect();
+    let profile = Noise::fit(data, &frame.without_nuisances(&rest));
+    Some(fit.profile.bic(0) - profile.bic(candidate.tunables.len()))
+}
+
+/// The model with the candidate, all values fitted.
+pub fn fitted(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, start: Vec<f64>) -> Option<Trial> {
+    let mut extended = model.clone();
+    extended.terms.push(candidate.clone());
+    let mut values = fit.values.clone();
+    values.extend(start);
+    let initial = &fit.columns[..model.states()];
+    let result = extended.fit(values, None, Some(initial))?;
+    let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
+    let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
+    Some(Trial { candidate: candidate.clone(), fit: Some(result), delta_bic, ratio })
+}

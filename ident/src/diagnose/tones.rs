@@ -1,0 +1,161 @@
+//! Tones: frequencies at which a residual stands out of its own noise.
+
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+use whirlstand_vehicle::{Effect, Kind};
+
+use super::library::{Candidate, Sizes, tone};
+use super::model::{Fit, Model};
+use super::screen::Frame;
+use crate::stats::median;
+
+/// Tones that are followed up, at most, in every channel.
+const MOST: usize = 2;
+/// A tone must stand this far above its surroundings in power to be followed up; chance reaches this on one of 3000
+/// frequencies. Whether it is accepted, the likelihood decides.
+const STANDS_OUT: f64 = 8.0;
+
+/// Candidates: a vibration of the channel, and a periodic disturbance of every state, at every tone of a channel.
+pub fn tones(model: &Model<'_, '_>, fit: &Fit, frame: &Frame<'_>, sizes: &Sizes) -> Vec<Candidate> {
+    let data = frame.data();
+    let rest = frame.without_nuisances(&fit.residual);
+    let vehicle = &model.runner.vehicle;
+    let looks = (data.steps / 2) as f64;
+    let mut found = Vec::new();
+    let mut frequencies: Vec<f64> = Vec::new();
+    for (channel, range) in data.channels.iter().zip(data.ranges()) {
+        let period_s = data.period_s * channel.stride as f64;
+        for f in lines(&rest[range], period_s) {
+            let start_s = channel.first as f64 * data.period_s;
+            let place = &vehicle.outputs[channel.output].name;
+            let (amplitude, phase) = sine(frame, fit, channel.output, f, start_s, data);
+            found.push(tone(Kind::Vibration, place, (f, amplitude, phase), sizes, looks));
+            if !frequencies.iter().any(|g| (f - g).abs() < 0.5 / data.duration_s()) {
+                frequencies.push(f);
+            }
+        }
+    }
+    frequencies.truncate(2 * MOST);
+    for f in frequencies {
+        for (i, state) in vehicle.states.iter().enumerate() {
+            if let Some((amplitude, phase)) = driven(model, fit, frame, &state.name, f, sizes.slopes[i]) {
+                let values = (f, amplitude, phase);
+                found.push(tone(Kind::PeriodicDisturbance, &state.name, values, sizes, looks));
+            }
+        }
+    }
+    found
+}
+
+/// Frequencies that stand out, strongest first, Hz.
+fn lines(samples: &[f64], period_s: f64) -> Vec<f64> {
+    let n = samples.len();
+    if n < 64 {
+        return Vec::new();
+    }
+    // Hann's window keeps a strong tone, or a drift, from leaking over all the others; padding to twice the length
+    // lets no tone fall between two frequencies.
+    let length = (2 * n).next_power_of_two();
+    let mut buffer: Vec<Complex<f64>> = vec![Complex::new(0.0, 0.0); length];
+    for (k, (b, y)) in buffer.iter_mut().zip(samples).enumerate() {
+        let w = 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / n as f64).cos();
+        b.re = w * y;
+    }
+    FftPlanner::new().plan_fft_forward(length).process(&mut buffer);
+    let power: Vec<f64> = buffer[..length / 2].iter().map(|c| c.norm_sqr()).collect();
+    let bin = length as f64 / n as f64;
+    let lowest = (1.5 * bin).ceil() as usize;
+    let mut peaks: Vec<(f64, f64)> = Vec::new();
+    for i in lowest.max(2)..power.len() - 2 {
+        if power[i] < power[i - 1] || power[i] <= power[i + 1] {
+            continue;
+        }
+        let reach = ((40.0 * bin) as usize).max(i / 8);
+        let own = (3.0 * bin).ceil() as usize;
+        let from = i.saturating_sub(reach).max(lowest);
+        let around: Vec<f64> = (from..(i + reach).min(power.len()))
+            .step_by(bin as usize)
+            .filter(|j| j.abs_diff(i) > own)
+            .map(|j| power[j])
+            .collect();
+        // The median of an exponential distribution is ln 2 of its mean.
+        let floor = median(&around) / std::f64::consts::LN_2;
+        if floor > 0.0 && power[i] > STANDS_OUT * floor {
+            let (left, middle, right) = (power[i - 1].ln(), power[i].ln(), power[i + 1].ln());
+            let shift = 0.5 * (left - right) / (left - 2.0 * middle + right);
+            let f = (i as f64 + shift.clamp(-0.5, 0.5)) / (length as f64 * period_s);
+            peaks.push((power[i], f));
+        }
+    }
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut found: Vec<f64> = Vec::new();
+    for (_, f) in peaks {
+        if found.len() < MOST && found.iter().all(|g| (f - g).abs() > 4.0 / (n as f64 * period_s)) {
+            found.push(f);
+        }
+    }
+    found
+}
+
+/// Amplitude and phase from the weights of sine and cosine.
+fn polar(sine: f64, cosine: f64) -> (f64, f64) {
+    (sine.hypot(cosine), cosine.atan2(sine))
+}
+
+/// Two signatures together: the amplitudes that fit best.
+fn pair(frame: &Frame<'_>, a: &[f64], b: &[f64]) -> Option<(f64, f64)> {
+    use super::model::dot;
+    let (a, b, e) = (frame.signature(a), frame.signature(b), frame.residual());
+    let (aa, ab, bb) = (dot(&a, &a), dot(&a, &b), dot(&b, &b));
+    let determinant = aa * bb - ab * ab;
+    (determinant > 1e-9 * aa * bb).then(|| {
+        let (ae, be) = (dot(&a, e), dot(&b, e));
+        ((ae * bb - be * ab) / determinant, (be * aa - ae * ab) / determinant)
+    })
+}
+
+fn sine(
+    frame: &Frame<'_>,
+    fit: &Fit,
+    output: usize,
+    f: f64,
+    start_s: f64,
+    data: &super::data::Data,
+) -> (f64, f64) {
+    let wave = |shift: f64| {
+        let mut samples = vec![0.0; fit.residual.len()];
+        for (channel, range) in data.channels.iter().zip(data.ranges()) {
+            if channel.output == output {
+                let step_s = channel.stride as f64 * data.period_s;
+                for (k, y) in samples[range].iter_mut().enumerate() {
+                    *y = (std::f64::consts::TAU * f * (start_s + k as f64 * step_s) + shift).sin();
+                }
+            }
+        }
+        samples
+    };
+    let (s, c) = (wave(0.0), wave(std::f64::consts::FRAC_PI_2));
+    pair(frame, &s, &c).map_or((0.0, 0.0), |(s, c)| polar(s, c))
+}
+
+fn driven(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    frame: &Frame<'_>,
+    place: &str,
+    f: f64,
+    slope: f64,
+) -> Option<(f64, f64)> {
+    let size = 1e-3 * slope.max(1e-9);
+    let wave = |phase: f64| {
+        let parameters = [("frequency_hz", f), ("amplitude", size), ("phase_rad", phase)];
+        let effect = Effect::new(Kind::PeriodicDisturbance, place, &parameters).ok()?;
+        let mut vehicle = model.vehicle(&fit.values)?;
+        vehicle.add_effect(effect).ok()?;
+        let mut y = model.runner.run_vehicle(&vehicle, &fit.values[..model.states()])?;
+        y.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y = (*y - p) / size);
+        Some(y)
+    };
+    let (s, c) = pair(frame, &wave(0.0)?, &wave(std::f64::consts::FRAC_PI_2)?)?;
+    Some(polar(s, c))
+}
