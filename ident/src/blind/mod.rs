@@ -5,24 +5,40 @@
 
 mod chain;
 mod detect;
+mod diagnosis;
+mod draft;
 mod excitation;
+mod facts;
 mod linear;
 mod motion;
 mod noise;
 mod outside;
+mod plan;
 mod plant;
 mod random;
+mod scene;
+mod score;
 mod sense;
 mod signal;
+mod strange;
+mod tally;
+mod text;
+mod trial;
 mod vehicles;
 
 #[cfg(test)]
 mod tests;
 
+pub use diagnosis::{Cause, Diagnosis, Heldout, OutputFigures};
 pub use excitation::Excitation;
 pub use noise::Colour;
 pub use outside::Strange;
+pub use plan::{Case, Plan, TRIALS_PER_SEED};
 pub use plant::Commands;
+pub use scene::Setting;
+pub use score::{CONFUSABLE, COUNTS_FROM, Outcome, Scored, ScoredParameter, words};
+pub use tally::{Class, Goal, Row, SCHEMA, Tally};
+pub use trial::{Answer, Trial, Truth};
 
 /// Why a trial cannot be made.
 #[derive(Debug, thiserror::Error)]

@@ -89,11 +89,8 @@ pub(crate) fn fly(plant: &Plant, x0: &[f64], period_s: f64, samples: usize) -> R
     let (cuts, outputs) = (cuts(plant, period_s, samples), plant.sensor_delays.len());
     let mut cursors: Vec<Cursor<'_>> = plant.inputs.iter().map(Cursor::new).collect();
     let mut push_cursors: Vec<Cursor<'_>> = plant.pushes.iter().map(|(_, s)| Cursor::new(s)).collect();
-    let mut motion = Motion {
-        samples,
-        states: vec![0.0; samples * plant.n],
-        seen: vec![0.0; samples * outputs],
-    };
+    let mut motion =
+        Motion { samples, states: vec![0.0; samples * plant.n], seen: vec![0.0; samples * outputs] };
     let mut next_sample = 0;
     // For each delayed output the next sample that looks at it. What lies before the record is its first value.
     let mut looks: Vec<usize> = Vec::with_capacity(outputs);
@@ -435,10 +432,7 @@ fn drive(
             Filter::Mode { input, state, w: own, damping, gain } => {
                 let (position, velocity) = (z[state], z[state + 1]);
                 slope(state, velocity);
-                slope(
-                    state + 1,
-                    own * own * (gain * w[input] - position) - 2.0 * damping * own * velocity,
-                );
+                slope(state + 1, own * own * (gain * w[input] - position) - 2.0 * damping * own * velocity);
                 w[input] = position;
             }
         }

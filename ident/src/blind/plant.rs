@@ -200,7 +200,10 @@ impl Plant {
         }
         for input in 0..m {
             let own = |kind| {
-                placed.iter().filter(move |(e, p)| e.kind() == kind && *p == Place::Input(input)).map(|(e, _)| *e)
+                placed
+                    .iter()
+                    .filter(move |(e, p)| e.kind() == kind && *p == Place::Input(input))
+                    .map(|(e, _)| *e)
             };
             for lag in own(Kind::ActuatorLag).map(|e| value(e, "time_constant_s")).filter(|tau| *tau > 0.0) {
                 let state = self.grow(1);
@@ -296,7 +299,12 @@ impl Plant {
             }
             Strange::SensorCreep => {
                 let state = self.grow(1);
-                self.sensor_filters.push(SensorFilter { output, state, rate: 1.0 / scale, creep: Some(size) });
+                self.sensor_filters.push(SensorFilter {
+                    output,
+                    state,
+                    rate: 1.0 / scale,
+                    creep: Some(size),
+                });
             }
             _ => {}
         }

@@ -114,7 +114,8 @@ fn acts(
     let dice = |index: usize, what: &str| Dice::new(hidden.trial, &format!("{what} {index}"));
     let mut acts = Vec::new();
     acts.extend(of(Kind::SensorScale).map(|(_, e)| Act::Scale(value(e, "factor"))));
-    let outside = |strange: Strange| hidden.outside.filter(|o: &&Outside| o.strange == strange && o.output == output);
+    let outside =
+        |strange: Strange| hidden.outside.filter(|o: &&Outside| o.strange == strange && o.output == output);
     acts.extend(outside(Strange::SquaredSensor).map(|o| Act::Square(o.size)));
     acts.push(Act::Bias(declared.bias));
     acts.extend(of(Kind::SensorBias).map(|(_, e)| Act::Bias(value(e, "offset"))));
@@ -142,14 +143,14 @@ fn acts(
         acts.extend(Some(declared.quantization).filter(|q| *q > 0.0).map(Act::Round));
         acts.extend(of(Kind::Quantization).map(|(_, e)| Act::Round(value(e, "step"))));
     }
-    acts.extend(
-        of(Kind::OutputSaturation).map(|(_, e)| Act::Limit(value(e, "lower"), value(e, "upper"))),
-    );
+    acts.extend(of(Kind::OutputSaturation).map(|(_, e)| Act::Limit(value(e, "lower"), value(e, "upper"))));
     if !hidden.expected {
         acts.extend(of(Kind::Dropouts).map(|(k, e)| Act::Drop(value(e, "fraction"), dice(*k, "dropouts"))));
-        acts.extend(of(Kind::Outliers).map(|(k, e)| {
-            Act::Outlier(value(e, "fraction"), value(e, "magnitude"), dice(*k, "outliers"))
-        }));
+        acts.extend(
+            of(Kind::Outliers).map(|(k, e)| {
+                Act::Outlier(value(e, "fraction"), value(e, "magnitude"), dice(*k, "outliers"))
+            }),
+        );
     }
     acts
 }

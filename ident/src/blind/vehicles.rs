@@ -76,9 +76,8 @@ fn helicopter(dice: &mut Dice) -> Result<Vehicle, BlindError> {
     let name = HELICOPTERS[dice.below(HELICOPTERS.len())];
     let mut vehicle = plain(Vehicle::builtin(name).map_err(BlindError::effect)?);
     if dice.chance(0.5) {
-        let kept: Vec<usize> = (0..vehicle.outputs.len())
-            .filter(|i| !vehicle.outputs[*i].name.ends_with("_position"))
-            .collect();
+        let kept: Vec<usize> =
+            (0..vehicle.outputs.len()).filter(|i| !vehicle.outputs[*i].name.ends_with("_position")).collect();
         vehicle.c = vehicle.c.select_rows(&kept);
         vehicle.d = vehicle.d.select_rows(&kept);
         vehicle.outputs = kept.iter().map(|i| vehicle.outputs[*i].clone()).collect();

@@ -3,11 +3,11 @@
 
 use whirlstand_vehicle::{Effect, Kind, Simulator, Vehicle};
 
-use super::excitation::Excitation;
-use super::motion::fly;
-use super::plant::{Commands, Hidden, Plant};
-use super::random::Dice;
-use super::sense::sense;
+use crate::blind::excitation::Excitation;
+use crate::blind::motion::fly;
+use crate::blind::plant::{Commands, Hidden, Plant};
+use crate::blind::random::Dice;
+use crate::blind::sense::sense;
 
 const PERIOD: f64 = 0.01;
 
@@ -34,8 +34,7 @@ fn simulators(vehicle: &Vehicle, commands: &Commands, effects: &[Effect]) -> Vec
     }
     let mut simulator = Simulator::expected(&vehicle, commands.period_s).unwrap();
     let samples = commands.samples();
-    let rows: Vec<f64> =
-        (0..samples).flat_map(|k| commands.inputs.iter().map(move |u| u[k])).collect();
+    let rows: Vec<f64> = (0..samples).flat_map(|k| commands.inputs.iter().map(move |u| u[k])).collect();
     let mut outputs = vec![0.0; samples * vehicle.outputs.len()];
     simulator.run(&rows, &mut outputs);
     outputs
@@ -82,7 +81,11 @@ fn all() -> Vec<Effect> {
         effect(Kind::QuadraticDrag, "roll_rate", &[("coefficient", 6.0)]),
         effect(Kind::CoulombFriction, "roll_rate", &[("level", 0.03), ("asymmetry", 0.008)]),
         effect(Kind::CubicStiffness, "roll->roll_rate", &[("coefficient", 90.0)]),
-        effect(Kind::UnmodelledMode, "u_pitch", &[("frequency_hz", 4.3), ("damping_ratio", 0.1), ("gain", 1.1)]),
+        effect(
+            Kind::UnmodelledMode,
+            "u_pitch",
+            &[("frequency_hz", 4.3), ("damping_ratio", 0.1), ("gain", 1.1)],
+        ),
         effect(Kind::StepDisturbance, "roll_rate", &[("at_s", 3.1234), ("magnitude", 0.05)]),
         effect(
             Kind::PulseDisturbance,
@@ -116,7 +119,11 @@ fn every_effect_is_what_the_simulator_makes_of_it() {
     let mut failed = Vec::new();
     for effect in all() {
         let (worst, visible) = difference(&vehicle, &commands, std::slice::from_ref(&effect));
-        println!("{:<22} {:<16} differs by {worst:.1e} of an effect of {visible:.3}", effect.kind().name(), effect.place());
+        println!(
+            "{:<22} {:<16} differs by {worst:.1e} of an effect of {visible:.3}",
+            effect.kind().name(),
+            effect.place()
+        );
         if worst > 1e-3 || visible < 0.01 {
             failed.push(format!("{} {worst:.1e} {visible:.3}", effect.kind()));
         }

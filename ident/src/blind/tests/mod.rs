@@ -1,0 +1,4 @@
+//! The generator against closed forms and the simulator; trials from draw to score.
+
+mod motion;
+mod trials;
