@@ -14,6 +14,9 @@ use super::random::Dice;
 use super::sense::{Noise, sense};
 use super::vehicles::{self, Nominal};
 
+/// Least commands that a drawn flight has, as a share of their limits: the motion stands out of the noise.
+const LEAST_SHARE: f64 = 0.03;
+
 /// What the user gives of his own.
 #[derive(Debug, Clone, Default)]
 pub struct Setting {
@@ -107,7 +110,7 @@ impl Scene {
     /// The same with larger or smaller commands; false when they may not change that far.
     pub fn rescale(&mut self, factor: f64) -> bool {
         let Some(share) = self.share else { return false };
-        let wanted = (share * factor).clamp(0.01, 0.7);
+        let wanted = (share * factor).clamp(LEAST_SHARE, 0.7);
         let factor = wanted / share;
         if (0.85..1.18).contains(&factor) {
             return false;

@@ -304,6 +304,9 @@ fn place(
         return Ok(None);
     };
     let fixed = dice.scaled(draft.sizes.0, draft.sizes.1);
+    // Not every effect is as small as the record can show: some are plain, and the flight is gentle.
+    let (least, most) = draft.sizes;
+    let sizes = (dice.scaled(least, (least * least * most).cbrt()), most);
     let of = |size: f64| at(&draft, size);
     let signature = |size: f64| -> Result<Vec<f64>, BlindError> {
         Ok(stage.signature(&scene.record(&[of(size)?], None)?, &stage.clean))
@@ -311,7 +314,7 @@ fn place(
     let fitted = if draft.fixed {
         Fitted { size: fixed, lambda: lambda(&signature(fixed)?) }
     } else {
-        fit(draft.sizes, target, signature)?
+        fit(sizes, target, signature)?
     };
     Ok(Some((of(fitted.size)?, fitted)))
 }
@@ -323,7 +326,7 @@ fn at(draft: &Draft, size: f64) -> Result<Effect, BlindError> {
 fn single(plan: &Plan, mut scene: Scene, attempt: u32) -> Result<Option<Trial>, BlindError> {
     let Some(&kind) = plan.effects.first() else { return Ok(None) };
     let mut target = Dice::new(plan.number, "target");
-    let target = target.scaled(10.0, 1e4);
+    let target = target.scaled(10.0, 2e4);
     for _ in 0..4 {
         let stage = Stage::new(&scene)?;
         let mut dice = Dice::new(plan.number, &format!("effect {attempt}"));
