@@ -6,3 +6,6 @@
 //! caller's choice that never go back. Units are SI.
 
 pub mod mavlink;
+pub mod mixer;
+mod quantity;
+pub mod sensors;
