@@ -5,6 +5,7 @@
 //! the bus is the caller (`nodes::bridge`). Times are [`Duration`](std::time::Duration)s since an origin of the
 //! caller's choice that never go back. Units are SI.
 
+pub mod autopilot;
 pub mod mavlink;
 pub mod mixer;
 mod quantity;

@@ -102,6 +102,12 @@ pub struct Sensors {
     pub pressure_altitude: f64,
     /// Position from the origin, m, NED.
     pub position: Vector3<f64>,
+    /// Latitude, degrees.
+    pub latitude: f64,
+    /// Longitude, degrees.
+    pub longitude: f64,
+    /// Height above the sea, m.
+    pub altitude: f64,
     /// Velocity over ground, m/s, NED.
     pub velocity: Vector3<f64>,
     /// Acceleration over ground, m/s^2, NED.
@@ -204,6 +210,7 @@ impl SensorModel {
         let felt = middle * UnitQuaternion::from_euler_angles(roll, pitch, 0.0);
         let down = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
         let altitude = self.options.origin.altitude_m - now.position.z;
+        let (latitude, longitude) = self.options.origin.degrees(now.position.x, now.position.y);
         let clean = pressure(altitude);
         let forward = attitude.inverse_transform_vector(&velocity).x.max(0.0);
         let pressure = clean + self.options.baro_noise * self.baro.normal();
@@ -226,6 +233,9 @@ impl SensorModel {
             temperature: temperature(altitude),
             pressure_altitude: air::altitude(pressure),
             position: now.position,
+            latitude,
+            longitude,
+            altitude,
             velocity,
             acceleration,
             gps: fix,
