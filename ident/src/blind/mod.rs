@@ -38,6 +38,7 @@ pub use plant::Commands;
 pub use scene::Setting;
 pub use score::{CONFUSABLE, COUNTS_FROM, Outcome, Scored, ScoredParameter, words};
 pub use tally::{Class, Goal, Row, SCHEMA, Tally};
+pub use text::opened;
 pub use trial::{Answer, Trial, Truth};
 
 /// Why a trial cannot be made.

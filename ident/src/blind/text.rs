@@ -49,6 +49,57 @@ impl Tally {
     }
 }
 
+/// One trial with its seal broken.
+pub fn opened(trial: &Scored) -> String {
+    let a = &trial.answer;
+    let mut out = format!(
+        "{}: {}, {} for {:.0} s at {:.0} Hz, {} noise\n",
+        a.number,
+        a.vehicle,
+        a.excitation.name(),
+        a.duration_s,
+        a.rate_hz,
+        a.noise.name()
+    );
+    for truth in &a.effects {
+        let parameters: Vec<String> =
+            truth.parameters.iter().map(|(name, value)| format!("{name} = {value:.6}")).collect();
+        let to = truth.to.as_ref().map_or(String::new(), |to| format!(", to {to}"));
+        let _ = writeln!(
+            out,
+            "hidden   {} with {}{to}; detectability {:.0}",
+            words(truth),
+            parameters.join(", "),
+            truth.lambda
+        );
+    }
+    if a.effects.is_empty() {
+        out.push_str("hidden   nothing\n");
+    }
+    let named = match &trial.failure {
+        Some(reason) => reason.clone(),
+        None if trial.named.is_empty() => "nothing".into(),
+        None => trial.named.join(", "),
+    };
+    let _ = writeln!(out, "named    {named} ({})", trial.verdict);
+    for p in &trial.parameters {
+        let inside = match p.inside {
+            Some(true) => ", inside its interval",
+            Some(false) => ", OUTSIDE its interval",
+            None => "",
+        };
+        let _ = writeln!(out, "         {} = {:.6}, true {:.6}{inside}", p.name, p.value, p.truth);
+    }
+    if let Some(heldout) = trial.heldout {
+        let _ = writeln!(out, "held-out error over the noise floor {heldout:.3}");
+    }
+    if let Some(kappa) = trial.kappa {
+        let _ = writeln!(out, "confusability of what was named first with the truth {kappa:.3}");
+    }
+    let _ = writeln!(out, "outcome  {}", word(trial.outcome));
+    out
+}
+
 fn line(goal: &Goal) -> String {
     let rate = goal.hits.is_some();
     let figure = |v: f64| if rate { format!("{:.1} %", 100.0 * v) } else { format!("{v:.3}") };

@@ -28,6 +28,8 @@ pub(super) struct Judge {
     sealed: PathBuf,
     /// One line for each trial, written before its diagnosis runs.
     seals: Option<Mutex<File>>,
+    /// Tell each seal on standard error before its diagnosis runs.
+    aloud: bool,
     keep_all: bool,
     keep_failures: bool,
     /// One thread for each diagnosis when several run at once.
@@ -74,6 +76,7 @@ impl Judge {
             open,
             sealed,
             seals,
+            aloud: args.only.is_some(),
             keep_all: args.keep.is_some(),
             keep_failures: args.out.is_some(),
             single_threaded: jobs > 1,
@@ -134,6 +137,9 @@ impl Judge {
             let mut file = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             writeln!(file, "{} {seal}", plan.number)
                 .map_err(|e| Failure::Run(format!("cannot write the list of seals: {e}")))?;
+        }
+        if self.aloud {
+            eprintln!("trial {}, its answer sealed with SHA-256 {seal}", plan.number);
         }
         let start = Instant::now();
         let diagnosis = self.diagnose(&folder)?;

@@ -45,7 +45,12 @@ fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
         write_json(tally, path)?;
     }
     let missed = tally.goals.iter().filter(|g| g.met == Some(false)).count();
-    if args.json.as_deref() != Some(Path::new("-")) {
+    if args.json.as_deref() == Some(Path::new("-")) {
+        return Ok(ExitCode::from(u8::from(missed > 0)));
+    }
+    if args.only.is_some() {
+        print(&tally.trials.iter().map(whirlstand_ident::blind::opened).collect::<String>())?;
+    } else {
         let painted = text.replace("MISSED", &style::bad("MISSED"));
         let again = match tally.failures().next() {
             Some(_) => {
