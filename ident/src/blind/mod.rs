@@ -9,6 +9,8 @@ mod diagnosis;
 mod draft;
 mod excitation;
 mod facts;
+mod hide;
+mod integrator;
 mod linear;
 mod motion;
 mod noise;
