@@ -5,4 +5,9 @@
 //! the bus is the caller (`nodes::bridge`). Times are [`Duration`](std::time::Duration)s since an origin of the
 //! caller's choice that never go back. Units are SI.
 
+pub mod arming;
+pub mod crsf;
+pub mod limit;
 pub mod mavlink;
+pub mod sbus;
+pub mod watch;
