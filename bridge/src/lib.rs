@@ -6,8 +6,12 @@
 //! caller's choice that never go back. Units are SI.
 
 pub mod arming;
+pub mod channels;
+pub mod config;
 pub mod crsf;
 pub mod limit;
 pub mod mavlink;
+pub mod pilot;
 pub mod sbus;
+pub mod vehicle;
 pub mod watch;
