@@ -14,17 +14,27 @@ pub enum BridgeKind {
     Mavlink,
     /// A vehicle behind a CRSF radio link.
     Crsf,
+    /// PX4 in the loop flies the bench's vehicle.
+    Px4Hil,
+    /// ArduPilot in the loop flies the bench's vehicle.
+    ArdupilotJson,
+    /// Betaflight in the loop flies the bench's vehicle.
+    BetaflightSitl,
 }
 
 impl BridgeKind {
     /// Every kind.
-    pub const ALL: [Self; 2] = [Self::Mavlink, Self::Crsf];
+    pub const ALL: [Self; 5] =
+        [Self::Mavlink, Self::Crsf, Self::Px4Hil, Self::ArdupilotJson, Self::BetaflightSitl];
 
     /// The name in launch files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mavlink => "mavlink",
             Self::Crsf => "crsf",
+            Self::Px4Hil => "px4-hil",
+            Self::ArdupilotJson => "ardupilot-json",
+            Self::BetaflightSitl => "betaflight-sitl",
         }
     }
 
