@@ -38,6 +38,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Design(args) => command::design::design(args),
         Command::Simulate(args) => command::simulate::simulate(args),
         Command::Compare(args) => command::compare::compare(args),
+        Command::Diagnose(args) => command::diagnose::diagnose(args),
         Command::Identify(args) => command::identify::identify(args),
         Command::Blind(args) => command::blind::blind(args),
         Command::Excite(args) => command::excite::excite(args),

@@ -43,6 +43,8 @@ pub struct Data {
     pub inputs: Vec<f64>,
     /// Number of inputs.
     pub m: usize,
+    /// First steps of the records, when there are several: each has an initial state of its own.
+    pub starts: Vec<usize>,
     /// The outputs that were measured.
     pub channels: Vec<Channel>,
 }
@@ -73,8 +75,64 @@ impl Data {
             steps: segment.steps,
             inputs: segment.inputs,
             m: vehicle.inputs.len(),
+            starts: vec![0],
             channels,
         })
+    }
+
+    /// Several records as one, the outputs that all of them have.
+    ///
+    /// # Errors
+    /// As [`Data::new`], and when periods differ.
+    pub fn join(records: &[Record], vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
+        let mut parts = records.iter().map(|r| Self::new(r, vehicle, period_s)).collect::<Result<Vec<_>, _>>()?;
+        let mut whole = parts.remove(0);
+        for part in parts {
+            if (part.period_s / whole.period_s - 1.0).abs() > 1e-6 {
+                return Err(DiagnoseError::Periods {
+                    first: whole.origin,
+                    first_s: whole.period_s,
+                    other: part.origin,
+                    other_s: part.period_s,
+                });
+            }
+            whole.append(part);
+        }
+        Ok(whole)
+    }
+
+    /// Puts another record behind this one. Both are cut to whole rounds of their slowest sensors.
+    fn append(&mut self, mut other: Self) {
+        self.channels.retain(|c| other.channels.iter().any(|o| o.output == c.output && o.stride == c.stride));
+        other.channels.retain(|o| self.channels.iter().any(|c| o.output == c.output && o.stride == c.stride));
+        let round = self.channels.iter().map(|c| c.stride).max().unwrap_or(1);
+        self.cut(self.steps - self.steps % round);
+        other.cut(other.steps - other.steps % round);
+        self.starts.push(self.steps);
+        for (own, theirs) in self.channels.iter_mut().zip(other.channels) {
+            let whole = self.steps / own.stride;
+            own.values.resize(whole, f64::NAN);
+            own.good.resize(whole, false);
+            let from = own.values.len();
+            own.values.extend(theirs.values);
+            own.good.extend(theirs.good);
+            // A noise model must not see one record as the other's past.
+            let until = (from + super::noise::MOST).min(own.good.len());
+            own.good[from..until].fill(false);
+        }
+        self.inputs.extend(other.inputs);
+        self.steps += other.steps;
+        self.origin = format!("{}, {}", self.origin, other.origin);
+    }
+
+    fn cut(&mut self, steps: usize) {
+        self.steps = steps;
+        self.inputs.truncate(steps * self.m);
+        for channel in &mut self.channels {
+            let samples = (steps.saturating_sub(channel.first)).div_ceil(channel.stride);
+            channel.values.truncate(samples);
+            channel.good.truncate(samples);
+        }
     }
 
     /// Samples of all channels together.

@@ -50,9 +50,9 @@ struct Slot {
 }
 
 impl<'r, 'd> Model<'r, 'd> {
-    /// How many values are the initial state.
+    /// How many values are the initial state, of every record its own.
     pub fn states(&self) -> usize {
-        self.runner.states()
+        self.runner.initials()
     }
 
     /// How many values come before those of the effects.

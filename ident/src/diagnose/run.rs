@@ -45,18 +45,21 @@ pub(super) struct Findings<'r, 'd> {
     pub noise: Vec<(usize, ExcessNoise)>,
 }
 
-/// Diagnoses a record.
+/// Diagnoses one or more records, at least one.
 ///
 /// # Errors
 /// [`DiagnoseError`] when there is nothing that could be simulated; what is wrong with data that can is an answer.
-pub fn diagnose(record: &Record, vehicle: &Vehicle, options: &Options) -> Result<Diagnosis, DiagnoseError> {
-    let mut data = Data::new(record, vehicle, options.period_s)?;
-    let mut found = checks::record(record, vehicle);
+///
+/// # Panics
+/// Without a record.
+pub fn diagnose(records: &[Record], vehicle: &Vehicle, options: &Options) -> Result<Diagnosis, DiagnoseError> {
+    let mut data = Data::join(records, vehicle, options.period_s)?;
+    let mut found: Vec<DataFinding> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
     found.extend(checks::stuck(&mut data, vehicle));
     found.extend(checks::excitation(&data, vehicle));
     let mut samples = measured_effects(&mut data, vehicle);
     let free = free(vehicle, options);
-    let states = vehicle.states.len();
+    let states = vehicle.states.len() * data.starts.len();
     let start = || -> Vec<f64> {
         let values = free.iter().map(|f| vehicle.free_value(&f.target));
         std::iter::repeat_n(0.0, states).chain(values).collect()
@@ -65,7 +68,7 @@ pub fn diagnose(record: &Record, vehicle: &Vehicle, options: &Options) -> Result
         let runner = Runner::new(vehicle, &data);
         let model = Model { runner: &runner, free: &[], terms: Vec::new() };
         let Some(fit) = model.fit(vec![0.0; states], None, None) else {
-            return Ok(words::diverged(record, vehicle, &data, found));
+            return Ok(words::diverged(records, vehicle, &data, found));
         };
         found.extend(checks::channels(&runner, &fit.predicted, &fit.residual));
         if !found.iter().any(|f| f.blocking) {
@@ -93,7 +96,7 @@ pub fn diagnose(record: &Record, vehicle: &Vehicle, options: &Options) -> Result
         select(model.clone(), &scene)
     };
     let Some(mut selection) = selection else {
-        return Ok(words::diverged(record, vehicle, &data, found));
+        return Ok(words::diverged(records, vehicle, &data, found));
     };
     let mut random = None;
     if !blocked {
@@ -116,7 +119,7 @@ pub fn diagnose(record: &Record, vehicle: &Vehicle, options: &Options) -> Result
     let findings = Findings { selection, sizes, samples, turbulence: random, noise };
     let extended = extended(vehicle, &findings);
     let gains = gains::gains(&findings, &data, vehicle);
-    Ok(words::answer(record, vehicle, options, &data, found, findings, extended, gains))
+    Ok(words::answer(records, vehicle, options, &data, found, findings, extended, gains))
 }
 
 /// Which free parameters are estimates.
@@ -129,7 +132,7 @@ fn free(vehicle: &Vehicle, options: &Options) -> Vec<Free> {
 fn sizes(runner: &Runner<'_>, fit: &Fit) -> Sizes {
     let data = runner.data;
     let n = runner.states();
-    let states = runner.run_states(&fit.values[..n]).unwrap_or_else(|| vec![Vec::new(); n]);
+    let states = runner.run_states(&fit.values).unwrap_or_else(|| vec![Vec::new(); n]);
     let peak = |v: &[f64]| v.iter().fold(0.0f64, |m, x| m.max(x.abs()));
     let slope = |v: &Vec<f64>| {
         crate::stats::rms(&v.windows(2).map(|w| (w[1] - w[0]) / data.period_s).collect::<Vec<_>>())

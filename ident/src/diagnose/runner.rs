@@ -39,6 +39,11 @@ impl<'d> Runner<'d> {
         self.vehicle.states.len()
     }
 
+    /// How many numbers the initial states of all records are.
+    pub fn initials(&self) -> usize {
+        self.states() * self.data.starts.len()
+    }
+
     /// Predicted samples of all channels with `effects` added, from the initial state; `None` when the run leaves all
     /// bounds.
     pub fn run(&self, effects: &[Effect], initial: &[f64]) -> Option<Vec<f64>> {
@@ -47,9 +52,11 @@ impl<'d> Runner<'d> {
 
     /// As [`Runner::run`] for a vehicle that is complete.
     pub fn run_vehicle(&self, vehicle: &Vehicle, initial: &[f64]) -> Option<Vec<f64>> {
-        let mut simulator = Simulator::expected(vehicle, self.data.period_s).ok()?;
-        simulator.set_state(initial);
+        let fresh = Simulator::expected(vehicle, self.data.period_s).ok()?;
+        let mut simulator = fresh.clone();
         let data = self.data;
+        let mut records = data.starts.iter().zip(initial.chunks_exact(self.states().max(1))).peekable();
+        let mut bounded = true;
         let mut samples = vec![0.0; data.samples()];
         let mut places: Vec<(usize, usize, usize, usize)> = data
             .channels
@@ -59,6 +66,11 @@ impl<'d> Runner<'d> {
             .collect();
         let ends: Vec<usize> = data.ranges().iter().map(|r| r.end).collect();
         for k in 0..data.steps {
+            if let Some((_, state)) = records.next_if(|(start, _)| **start == k) {
+                bounded &= !simulator.diverged();
+                simulator = fresh.clone();
+                simulator.set_state(state);
+            }
             simulator.apply(&data.inputs[k * data.m..(k + 1) * data.m]);
             let y = simulator.measure();
             for ((output, stride, next, at), end) in places.iter_mut().zip(&ends) {
@@ -70,15 +82,16 @@ impl<'d> Runner<'d> {
             }
             simulator.advance();
         }
-        (!simulator.diverged() && samples.iter().all(|y| y.is_finite())).then_some(samples)
+        (bounded && !simulator.diverged() && samples.iter().all(|y| y.is_finite())).then_some(samples)
     }
 
-    /// States over the record, one vector a state; `None` when the run leaves all bounds.
+    /// States over the first record, one vector a state; `None` when the run leaves all bounds.
     pub fn run_states(&self, initial: &[f64]) -> Option<Vec<Vec<f64>>> {
         let mut simulator = Simulator::expected(&self.vehicle, self.data.period_s).ok()?;
-        simulator.set_state(initial);
+        simulator.set_state(&initial[..self.states()]);
         let mut states = vec![Vec::with_capacity(self.data.steps); self.states()];
-        for u in self.data.inputs.chunks_exact(self.data.m) {
+        let until = self.data.starts.get(1).copied().unwrap_or(self.data.steps);
+        for u in self.data.inputs.chunks_exact(self.data.m).take(until) {
             states.iter_mut().zip(simulator.state()).for_each(|(column, x)| column.push(*x));
             simulator.step(u);
         }
@@ -92,7 +105,7 @@ impl<'d> Runner<'d> {
         initial: &[f64],
         centre: &[f64],
     ) -> Option<Vec<Vec<f64>>> {
-        (0..self.states())
+        (0..self.initials())
             .map(|i| {
                 let mut moved = initial.to_vec();
                 moved[i] += NUDGE;

@@ -72,7 +72,10 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         .cloned()
         .collect();
     for frame in &frames {
-        candidates.extend(events::events(model, fit, frame, scene.sizes));
+        // An event of one of several records is none of the others.
+        if data.starts.len() == 1 {
+            candidates.extend(events::events(model, fit, frame, scene.sizes));
+        }
         candidates.extend(tones::tones(model, fit, frame, scene.sizes));
     }
     let mut weighed: Vec<(Candidate, Vec<Shot>)> = candidates

@@ -18,13 +18,13 @@ const EXPLAINED: f64 = 0.1;
 /// Rejected effects that are told.
 const TOLD: usize = 12;
 
-fn frame(record: &Record, vehicle: &Vehicle, data: &Data, found: Vec<DataFinding>) -> Diagnosis {
+fn frame(records: &[Record], vehicle: &Vehicle, data: &Data, found: Vec<DataFinding>) -> Diagnosis {
     Diagnosis {
         schema: DIAGNOSIS_SCHEMA.into(),
         verdict: Verdict::Inconclusive,
         summary: String::new(),
         version: env!("CARGO_PKG_VERSION").into(),
-        records: vec![record.origin.clone()],
+        records: records.iter().map(|r| r.origin.clone()).collect(),
         vehicle: vehicle.name.clone(),
         period_s: data.period_s,
         causes: Vec::new(),
@@ -43,12 +43,12 @@ fn frame(record: &Record, vehicle: &Vehicle, data: &Data, found: Vec<DataFinding
 }
 
 /// The answer when the vehicle's free run leaves all bounds.
-pub fn diverged(record: &Record, vehicle: &Vehicle, data: &Data, found: Vec<DataFinding>) -> Diagnosis {
-    let mut answer = frame(record, vehicle, data, found);
+pub fn diverged(records: &[Record], vehicle: &Vehicle, data: &Data, found: Vec<DataFinding>) -> Diagnosis {
+    let mut answer = frame(records, vehicle, data, found);
     answer.summary = format!("Inconclusive: the free run of {} over this record leaves all bounds.", vehicle.name);
     answer.advice.push(format!(
         "Check the units of the inputs and the vehicle file (whirlstand compare shows both), or identify the vehicle from this record first: whirlstand identify {} --vehicle {}.",
-        record.origin, vehicle.name
+        data.origin, vehicle.name
     ));
     answer
 }
@@ -56,7 +56,7 @@ pub fn diverged(record: &Record, vehicle: &Vehicle, data: &Data, found: Vec<Data
 /// The answer.
 #[expect(clippy::too_many_arguments, reason = "all that a diagnosis has found comes together here, once")]
 pub(super) fn answer(
-    record: &Record,
+    records: &[Record],
     vehicle: &Vehicle,
     options: &Options,
     data: &Data,
@@ -65,7 +65,7 @@ pub(super) fn answer(
     extended: Option<Vehicle>,
     gains: Gains,
 ) -> Diagnosis {
-    let mut answer = frame(record, vehicle, data, found);
+    let mut answer = frame(records, vehicle, data, found);
     let selection = &findings.selection;
     answer.heldout = gains.heldout;
     for (channel, gain) in data.channels.iter().zip(&gains.channels) {

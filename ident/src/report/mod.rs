@@ -2,6 +2,7 @@
 
 mod comparison_page;
 mod decimate;
+mod diagnosis_page;
 mod figures_table;
 mod identification_page;
 mod outcome;
@@ -11,6 +12,7 @@ mod run_page;
 
 pub use comparison_page::comparison_report;
 pub use decimate::decimate;
+pub use diagnosis_page::diagnosis_report;
 pub use identification_page::identification_report;
 pub use outcome::{Expected, Outcome};
 pub use run_page::run_report;

@@ -86,6 +86,55 @@ pub(crate) struct CompareArgs {
     pub out: Option<PathBuf>,
 }
 
+/// Find out what a simulation gets wrong and why: named causes, the extended vehicle file, and the gain.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand diagnose out/flight --vehicle quadrotor --out out/diagnosis\n  \
+    whirlstand diagnose flight.csv --vehicle mine.toml --map roll=phi[deg] --engine-on ground.csv --engine-off still.csv\n  \
+    whirlstand diagnose a.csv b.csv --vehicle mine.toml --json -")]
+pub(crate) struct DiagnoseArgs {
+    /// MCAP, CSV or PX4 ULog; several are diagnosed together.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// Built-in vehicle or path of a vehicle file.
+    #[arg(long)]
+    pub vehicle: String,
+    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+    pub map: Vec<String>,
+    /// Start of the part to diagnose, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// End of the part to diagnose, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub to: Option<f64>,
+    /// Period of the simulation, s [default: that of the record]
+    #[arg(long, value_name = "S")]
+    pub period: Option<f64>,
+    /// Fits the free parameters of the vehicle anew beside every cause; done anyway for a vehicle file that
+    /// `identify` wrote.
+    #[arg(long)]
+    pub refit: bool,
+    /// Vehicle that the flight mode may change to, beside the built-in ones; may be repeated.
+    #[arg(long, value_name = "VEHICLE")]
+    pub mode: Vec<String>,
+    /// Record on the ground with the engine on: tells a tone of the engine from one of the airframe.
+    #[arg(long, value_name = "LOG")]
+    pub engine_on: Option<PathBuf>,
+    /// Record with the engine off: tells a tone of the sensor.
+    #[arg(long, value_name = "LOG")]
+    pub engine_off: Option<PathBuf>,
+    /// Writes the extended vehicle file [default: vehicle.toml in the folder of --out]
+    #[arg(long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Writes the diagnosis as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Folder for report.html and vehicle.toml.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
 /// Fit the free parameters of a vehicle to records: identification as in the paper, and beyond it.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \

@@ -10,7 +10,7 @@ use whirlstand_msgs::units::{Quantity, Unit};
 
 pub(crate) use blind::{BlindArgs, BlindCase};
 pub(crate) use files::{
-    CompareArgs, DesignArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
+    CompareArgs, DesignArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
     LaunchCommand, LogCommand, SimulateArgs, VehicleCommand,
 };
 
@@ -47,6 +47,7 @@ pub(crate) enum Command {
     Simulate(SimulateArgs),
     Compare(CompareArgs),
     Identify(IdentifyArgs),
+    Diagnose(DiagnoseArgs),
     Excite(ExciteArgs),
     Blind(BlindArgs),
     /// Look into logs: what they hold, as CSV, and where two of them differ.

@@ -4,6 +4,7 @@ pub(crate) mod bench;
 pub(crate) mod blind;
 pub(crate) mod compare;
 pub(crate) mod design;
+pub(crate) mod diagnose;
 pub(crate) mod excite;
 pub(crate) mod identify;
 pub(crate) mod launch_files;
