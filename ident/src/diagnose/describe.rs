@@ -12,6 +12,10 @@ use crate::stats::{correlation, rms};
 /// Correlation with an input's past that is no chance.
 const COHERENT: f64 = 0.15;
 
+/// Up to so many times its declared power a residual is noise, not something left to explain: `noise` as a cause means
+/// more than twice the declared standard deviation.
+const NOISE: f64 = 4.0;
+
 /// Power of a residual over that of the noise, all channels together.
 fn power(findings: &Findings<'_, '_>, data: &Data, residual: &[f64]) -> f64 {
     data.ranges()
@@ -20,7 +24,8 @@ fn power(findings: &Findings<'_, '_>, data: &Data, residual: &[f64]) -> f64 {
         .map(|(c, range)| {
             let noise = findings.sizes.noise[data.channels[c].output].max(f64::MIN_POSITIVE);
             let r = &residual[range];
-            (dot(r, r) / (noise * noise) - r.len() as f64).max(0.0)
+            let over = dot(r, r) / (noise * noise);
+            if over > NOISE * r.len() as f64 { over - r.len() as f64 } else { 0.0 }
         })
         .sum()
 }
@@ -39,7 +44,7 @@ pub(super) fn unexplained(findings: &Findings<'_, '_>, data: &Data, vehicle: &Ve
     // What is random was named as such and stays in every residual.
     let random = findings.turbulence.is_some() || !findings.noise.is_empty();
     let share = if before > 0.0 && !random { (left / before).clamp(0.0, 1.0) } else { 0.0 };
-    if left < 0.05 * data.samples() as f64 && share < 0.1 {
+    if left == 0.0 || random && share == 0.0 {
         return Unexplained { share, description: String::new() };
     }
     let ranges = data.ranges();

@@ -13,6 +13,8 @@ pub const MOST: usize = 20;
 pub struct Noise {
     /// In the order of the channels.
     pub channels: Vec<Ar>,
+    /// Standard deviation of each channel's noise in all, colour and all.
+    pub total: Vec<f64>,
 }
 
 /// Likelihood of a residual with the noise model that fits it best.
@@ -38,13 +40,13 @@ impl Profile {
 impl Noise {
     /// White noise of the given standard deviations.
     pub fn white(stds: &[f64]) -> Self {
-        Self { channels: stds.iter().map(|s| Ar::white(s * s)).collect() }
+        Self { channels: stds.iter().map(|s| Ar::white(s * s)).collect(), total: stds.to_vec() }
     }
 
     /// Fits residuals (filled, all channels).
     pub fn fit(data: &Data, residual: &[f64]) -> Profile {
         let mut profile = Profile {
-            noise: Self { channels: Vec::with_capacity(data.channels.len()) },
+            noise: Self { channels: Vec::new(), total: Vec::new() },
             log_likelihood: 0.0,
             rows: 0,
             parameters: 0,
@@ -64,19 +66,34 @@ impl Noise {
             profile.log_likelihood -= 0.5 * rows as f64 * (ar.variance.ln() + 1.0);
             profile.rows += rows;
             profile.parameters += ar.order() + 1;
+            let (mut power, mut count) = (0.0, 0usize);
+            for (r, _) in r.iter().zip(&channel.good).skip(MOST).filter(|(_, good)| **good) {
+                power += r * r;
+                count += 1;
+            }
+            profile.noise.total.push((power / count.max(1) as f64).sqrt().max(ar.variance.sqrt()));
             profile.noise.channels.push(ar);
         }
         profile
     }
 
-    /// What is white in `samples`, over its standard deviation; 0 in rows that do not count.
+    /// What is white in `samples`, over its standard deviation; 0 in rows that do not count. The first rows, which have
+    /// no past to be foretold from, stand as they are over the noise's standard deviation in all: likelihoods leave
+    /// them out, but fast parts of the initial state show nowhere else.
     pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
         let mut out = Vec::with_capacity(samples.len());
-        for ((channel, range), ar) in data.channels.iter().zip(data.ranges()).zip(&self.channels) {
-            let mut white = filtered(ar, &samples[range]);
-            let scale = if ar.variance > 0.0 { 1.0 / ar.variance.sqrt() } else { 0.0 };
+        let models = self.channels.iter().zip(&self.total);
+        for ((channel, range), (ar, total)) in data.channels.iter().zip(data.ranges()).zip(models) {
+            let raw = &samples[range];
+            let mut white = filtered(ar, raw);
+            let over = |std: f64| if std > 0.0 { 1.0 / std } else { 0.0 };
+            let (scale, early) = (over(ar.variance.sqrt()), over(*total));
             for (k, (e, good)) in white.iter_mut().zip(&channel.good).enumerate() {
-                *e *= if *good && k >= MOST { scale } else { 0.0 };
+                *e = match (*good, k >= MOST) {
+                    (false, _) => 0.0,
+                    (true, true) => *e * scale,
+                    (true, false) => raw[k] * early,
+                };
             }
             out.append(&mut white);
         }

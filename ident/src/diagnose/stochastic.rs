@@ -234,7 +234,7 @@ impl Shaped {
             }
         }
         let mut best: Option<Self> = None;
-        for bandwidth in [0.15f64, 1.5] {
+        for bandwidth in [0.1f64, 0.5, 2.5] {
             let mut values = start.clone();
             (values[0], values[1]) = ((size * (bandwidth * 2.0).sqrt()).max(1e-300).ln(), bandwidth.ln());
             let found = Self::search(cross, h, period_s, values);
@@ -330,24 +330,29 @@ impl Shaped {
     fn search(cross: &Cross, h: &[Vec<C>], period_s: f64, mut values: Vec<f64>) -> Option<Self> {
         let mut now = Self::likelihood(cross, h, period_s, &values)?;
         let mut covariance = DMatrix::zeros(values.len(), values.len());
-        for _ in 0..20 {
+        let mut damping = 1e-3;
+        for _ in 0..60 {
             let (information, gradient) = Self::scoring(cross, h, period_s, &values);
             covariance = pseudo_inverse(&information)?;
-            let step = &covariance * gradient;
-            let mut scale = 1.0 / step.amax().max(1.0);
-            let mut moved = false;
+            let mut gain = None;
             for _ in 0..6 {
+                let mut damped = information.clone();
+                (0..values.len()).for_each(|i| damped[(i, i)] *= 1.0 + damping);
+                let step = pseudo_inverse(&damped)? * &gradient;
+                // Logarithms: a step of one is a factor of e.
+                let scale = 1.0 / step.amax().max(1.0);
                 let next: Vec<f64> = values.iter().zip(step.iter()).map(|(v, d)| v + scale * d).collect();
                 if let Some(l) = Self::likelihood(cross, h, period_s, &next)
                     && l > now
                 {
-                    moved = l - now > 1e-2;
+                    gain = Some(l - now);
                     (values, now) = (next, l);
+                    damping = (0.2 * damping).max(1e-6);
                     break;
                 }
-                scale *= 0.4;
+                damping *= 10.0;
             }
-            if !moved {
+            if gain.is_none_or(|g| g < 1e-2) {
                 break;
             }
         }
