@@ -1,10 +1,13 @@
 //! When something may have happened: disturbances by their response at every time, transitions on a grid.
 
 use rayon::prelude::*;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 use whirlstand_vehicle::{Effect, Kind};
 
+use super::data::Data;
 use super::library::{Candidate, Sizes, pulse, step};
-use super::model::{Fit, Model, dot};
+use super::model::{Fit, Model};
 use super::screen::Frame;
 
 /// Times at which an event is tried.
@@ -18,7 +21,12 @@ const GROWTH: f64 = 1.6;
 /// shifted. What is found is fitted with the simulator afterwards.
 pub fn events(model: &Model<'_, '_>, fit: &Fit, frame: &Frame<'_>, sizes: &Sizes) -> Vec<Candidate> {
     let states = &model.runner.vehicle.states;
-    let found = (0..states.len()).into_par_iter().filter_map(|i| on_state(model, fit, frame, sizes, i));
+    let data = model.runner.data;
+    let residual = transforms(data, frame.residual());
+    let basis: Vec<_> = frame.basis().iter().map(|b| transforms(data, b)).collect();
+    let found = (0..states.len())
+        .into_par_iter()
+        .filter_map(|i| on_state(model, fit, frame, sizes, i, (&residual, &basis)));
     found.flatten_iter().collect()
 }
 
@@ -28,6 +36,7 @@ fn on_state(
     frame: &Frame<'_>,
     sizes: &Sizes,
     state: usize,
+    (residual, basis): (&[Vec<Complex<f64>>], &[Vec<Vec<Complex<f64>>>]),
 ) -> Option<Vec<Candidate>> {
     let place = &model.runner.vehicle.states[state].name;
     let data = model.runner.data;
@@ -38,27 +47,13 @@ fn on_state(
     vehicle.add_effect(effect).ok()?;
     let mut response = model.runner.run_vehicle(&vehicle, &fit.values[..model.states()])?;
     response.iter_mut().zip(&fit.predicted).for_each(|(r, y)| *r = (*r - y) / (1e-3 * size));
-    let white = unmasked(frame, &response);
+    let white = frame.noise().filter_all(data, &response);
     let every = data.steps.div_ceil(TIMES).max(1);
     let times = data.steps / every;
-    let (mut products, mut overlaps) = (vec![0.0; times + 1], vec![vec![0.0; times + 1]; frame.basis().len()]);
-    let shifted = |of: &[f64], steps: usize| -> f64 {
-        data.channels
-            .iter()
-            .zip(data.ranges())
-            .map(|(channel, range)| {
-                let shift = (steps / channel.stride).min(range.len());
-                let (h, e) = (&white[range.clone()], &of[range]);
-                dot(&e[shift..], &h[..h.len() - shift])
-            })
-            .sum()
-    };
-    for t in 0..times {
-        products[t] = shifted(frame.residual(), t * every);
-        for (overlap, b) in overlaps.iter_mut().zip(frame.basis()) {
-            overlap[t] = shifted(b, t * every);
-        }
-    }
+    let transforms = transforms(data, &white);
+    let products = shifted(data, residual, &transforms, every, times);
+    let overlaps: Vec<Vec<f64>> =
+        basis.iter().map(|b| shifted(data, b, &transforms, every, times)).collect();
     // Energy of the response to a pulse of d grid steps within its first k steps.
     let energy = |d: usize| -> Vec<f64> {
         let mut total = vec![0.0; times + 1];
@@ -123,7 +118,38 @@ fn on_state(
     Some(found)
 }
 
-/// The whitened response, without the rows that a frame leaves out at the start: shifted, they count.
-fn unmasked(frame: &Frame<'_>, response: &[f64]) -> Vec<f64> {
-    frame.noise().filter_all(frame.data(), response)
+/// Spectra of all channels, each padded so that no shift comes round.
+fn transforms(data: &Data, samples: &[f64]) -> Vec<Vec<Complex<f64>>> {
+    let mut planner = FftPlanner::new();
+    data.ranges()
+        .into_iter()
+        .map(|range| {
+            let length = (2 * range.len()).next_power_of_two();
+            let mut buffer: Vec<Complex<f64>> = samples[range].iter().map(|v| Complex::new(*v, 0.0)).collect();
+            buffer.resize(length, Complex::new(0.0, 0.0));
+            planner.plan_fft_forward(length).process(&mut buffer);
+            buffer
+        })
+        .collect()
+}
+
+/// Products of samples, given by their spectra, with a response that begins at each time of the grid; 0 at its end.
+fn shifted(
+    data: &Data,
+    of: &[Vec<Complex<f64>>],
+    response: &[Vec<Complex<f64>>],
+    every: usize,
+    times: usize,
+) -> Vec<f64> {
+    let mut planner = FftPlanner::new();
+    let mut products = vec![0.0; times + 1];
+    for (channel, (of, response)) in data.channels.iter().zip(of.iter().zip(response)) {
+        let mut buffer: Vec<Complex<f64>> = of.iter().zip(response).map(|(a, b)| a * b.conj()).collect();
+        let scale = 1.0 / buffer.len() as f64;
+        planner.plan_fft_inverse(buffer.len()).process(&mut buffer);
+        for (t, product) in products.iter_mut().take(times).enumerate() {
+            *product += buffer[t * every / channel.stride].re * scale;
+        }
+    }
+    products
 }

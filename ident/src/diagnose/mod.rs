@@ -11,6 +11,7 @@ pub mod events;
 mod evidence;
 mod experiments;
 pub mod gains;
+mod kalman;
 pub mod library;
 pub mod model;
 pub mod noise;

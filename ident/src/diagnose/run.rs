@@ -102,16 +102,24 @@ pub fn diagnose(records: &[Record], vehicle: &Vehicle, options: &Options) -> Res
     if !blocked {
         // Turbulence imitated by events would be many of them, and still leave colour behind.
         let gained = selection.null.profile.bic(0) - selection.fit.profile.bic(selection.model.parameters());
-        let alone = turbulence(&model, &selection.null).filter(|t| t.delta_bic > TURBULENCE);
-        if let Some(found) = alone.filter(|t| t.delta_bic > gained + TURBULENCE) {
-            let strict = Scene { share: 0.5, ..scene };
-            if let Some(beside) = select(model, &strict) {
-                selection = beside;
-            }
-            random = turbulence(&selection.model, &selection.fit)
-                .filter(|t| t.delta_bic > TURBULENCE)
-                .or(Some(found));
+        let explained = quiet(&data, &selection.fit, &declared);
+        let alone = if explained && !selection.model.terms.is_empty() {
+            None
         } else {
+            turbulence(&model, &selection.null).filter(|t| t.delta_bic > TURBULENCE)
+        };
+        if let Some(found) = alone.filter(|t| t.delta_bic > gained + TURBULENCE) {
+            random = Some(found);
+            if !selection.model.terms.is_empty() {
+                let strict = Scene { share: 0.5, ..scene };
+                if let Some(beside) = select(model, &strict) {
+                    selection = beside;
+                }
+                random = turbulence(&selection.model, &selection.fit)
+                    .filter(|t| t.delta_bic > TURBULENCE)
+                    .or(random);
+            }
+        } else if !selection.model.terms.is_empty() {
             random = turbulence(&selection.model, &selection.fit).filter(|t| t.delta_bic > TURBULENCE);
         }
     }
@@ -171,6 +179,12 @@ fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<librar
         })
         .map(|to| library::transition(&to, times(), sizes, TRANSITIONS as f64))
         .collect()
+}
+
+/// True when every residual is down to the declared noise.
+fn quiet(data: &Data, fit: &Fit, declared: &[f64]) -> bool {
+    let mut channels = declared.iter().enumerate();
+    channels.all(|(c, declared)| *declared > 0.0 && fit.profile.noise.std(c, data, &fit.residual) < 1.5 * declared)
 }
 
 /// Noise beyond the declared; coloured noise that turbulence accounts for is none.

@@ -91,8 +91,13 @@ pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Sel
     let null = model.fit(start, None, None)?;
     let mut fit = null.clone();
     let mut refused;
+    // What was found beside nothing: the rivals of a single cause.
+    let mut first = None;
     loop {
         let trials = survey(&model, &fit, scene);
+        if model.terms.is_empty() {
+            first = Some(trials.clone());
+        }
         let hypotheses = trials.len();
         refused = Vec::new();
         let mut best = None;
@@ -122,7 +127,8 @@ pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Sel
     let mut term = 0;
     while term < model.terms.len() {
         let (reduced, without) = without(&model, &fit, term)?;
-        let trials = survey(&reduced, &without, scene);
+        let known = first.take_if(|_| reduced.terms.is_empty());
+        let trials = known.unwrap_or_else(|| survey(&reduced, &without, scene));
         let own = own_trial(&reduced, &without, &model, &fit, term);
         match own.as_ref().map(|own| judge(&reduced, &without, own, trials.len(), scene.share)) {
             Some(Judgement::Accepted(weight)) => {

@@ -11,6 +11,7 @@ use rustfft::FftPlanner;
 use whirlstand_vehicle::Vehicle;
 
 use super::data::Data;
+use super::kalman::{Noises, climb};
 use super::model::{Fit, Model};
 use crate::identify::ar::Ar;
 use crate::identify::normal::pseudo_inverse;
@@ -193,13 +194,66 @@ pub fn turbulence(model: &Model<'_, '_>, fit: &Fit) -> Option<Turbulence> {
             Some((state, shaped, alone - bic))
         })
         .collect();
-    let (state, best, delta_bic) = fits.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
-    let others = fits.iter().filter(|f| f.0 != *state).map(|f| (f.0, f.2)).collect();
+    refined(data, &vehicle, fit, fits)
+}
+
+/// States whose fit is refined by the exact likelihood: the best of Whittle's.
+const REFINED: usize = 3;
+
+/// The exact likelihood of the most likely states.
+fn refined(
+    data: &Data,
+    vehicle: &Vehicle,
+    fit: &Fit,
+    mut fits: Vec<(usize, Shaped, f64)>,
+) -> Option<Turbulence> {
+    fits.sort_by(|a, b| b.2.total_cmp(&a.2));
+    if data.channels.iter().any(|c| c.stride != 1 || c.first != 0) || data.starts.len() > 1 {
+        // Slow sensors and several records: Whittle's is what there is.
+        let others = fits.iter().skip(1).map(|f| (f.0, f.2)).collect();
+        let (state, best, delta_bic) = fits.first()?;
+        return Some(Turbulence {
+            state: *state,
+            std: (best.values[0].exp(), best.errors[0]),
+            bandwidth_hz: (best.values[1].exp(), best.errors[1]),
+            delta_bic: *delta_bic,
+            others,
+        });
+    }
+    let p = data.channels.len();
+    let alone = fit.profile.bic(0);
+    let rows = (fit.profile.rows as f64).ln();
+    let mut exact: Vec<(usize, [f64; 2], [f64; 2], f64)> = fits
+        .par_iter()
+        .take(REFINED)
+        .filter_map(|(state, shaped, whittle)| {
+            // Far above the noise Whittle's likelihood is none, and no start either.
+            let values = if *whittle > 0.0 { &shaped.values } else { &shaped.first };
+            let poles: Vec<f64> = values[2 + p..].iter().map(|v| v.tanh()).collect();
+            // A weak pole is none.
+            let poles: Vec<f64> = poles.into_iter().map(|a| if a.abs() < 0.3 { 0.0 } else { a }).collect();
+            // What one channel's own past foretells is no less than all channels' together: the noise is at most that.
+            let own = values[2..2 + p].iter().zip(&fit.profile.noise.channels);
+            let own = own.map(|(v, ar)| v.min(0.5 * ar.variance.ln())).collect();
+            let noises = Noises {
+                common: [values[0], values[1].max(-4.6)],
+                own,
+                poles: poles.clone(),
+            };
+            let (noises, likelihood, errors) = climb(data, vehicle, *state, &fit.residual, noises)?;
+            let parameters = 2 + p + poles.iter().filter(|a| **a != 0.0).count();
+            let bic = -2.0 * likelihood + parameters as f64 * rows;
+            Some((*state, noises.common, errors, alone - bic))
+        })
+        .collect();
+    exact.sort_by(|a, b| b.3.total_cmp(&a.3));
+    let others = exact.iter().skip(1).map(|f| (f.0, f.3)).collect();
+    let (state, common, errors, delta_bic) = *exact.first()?;
     Some(Turbulence {
-        state: *state,
-        std: (best.values[0].exp(), best.errors[0]),
-        bandwidth_hz: (best.values[1].exp(), best.errors[1]),
-        delta_bic: *delta_bic,
+        state,
+        std: (common[0].exp(), errors[0]),
+        bandwidth_hz: (common[1].exp(), errors[1]),
+        delta_bic,
         others,
     })
 }
@@ -210,6 +264,8 @@ struct Shaped {
     values: Vec<f64>,
     errors: Vec<f64>,
     likelihood: f64,
+    /// A plain start: a bandwidth of 0.5 Hz and white noise.
+    first: Vec<f64>,
 }
 
 impl Shaped {
@@ -222,21 +278,26 @@ impl Shaped {
             let level: Vec<f64> = cross.s[upper..].iter().map(|s| s[(c, c)].re).collect();
             start[2 + c] = 0.5 * (crate::stats::median(&level) / (2.0 * period_s)).max(1e-300).ln();
         }
-        let mut size = f64::INFINITY;
-        for c in 0..p {
-            let (mut power, mut gain) = (0.0, 0.0);
-            for ((s, h), df) in cross.s.iter().zip(h).zip(&cross.df) {
-                power += s[(c, c)].re * df;
-                gain += h[c].norm_sqr() * df;
-            }
-            if gain > 0.0 {
-                size = size.min((power / gain).sqrt());
-            }
-        }
+        // The size that gives a channel the power that it has, least over the channels.
+        let size = |bandwidth: f64| {
+            let sizes = (0..p).filter_map(|c| {
+                let (mut power, mut gain) = (0.0, 0.0);
+                for (band, (s, h)) in cross.s.iter().zip(h).enumerate() {
+                    power += s[(c, c)].re * cross.df[band];
+                    gain += h[c].norm_sqr() * Self::common(&[0.0, bandwidth.ln()], cross.f[band]).0 * cross.df[band];
+                }
+                (gain > 0.0).then(|| (power / gain).sqrt())
+            });
+            sizes.fold(f64::INFINITY, f64::min).clamp(1e-150, 1e150)
+        };
+        let mut first = Vec::new();
         let mut best: Option<Self> = None;
         for bandwidth in [0.1f64, 0.5, 2.5] {
             let mut values = start.clone();
-            (values[0], values[1]) = ((size * (bandwidth * 2.0).sqrt()).max(1e-300).ln(), bandwidth.ln());
+            (values[0], values[1]) = (size(bandwidth).ln(), bandwidth.ln());
+            if bandwidth == 0.5 {
+                first.clone_from(&values);
+            }
             let found = Self::search(cross, h, period_s, values);
             if let Some(found) = found
                 && best.as_ref().is_none_or(|b| found.likelihood > b.likelihood)
@@ -244,7 +305,7 @@ impl Shaped {
                 best = Some(found);
             }
         }
-        best
+        best.map(|b| Self { first, ..b })
     }
 
     /// Density of the shaped noise, and its derivatives by the first two values.
@@ -357,7 +418,7 @@ impl Shaped {
             }
         }
         let errors = (0..values.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
-        Some(Self { values, errors, likelihood: now })
+        Some(Self { values, errors, likelihood: now, first: Vec::new() })
     }
 }
 

@@ -61,10 +61,10 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         .zip(&fit.profile.noise.channels)
         .map(|(declared, ar)| declared.max(ar.variance.sqrt()))
         .collect();
-    let frames = [
-        Frame::new(data, &fit.profile.noise, &fit.residual, &fit.columns),
-        Frame::new(data, &Noise::white(&stds), &fit.residual, &fit.columns),
-    ];
+    let mut frames = vec![Frame::new(data, &fit.profile.noise, &fit.residual, &fit.columns)];
+    if fit.profile.noise.channels.iter().any(|ar| ar.order() > 0) {
+        frames.push(Frame::new(data, &Noise::white(&stds), &fit.residual, &fit.columns));
+    }
     let mut candidates: Vec<Candidate> = scene
         .library
         .iter()
