@@ -21,6 +21,10 @@ pub struct Batch<'p> {
     segments: &'p [Segment],
     /// Weight over (number of values times their variance), for each output.
     scale: Vec<f64>,
+    /// States that an output shows: state, output, gain.
+    shown: Vec<(usize, usize, f64)>,
+    /// Steps after which the states that are shown start anew from the record.
+    horizon: usize,
 }
 
 impl<'p> Batch<'p> {
@@ -35,7 +39,26 @@ impl<'p> Batch<'p> {
             let sum: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
             if problem.weights[i] > 0.0 && sum > 0.0 { problem.weights[i] / (total * sum) } else { 0.0 }
         });
-        Self { scale: scale.collect(), problem, segments }
+        let shown = super::start::shown(&problem.vehicle, &problem.weights);
+        let shown = shown.into_iter().enumerate().filter_map(|(j, s)| s.map(|(i, gain)| (j, i, gain)));
+        let horizon = usize::MAX;
+        Self { scale: scale.collect(), problem, segments, shown: shown.collect(), horizon }
+    }
+
+    /// The same with simulations that run freely for `steps` only: after that, the states that an output shows start
+    /// anew from the record. The shorter, the smoother the cost is as a function of the parameters, the more it is
+    /// that of an equation error, and the more noise matters (Ribeiro et al., Automatica 121, 2020).
+    pub fn with_horizon(&self, steps: usize) -> Self {
+        Self { horizon: steps.max(1), ..self.clone() }
+    }
+
+    /// True when some state can start anew from the record.
+    pub fn restarts(&self) -> bool {
+        !self.shown.is_empty()
+    }
+
+    fn starts_anew(&self, k: usize) -> bool {
+        k > 0 && k.is_multiple_of(self.horizon)
     }
 
     /// Number of unknowns: parameters, then the nuisances of every segment.
@@ -104,6 +127,14 @@ impl<'p> Batch<'p> {
                 for (z, u) in z[n..].iter_mut().zip(&segment.inputs[k * m..(k + 1) * m]) {
                     *z = [*u; LANES];
                 }
+                if self.starts_anew(k) {
+                    for &(j, i, gain) in &self.shown {
+                        let y = segment.outputs[k * p + i];
+                        if y.is_finite() {
+                            z[j] = offset[i].map(|o| (y - o) / gain);
+                        }
+                    }
+                }
                 for (i, columns) in &rows {
                     let y = segment.outputs[k * p + i];
                     if y.is_nan() {
@@ -159,6 +190,16 @@ impl<'p> Batch<'p> {
                 simulator.set_state(initial);
             }
             for k in 0..segment.steps {
+                if self.starts_anew(k) {
+                    let mut state = simulator.state().to_vec();
+                    for &(j, i, gain) in &self.shown {
+                        let y = segment.outputs[k * p + i] - offsets.get(i).unwrap_or(&0.0);
+                        if y.is_finite() {
+                            state[j] = y / gain;
+                        }
+                    }
+                    simulator.set_state(&state);
+                }
                 simulator.apply(&segment.inputs[k * m..(k + 1) * m]);
                 let y = simulator.measure();
                 let measured = &segment.outputs[k * p..(k + 1) * p];
@@ -175,5 +216,35 @@ impl<'p> Batch<'p> {
             }
         }
         if cost.is_finite() { cost } else { f64::INFINITY }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::problem::Nuisance;
+    use super::super::tests::{pilot, record};
+    use super::*;
+    use whirlstand_vehicle::Vehicle;
+
+    #[test]
+    fn with_a_horizon_an_unstable_model_costs_something_finite_and_the_truth_stays_the_best() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let structure = Vehicle::builtin("quadrotor-structure").unwrap();
+        let segments = [record(&vehicle, &pilot(2000, 2, 0.03, 10.0, 3), 0.03, 3)];
+        let problem = Problem::new(&structure, &segments, Nuisance::default()).unwrap();
+        let batch = Batch::new(&problem, &segments);
+        let mut truth: Vec<f64> = problem.parameters.iter().map(|p| vehicle.free_value(&p.target)).collect();
+        truth.resize(batch.unknowns(), 0.0);
+        let (mut near, mut unstable) = (truth.clone(), truth.clone());
+        near[0] *= 1.3;
+        unstable[1] = 3.0;
+        let points: [&[f64]; 3] = [&truth, &near, &unstable];
+        let free = batch.costs(&points);
+        assert!(free[0] < free[1] && free[2].is_infinite(), "{free:?}");
+        for steps in [16, 100] {
+            let costs = batch.with_horizon(steps).costs(&points);
+            assert!(costs[0] < costs[1] && costs[1] < costs[2] && costs[2].is_finite(), "{steps} {costs:?}");
+        }
+        assert_eq!(batch.with_horizon(5000).costs(&points), free);
     }
 }
