@@ -3,6 +3,7 @@
 //! Eight models run side by side in one loop, so that their arithmetic fills the machine's vectors instead of waiting
 //! for one recursion.
 
+use multiversion::multiversion;
 use whirlstand_vehicle::{Simulator, discretise};
 
 use super::data::Segment;
@@ -84,94 +85,18 @@ impl<'p> Batch<'p> {
     }
 
     fn plain(&self, points: &[&[f64]]) -> Lane {
-        let (n, m, p) = (self.problem.n(), self.problem.m(), self.problem.p());
-        let w = n + m;
-        let mut motion: Vec<Lane> = vec![[0.0; LANES]; n * w];
-        let mut sensing: Vec<Lane> = vec![[0.0; LANES]; p * w];
+        let p = self.problem.p();
         let mut cost = [f64::INFINITY; LANES];
-        let mut used = vec![false; p * w];
-        for (lane, point) in points.iter().enumerate() {
-            let vehicle = self.problem.vehicle_at(&point[..self.problem.parameters.len()]);
-            let Ok((phi, gamma)) = discretise(&vehicle.a, &vehicle.b, self.problem.period_s) else {
-                continue;
-            };
-            cost[lane] = 0.0;
-            for i in 0..n {
-                (0..n).for_each(|j| motion[i * w + j][lane] = phi[(i, j)]);
-                (0..m).for_each(|j| motion[i * w + n + j][lane] = gamma[(i, j)]);
-            }
-            for i in 0..p {
-                (0..n).for_each(|j| sensing[i * w + j][lane] = vehicle.c[(i, j)]);
-                (0..m).for_each(|j| sensing[i * w + n + j][lane] = vehicle.d[(i, j)]);
-            }
-        }
-        for (used, lanes) in used.iter_mut().zip(&sensing) {
-            *used = lanes.iter().any(|v| *v != 0.0);
-        }
-        // Output, weight, and the columns of [x; u] that it shows.
-        let rows: Vec<(usize, Vec<usize>)> = (0..p)
-            .filter(|i| self.scale[*i] > 0.0)
-            .map(|i| (i, (0..w).filter(|j| used[i * w + j]).collect()))
-            .collect();
+        let models = Models::new(self.problem, points, &mut cost);
         for (s, segment) in self.segments.iter().enumerate() {
-            let mut z: Vec<Lane> = vec![[0.0; LANES]; w];
-            let mut x: Vec<Lane> = vec![[0.0; LANES]; n];
+            let mut z: Vec<Lane> = vec![[0.0; LANES]; models.width];
             let mut offset: Vec<Lane> = vec![[0.0; LANES]; p];
             for (lane, point) in points.iter().enumerate() {
                 let (initial, offsets) = self.nuisance(point, s);
                 initial.iter().enumerate().for_each(|(i, v)| z[i][lane] = *v);
                 offsets.iter().enumerate().for_each(|(i, v)| offset[i][lane] = *v);
             }
-            let mut squares: Vec<Lane> = vec![[0.0; LANES]; p];
-            for k in 0..segment.steps {
-                for (z, u) in z[n..].iter_mut().zip(&segment.inputs[k * m..(k + 1) * m]) {
-                    *z = [*u; LANES];
-                }
-                if self.starts_anew(k) {
-                    for &(j, i, gain) in &self.shown {
-                        let y = segment.outputs[k * p + i];
-                        if y.is_finite() {
-                            z[j] = offset[i].map(|o| (y - o) / gain);
-                        }
-                    }
-                }
-                for (i, columns) in &rows {
-                    let y = segment.outputs[k * p + i];
-                    if y.is_nan() {
-                        continue;
-                    }
-                    let mut e: Lane = offset[*i].map(|o| y - o);
-                    for j in columns {
-                        let (c, z) = (&sensing[i * w + j], &z[*j]);
-                        (0..LANES).for_each(|l| e[l] -= c[l] * z[l]);
-                    }
-                    let sum = &mut squares[*i];
-                    (0..LANES).for_each(|l| sum[l] += e[l] * e[l]);
-                }
-                for (x, row) in x.iter_mut().zip(motion.chunks_exact(w)) {
-                    let mut sum = [0.0; LANES];
-                    for (a, z) in row.iter().zip(&z) {
-                        (0..LANES).for_each(|l| sum[l] += a[l] * z[l]);
-                    }
-                    *x = sum;
-                }
-                z[..n].copy_from_slice(&x);
-                // A lane that grows without end would soon drag infinities through the others' vectors.
-                if k % 64 == 63 {
-                    for l in 0..LANES {
-                        if !(0..n).all(|i| z[i][l].abs() < LARGEST) {
-                            cost[l] = f64::INFINITY;
-                            (0..n).for_each(|i| z[i][l] = 0.0);
-                        }
-                    }
-                    if cost.iter().all(|c| c.is_infinite()) {
-                        return cost;
-                    }
-                }
-            }
-            for (i, sum) in squares.iter().enumerate().filter(|(i, _)| self.scale[*i] > 0.0) {
-                (0..LANES).for_each(|l| cost[l] += self.scale[i] * sum[l]);
-            }
+            sweep(self, &models, segment, &mut z, &offset, &mut cost);
         }
         cost.map(|c| if c.is_finite() { c } else { f64::INFINITY })
     }
@@ -216,6 +141,112 @@ impl<'p> Batch<'p> {
             }
         }
         if cost.is_finite() { cost } else { f64::INFINITY }
+    }
+}
+
+/// Models side by side.
+struct Models {
+    states: usize,
+    /// States and inputs.
+    width: usize,
+    /// [Phi Gamma], row after row.
+    motion: Vec<Lane>,
+    /// For every output with weight: its number, and what it shows of [x; u].
+    sensing: Vec<(usize, Vec<(usize, Lane)>)>,
+}
+
+impl Models {
+    /// The models at `points`; the cost of those that have no finite step is left as it is, that of others set to 0.
+    fn new(problem: &Problem, points: &[&[f64]], cost: &mut Lane) -> Self {
+        let (n, m, p) = (problem.n(), problem.m(), problem.p());
+        let w = n + m;
+        let mut motion: Vec<Lane> = vec![[0.0; LANES]; n * w];
+        let mut sensing: Vec<Lane> = vec![[0.0; LANES]; p * w];
+        for (lane, point) in points.iter().enumerate() {
+            let [a, b, c, d] = problem.matrices_at(&point[..problem.parameters.len()]);
+            let Ok((phi, gamma)) = discretise(&a, &b, problem.period_s) else { continue };
+            cost[lane] = 0.0;
+            for i in 0..n {
+                (0..n).for_each(|j| motion[i * w + j][lane] = phi[(i, j)]);
+                (0..m).for_each(|j| motion[i * w + n + j][lane] = gamma[(i, j)]);
+            }
+            for i in 0..p {
+                (0..n).for_each(|j| sensing[i * w + j][lane] = c[(i, j)]);
+                (0..m).for_each(|j| sensing[i * w + n + j][lane] = d[(i, j)]);
+            }
+        }
+        let row = |i: usize| {
+            let entries = (0..w).map(|j| (j, sensing[i * w + j]));
+            (i, entries.filter(|(_, lanes)| *lanes != [0.0; LANES]).collect())
+        };
+        let fitted = (0..p).filter(|i| problem.weights[*i] > 0.0);
+        Self { states: n, width: w, sensing: fitted.map(row).collect(), motion }
+    }
+}
+
+/// Runs the models over a segment, from the initial states in `z`, and adds to their costs; infinity for those that
+/// leave all bounds.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn sweep(
+    batch: &Batch<'_>,
+    models: &Models,
+    segment: &Segment,
+    z: &mut [Lane],
+    offset: &[Lane],
+    cost: &mut Lane,
+) {
+    let (n, w, p) = (models.states, models.width, offset.len());
+    let mut x: Vec<Lane> = vec![[0.0; LANES]; n];
+    let mut squares: Vec<Lane> = vec![[0.0; LANES]; p];
+    let mut until_anew = batch.horizon;
+    for k in 0..segment.steps {
+        let measured = &segment.outputs[k * p..(k + 1) * p];
+        for (z, u) in z[n..].iter_mut().zip(&segment.inputs[k * (w - n)..(k + 1) * (w - n)]) {
+            *z = [*u; LANES];
+        }
+        if until_anew == 0 {
+            until_anew = batch.horizon;
+            for &(j, i, gain) in batch.shown.iter().filter(|(_, i, _)| measured[*i].is_finite()) {
+                z[j] = offset[i].map(|o| (measured[i] - o) / gain);
+            }
+        }
+        until_anew -= 1;
+        for (i, terms) in &models.sensing {
+            let y = measured[*i];
+            if y.is_nan() {
+                continue;
+            }
+            let mut e: Lane = offset[*i].map(|o| y - o);
+            for (j, c) in terms {
+                let z = &z[*j];
+                (0..LANES).for_each(|l| e[l] -= c[l] * z[l]);
+            }
+            let sum = &mut squares[*i];
+            (0..LANES).for_each(|l| sum[l] += e[l] * e[l]);
+        }
+        for (x, row) in x.iter_mut().zip(models.motion.chunks_exact(w)) {
+            let mut sum = [0.0; LANES];
+            for (a, z) in row.iter().zip(z.iter()) {
+                (0..LANES).for_each(|l| sum[l] += a[l] * z[l]);
+            }
+            *x = sum;
+        }
+        z[..n].copy_from_slice(&x);
+        // A lane that grows without end would soon drag infinities through the others' vectors.
+        if k % 64 == 63 {
+            for l in 0..LANES {
+                if !(0..n).all(|i| z[i][l].abs() < LARGEST) {
+                    cost[l] = f64::INFINITY;
+                    (0..n).for_each(|i| z[i][l] = 0.0);
+                }
+            }
+            if cost.iter().all(|c| c.is_infinite()) {
+                return;
+            }
+        }
+    }
+    for (sum, scale) in squares.iter().zip(&batch.scale).filter(|(_, scale)| **scale > 0.0) {
+        (0..LANES).for_each(|l| cost[l] += scale * sum[l]);
     }
 }
 

@@ -76,6 +76,16 @@ pub enum IdentifyError {
         /// The first effect.
         effect: String,
     },
+    /// Levels were to be taken off although an effect depends on them.
+    #[error(
+        "--detrend is for models that are linear about a level, but '{vehicle}' has {effect}, which depends on where zero is: use --offsets instead"
+    )]
+    Level {
+        /// The vehicle.
+        vehicle: String,
+        /// The effect and its place.
+        effect: String,
+    },
     /// The vehicle cannot be simulated.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),

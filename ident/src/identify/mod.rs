@@ -18,6 +18,7 @@ pub mod options;
 pub mod output_error;
 pub mod pem;
 pub mod predictor;
+mod prepare;
 pub mod problem;
 pub mod quality;
 pub mod response;

@@ -42,6 +42,8 @@ pub struct Options {
     pub closed_loop: bool,
     /// What is estimated for each part of the data alone.
     pub nuisance: Nuisance,
+    /// Take the means over the fitted data off every input and output of all data.
+    pub detrend: bool,
     /// Seed of everything random.
     pub seed: u64,
     /// Most simulations of the genetic algorithm.
@@ -57,6 +59,7 @@ impl Default for Options {
             noise: None,
             closed_loop: false,
             nuisance: Nuisance::default(),
+            detrend: false,
             seed: 1,
             budget: 400_000,
             stagnation: 100,

@@ -120,6 +120,24 @@ impl Problem {
         vehicle
     }
 
+    /// A, B, C and D with the given parameters; those of effects have no part in them.
+    pub fn matrices_at(&self, theta: &[f64]) -> [DMatrix<f64>; 4] {
+        let v = &self.vehicle;
+        let mut all = [v.a.clone(), v.b.clone(), v.c.clone(), v.d.clone()];
+        for (parameter, value) in self.parameters.iter().zip(theta) {
+            if let Target::Entry(matrix, i, j) = parameter.target {
+                let which = match matrix {
+                    Matrix::A => 0,
+                    Matrix::B => 1,
+                    Matrix::C => 2,
+                    Matrix::D => 3,
+                };
+                all[which][(i, j)] = *value;
+            }
+        }
+        all
+    }
+
     /// True when the simulation is linear in state and input with nothing but A, B, C and D, so that sensitivities
     /// are exact recursions.
     pub fn is_plain(&self) -> bool {

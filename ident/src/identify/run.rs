@@ -9,6 +9,7 @@ use super::answer::{
 use super::data::Segment;
 use super::options::{Method, Options};
 use super::pem::{self, Fit, Noise, NoiseFit};
+use super::prepare::{Levels, without_unknown_past};
 use super::problem::{Problem, split};
 use super::quality::{self, Runs};
 use super::spread::correlation;
@@ -37,8 +38,39 @@ pub fn identify(
 ) -> Result<Identification, IdentifyError> {
     let begun = std::time::Instant::now();
     let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
-    let held: Vec<Segment> = control.iter().map(|s| s.segment.clone()).collect();
-    let every: Vec<Segment> = segments.iter().chain(&held).cloned().collect();
+    let levels = options.detrend.then(|| Levels::of(vehicle, &segments)).transpose()?;
+    let prepared = |sources: &[Source]| -> Vec<Source> {
+        let mut sources = sources.to_vec();
+        for Source { segment, .. } in &mut sources {
+            levels.iter().for_each(|l| l.take_off(segment));
+            without_unknown_past(vehicle, segment);
+        }
+        sources
+    };
+    let (fitted, control) = (&prepared(fitted), &prepared(control));
+    let mut about = vehicle.clone();
+    levels.iter().for_each(|l| l.shift(&mut about, -1.0));
+    let mut answer = search(&about, fitted, control, options, observe, begun)?;
+    if let (Some(levels), Some(vehicle)) = (levels, &mut answer.fitted) {
+        levels.shift(vehicle, 1.0);
+        vehicle.provenance.push(("about".into(), words::levels(vehicle, &levels)));
+        answer.remarks.push(format!("The model is about {}.", words::levels(vehicle, &levels)));
+    }
+    Ok(answer)
+}
+
+/// Fits to data that have been prepared.
+fn search(
+    vehicle: &Vehicle,
+    fitted: &[Source],
+    control: &[Source],
+    options: &Options,
+    observe: &(dyn Fn(Progress) + Sync),
+    begun: std::time::Instant,
+) -> Result<Identification, IdentifyError> {
+    let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
+    let every: Vec<Segment> =
+        segments.iter().cloned().chain(control.iter().map(|s| s.segment.clone())).collect();
     Problem::new(vehicle, &every, options.nuisance)?;
     let problem = Problem::new(vehicle, &segments, options.nuisance)?;
     check(&problem, &segments)?;

@@ -3,7 +3,9 @@
 use super::answer::{Identification, Role};
 use super::options::Method;
 use super::pem::Noise;
+use super::prepare::Levels;
 use crate::units::{number, shown};
+use whirlstand_vehicle::Vehicle;
 
 /// Name of a noise model on the command line.
 pub fn noise(noise: Noise) -> &'static str {
@@ -42,6 +44,14 @@ pub fn verdict(answer: &Identification) -> String {
         _ => text.push_str("; the free run leaves all bounds, so that only predictions could be judged"),
     }
     text + "."
+}
+
+/// The levels that were taken off, SI.
+pub fn levels(vehicle: &Vehicle, levels: &Levels) -> String {
+    let inputs = vehicle.inputs.iter().map(|u| (&u.name, u.unit.si_symbol())).zip(&levels.inputs);
+    let outputs = vehicle.outputs.iter().map(|y| (&y.name, y.unit.si_symbol())).zip(&levels.outputs);
+    let one = |((name, unit), level)| format!("{name} = {level:.6} {unit}").trim_end().to_string();
+    inputs.chain(outputs).map(one).collect::<Vec<_>>().join(", ")
 }
 
 fn count(n: usize, what: &str) -> String {

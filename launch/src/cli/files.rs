@@ -124,6 +124,9 @@ pub(crate) struct IdentifyArgs {
     /// Estimate a constant offset of every output too: sensor bias, trim.
     #[arg(long)]
     pub offsets: bool,
+    /// Take the means over the fitted part off every input and output first: the model is about that level.
+    #[arg(long, conflicts_with = "offsets")]
+    pub detrend: bool,
     /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,

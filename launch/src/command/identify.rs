@@ -98,6 +98,7 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
         }),
         closed_loop,
         nuisance: Nuisance { initial_state: true, output_offsets: args.offsets },
+        detrend: args.detrend,
         seed: args.seed,
         budget: args.budget,
         stagnation: args.stagnation,
