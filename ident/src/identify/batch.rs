@@ -1,6 +1,6 @@
 //! Many simulations at once, for costs alone: what a genetic algorithm needs.
 //!
-//! Eight models run side by side in one loop, so that their arithmetic fills the machine's vectors instead of waiting
+//! Sixteen models run side by side in one loop, so that their arithmetic fills the machine's vectors instead of waiting
 //! for one recursion.
 
 use multiversion::multiversion;
@@ -10,7 +10,7 @@ use super::data::Segment;
 use super::problem::Problem;
 
 /// Models that run side by side.
-pub const LANES: usize = 8;
+pub const LANES: usize = 16;
 type Lane = [f64; LANES];
 /// Beyond this a simulation has left all bounds.
 const LARGEST: f64 = 1e9;
@@ -96,7 +96,7 @@ impl<'p> Batch<'p> {
                 initial.iter().enumerate().for_each(|(i, v)| z[i][lane] = *v);
                 offsets.iter().enumerate().for_each(|(i, v)| offset[i][lane] = *v);
             }
-            sweep(self, &models, segment, &mut z, &offset, &mut cost);
+            sweep(self, &models, segment, z, &offset, &mut cost);
         }
         cost.map(|c| if c.is_finite() { c } else { f64::INFINITY })
     }
@@ -191,12 +191,12 @@ fn sweep(
     batch: &Batch<'_>,
     models: &Models,
     segment: &Segment,
-    z: &mut [Lane],
+    mut z: Vec<Lane>,
     offset: &[Lane],
     cost: &mut Lane,
 ) {
     let (n, w, p) = (models.states, models.width, offset.len());
-    let mut x: Vec<Lane> = vec![[0.0; LANES]; n];
+    let mut next = z.clone();
     let mut squares: Vec<Lane> = vec![[0.0; LANES]; p];
     let mut until_anew = batch.horizon;
     for k in 0..segment.steps {
@@ -224,14 +224,14 @@ fn sweep(
             let sum = &mut squares[*i];
             (0..LANES).for_each(|l| sum[l] += e[l] * e[l]);
         }
-        for (x, row) in x.iter_mut().zip(models.motion.chunks_exact(w)) {
+        for (next, row) in next.iter_mut().zip(models.motion.chunks_exact(w)) {
             let mut sum = [0.0; LANES];
             for (a, z) in row.iter().zip(z.iter()) {
                 (0..LANES).for_each(|l| sum[l] += a[l] * z[l]);
             }
-            *x = sum;
+            *next = sum;
         }
-        z[..n].copy_from_slice(&x);
+        std::mem::swap(&mut z, &mut next);
         // A lane that grows without end would soon drag infinities through the others' vectors.
         if k % 64 == 63 {
             for l in 0..LANES {

@@ -318,12 +318,14 @@ fn outputs(
     observe: &(dyn Fn(Progress) + Sync),
 ) -> Option<(Fit, DMatrix<f64>)> {
     let mut whitening = white(problem);
-    let limits = Limits::default();
+    // Where the noise model changes too, no round is worth an end that the next one moves.
+    let coloured = noise == Noise::Coloured;
+    let limits = Limits { iterations: if coloured { 15 } else { 100 }, ..Limits::default() };
     let (mut found, mut outcome) =
         output_error(problem, segments, &whitening, theta, nuisances, limits, observe)?;
-    if noise == Noise::Coloured {
+    if coloured {
         // Noise model and parameters in turn; a few rounds settle them.
-        for _ in 0..6 {
+        for _ in 0..20 {
             let before = found.theta.clone();
             whitening = models(problem, segments, &found)?;
             let (next, how) =
