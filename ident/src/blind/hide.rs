@@ -6,6 +6,7 @@ use super::BlindError;
 use super::detect::{Judge, kappa, lambda};
 use super::draft::{self, Draft};
 use super::facts::Facts;
+use super::nearest::nearest;
 use super::outside::Outside;
 use super::plan::Plan;
 use super::random::Dice;
@@ -19,13 +20,19 @@ pub(crate) struct Hiding {
     pub outside: Option<Outside>,
     /// Detectability of each.
     pub lambdas: Vec<f64>,
+    /// For an effect outside the table: the one of the table that is most like it, and how much.
+    pub nearest: Option<(String, f64)>,
 }
 
+/// An effect outside the table is drawn anew when one of the table is as like it as this.
+const TOO_NEAR: f64 = 0.9;
+
 /// What the record of a scene shows of an effect.
-struct Stage {
-    facts: Facts,
+pub(crate) struct Stage {
+    pub facts: Facts,
     judge: Judge,
-    clean: Vec<f64>,
+    /// The record without hidden effects.
+    pub clean: Vec<f64>,
 }
 
 impl Stage {
@@ -38,7 +45,8 @@ impl Stage {
         })
     }
 
-    fn signature(&self, with: &[f64], without: &[f64]) -> Vec<f64> {
+    /// What the difference of two records tells.
+    pub fn signature(&self, with: &[f64], without: &[f64]) -> Vec<f64> {
         self.judge.signature(with.iter().zip(without).map(|(a, b)| a - b).collect())
     }
 
@@ -144,7 +152,7 @@ pub(crate) fn single(plan: &Plan, mut scene: Scene, attempt: u32) -> Result<Opti
             return Ok(None);
         }
         let lambdas = vec![fitted.lambda];
-        return Ok(Some(Hiding { scene, effects: vec![effect], outside: None, lambdas }));
+        return Ok(Some(Hiding { scene, effects: vec![effect], outside: None, lambdas, nearest: None }));
     }
     Ok(None)
 }
@@ -176,7 +184,7 @@ pub(crate) fn pair(plan: &Plan, mut scene: Scene, attempt: u32) -> Result<Option
             return Ok(None);
         }
         let lambdas = lambdas.to_vec();
-        return Ok(Some(Hiding { scene, effects: vec![one, two], outside: None, lambdas }));
+        return Ok(Some(Hiding { scene, effects: vec![one, two], outside: None, lambdas, nearest: None }));
     }
     Ok(None)
 }
@@ -201,11 +209,16 @@ pub(crate) fn outside(plan: &Plan, mut scene: Scene, attempt: u32) -> Result<Opt
             continue;
         }
         let outside = of(fitted.size);
-        if fitted.lambda < 100.0 || !stage.bounded(&scene.record(&[], Some(&outside))?) {
+        let record = scene.record(&[], Some(&outside))?;
+        if fitted.lambda < 100.0 || !stage.bounded(&record) {
+            return Ok(None);
+        }
+        let nearest = nearest(&stage.signature(&record, &stage.clean), &scene, &stage)?;
+        if nearest.as_ref().is_some_and(|(_, alike)| *alike > TOO_NEAR) {
             return Ok(None);
         }
         let lambdas = vec![fitted.lambda];
-        return Ok(Some(Hiding { scene, effects: Vec::new(), outside: Some(outside), lambdas }));
+        return Ok(Some(Hiding { scene, effects: Vec::new(), outside: Some(outside), lambdas, nearest }));
     }
     Ok(None)
 }

@@ -13,6 +13,7 @@ mod hide;
 mod integrator;
 mod linear;
 mod motion;
+mod nearest;
 mod noise;
 mod outside;
 mod plan;

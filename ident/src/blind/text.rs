@@ -73,6 +73,9 @@ pub fn opened(trial: &Scored) -> String {
             truth.lambda
         );
     }
+    for (name, alike) in a.effects.iter().filter_map(|t| t.nearest.as_ref()) {
+        let _ = writeln!(out, "         outside the table; |cos| {alike:.2} to {name}, the most like it");
+    }
     if a.effects.is_empty() {
         out.push_str("hidden   nothing\n");
     }

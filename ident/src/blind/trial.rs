@@ -34,6 +34,10 @@ pub struct Truth {
     /// Detectability: squared change of the whitened record that neither the initial state nor the free parameters
     /// explain, over the noise's variance; for pairs, beyond the other effect's change too.
     pub lambda: f64,
+    /// For an effect outside the table: the one of the table that is most like it among some that were tried, and |cos|
+    /// between their changes of the record.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub nearest: Option<(String, f64)>,
 }
 
 /// The answer of a trial, sealed while diagnosis runs.
@@ -97,7 +101,9 @@ impl Trial {
 
     fn attempt(plan: &Plan, scene: Scene, attempt: u32) -> Result<Option<Self>, BlindError> {
         let hiding = match plan.case {
-            Case::Clean => Some(Hiding { scene, effects: Vec::new(), outside: None, lambdas: Vec::new() }),
+            Case::Clean => {
+                Some(Hiding { scene, effects: Vec::new(), outside: None, lambdas: Vec::new(), nearest: None })
+            }
             Case::Single => hide::single(plan, scene, attempt)?,
             Case::Pair => hide::pair(plan, scene, attempt)?,
             Case::Outside => hide::outside(plan, scene, attempt)?,
@@ -106,7 +112,7 @@ impl Trial {
     }
 
     fn sealed(plan: &Plan, hiding: Hiding) -> Result<Self, BlindError> {
-        let Hiding { scene, effects, outside, lambdas } = hiding;
+        let Hiding { scene, effects, outside, lambdas, nearest } = hiding;
         let record = scene.record(&effects, outside.as_ref())?;
         let table = effects.iter().map(|e| (e.kind().name().to_string(), e.place().to_string(), e));
         let mut truths: Vec<Truth> = table
@@ -117,6 +123,7 @@ impl Trial {
                 parameters: e.parameters().map(|(name, value)| (name.to_string(), value)).collect(),
                 to: e.text().map(Into::into),
                 lambda: *lambda,
+                nearest: None,
             })
             .collect();
         if let (Some(outside), Some(lambda)) = (&outside, lambdas.first()) {
@@ -128,6 +135,7 @@ impl Trial {
                     .into(),
                 to: None,
                 lambda: *lambda,
+                nearest,
             });
         }
         let answer = Answer {

@@ -90,7 +90,7 @@ fn random(dice: &mut Dice) -> Result<Vehicle, BlindError> {
     let built = if dice.chance(0.7) { axes(dice) } else { dense(dice) };
     let text = built.text(&vec![1.0; built.outputs.len()]);
     let vehicle = Vehicle::parse(&text, "random").map_err(BlindError::effect)?;
-    // The sensors are as good as such sensors are: noise of 0.5 to 3 % of a brisk response.
+    // The sensors are as good as such sensors are: noise of 0.3 to 2 % of a brisk response.
     let period_s = 0.01;
     let highest = band(&vehicle.a);
     let commands = Commands {
@@ -109,10 +109,9 @@ fn random(dice: &mut Dice) -> Result<Vehicle, BlindError> {
         .map(|i| {
             let square: f64 = response.iter().skip(i).step_by(p).map(|y| y * y).sum();
             let rms = (square * p as f64 / response.len() as f64).sqrt();
+            let noise = rms * dice.scaled(0.003, 0.02);
             // Two digits, as a data sheet has them.
-            let noise = rms * dice.scaled(0.005, 0.03);
-            let digit = 10f64.powf(noise.log10().floor() - 1.0);
-            (noise / digit).round() * digit
+            format!("{noise:.1e}").parse().unwrap_or(noise)
         })
         .collect();
     Vehicle::parse(&built.text(&noise), "random").map_err(BlindError::effect)
