@@ -64,7 +64,8 @@ pub fn search<P: Point>(
             let curved = point.information() * &step;
             let length = step.dot(&curved).max(0.0).sqrt();
             if length < limits.tolerance {
-                outcome.converged = true;
+                // A step that is short only because it was damped is no sign of a minimum.
+                outcome.converged = damping < 1.0;
                 return (point, outcome);
             }
             outcome.evaluations += 1;

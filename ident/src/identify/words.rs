@@ -48,6 +48,36 @@ fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
+/// False when the residuals make standard errors too small: disturbed parts, or a noise model that the residuals
+/// contradict. Those of the free run are corrected for colour, so that in an open loop they hold.
+pub fn standard_errors_hold(answer: &Identification) -> bool {
+    let coloured = answer.outputs.values().any(|o| o.whiteness.as_ref().is_some_and(|w| !w.white));
+    let corrected = answer.noise != Noise::Kalman;
+    let disturbed = !answer.disturbed.is_empty();
+    if answer.closed_loop { !disturbed && (corrected || !coloured) } else { corrected || !coloured }
+}
+
+/// Where something acted that the model does not have, and what to do.
+fn disturbances(answer: &Identification) -> Option<String> {
+    const MOST: usize = 4;
+    let worst = answer.disturbed.iter().max_by(|a, b| a.ratio.total_cmp(&b.ratio))?;
+    let mut strongest: Vec<_> = answer.disturbed.iter().collect();
+    strongest.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
+    let options: Vec<String> =
+        strongest.iter().take(MOST).map(|d| format!("--hold-out {:.2}:{:.2}", d.from_s, d.until_s)).collect();
+    let more = answer.disturbed.len().saturating_sub(MOST);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    Some(format!(
+        "Something acts that the model does not have: residuals of {} are {:.1} times as great as usual from {:.2} s to \
+         {:.2} s. If it was a gust, leave it out: {}{more}.",
+        worst.output,
+        worst.ratio,
+        worst.from_s,
+        worst.until_s,
+        options.join(" ")
+    ))
+}
+
 /// What else should be known.
 pub fn remarks(answer: &Identification) -> Vec<String> {
     let mut all = Vec::new();
@@ -67,7 +97,7 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     let coloured: Vec<&str> = answer
         .outputs
         .iter()
-        .filter(|(_, o)| o.whiteness.is_some_and(|w| !w.white))
+        .filter(|(_, o)| o.whiteness.as_ref().is_some_and(|w| !w.white))
         .map(|(n, _)| n.as_str())
         .collect();
     if !coloured.is_empty() {
@@ -75,13 +105,18 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
             "One-step residuals are not white ({}): something acts that the model does not have.",
             coloured.join(", ")
         ));
-        if answer.closed_loop {
-            all.push(
-                "The controller answers to it, which biases parameters beyond their standard errors where the \
-                 setpoint moves little: move it more."
-                    .into(),
-            );
-        }
+    }
+    all.extend(disturbances(answer));
+    if !answer.standard_errors_hold {
+        all.push(format!(
+            "The standard errors are not to be trusted: {}.",
+            if answer.closed_loop {
+                "the controller answers to what the model does not have, which can put parameters off by many of them \
+                 where the setpoint moves little; move it more, or hold out the disturbed parts"
+            } else {
+                "they hold for white residuals; compare with --noise white or coloured, which correct them"
+            }
+        ));
     }
     let mut pairs = Vec::new();
     for (i, row) in answer.correlations.iter().enumerate() {
@@ -134,7 +169,7 @@ impl Identification {
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.2}"));
         for (name, o) in &self.outputs {
             let (own, other) = (o.identification, o.control);
-            let white = o.whiteness.map_or("-".into(), |w| {
+            let white = o.whiteness.as_ref().map_or("-".into(), |w| {
                 if w.white { "yes".into() } else { format!("no ({:+.2})", w.greatest) }
             });
             out.push_str(&format!(
