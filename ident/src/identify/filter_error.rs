@@ -106,6 +106,11 @@ pub fn evaluate(
         evaluation.coupling.push(reduced.coupling);
         add_covariance(&mut evaluation, &gains[*w], &part)?;
     }
+    // A noise that becomes too small to matter leaves next to no information about its logarithm, and the step of
+    // Fisher's scoring would be endless: at most about a factor of e at once.
+    for i in np..nu {
+        evaluation.information[(i, i)] = evaluation.information[(i, i)].max(evaluation.right[i].abs());
+    }
     evaluation.cost.is_finite().then_some(evaluation)
 }
 
