@@ -48,13 +48,10 @@ fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
-/// False when the residuals make standard errors too small: disturbed parts, or a noise model that the residuals
-/// contradict. Those of the free run are corrected for colour, so that in an open loop they hold.
+/// False when something acted in a part of the data that the model does not have: no standard error knows of it. Mere
+/// colour, as of a vibration, is corrected for, or makes those of Kalman's form too large.
 pub fn standard_errors_hold(answer: &Identification) -> bool {
-    let coloured = answer.outputs.values().any(|o| o.whiteness.as_ref().is_some_and(|w| !w.white));
-    let corrected = answer.noise != Noise::Kalman;
-    let disturbed = !answer.disturbed.is_empty();
-    if answer.closed_loop { !disturbed && (corrected || !coloured) } else { corrected || !coloured }
+    answer.disturbed.is_empty()
 }
 
 /// Where something acted that the model does not have, and what to do.
@@ -108,14 +105,10 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     }
     all.extend(disturbances(answer));
     if !answer.standard_errors_hold {
+        let answered = if answer.closed_loop { " and the controller answers to it" } else { "" };
         all.push(format!(
-            "The standard errors are not to be trusted: {}.",
-            if answer.closed_loop {
-                "the controller answers to what the model does not have, which can put parameters off by many of them \
-                 where the setpoint moves little; move it more, or hold out the disturbed parts"
-            } else {
-                "they hold for white residuals; compare with --noise white or coloured, which correct them"
-            }
+            "The standard errors are not to be trusted: they do not know of what acted{answered}; parameters can be off \
+             by many of them where the vehicle is moved little otherwise."
         ));
     }
     let mut pairs = Vec::new();
