@@ -11,7 +11,7 @@ use whirlstand_vehicle::{Matrix, Target, Vehicle};
 /// Longest lag that is looked for, s.
 const LONGEST_S: f64 = 0.5;
 /// Time over which both are smoothed, s.
-const SMOOTHING_S: f64 = 0.08;
+const SMOOTHING_S: f64 = 0.25;
 /// Correlation from which a lag is believed.
 const LEAST_CORRELATION: f64 = 0.7;
 
