@@ -1,0 +1,35 @@
+//! The line that ArduPilot reads.
+//!
+//! ArduPilot's reader searches for keys in the text, expects no blank behind a colon, and takes the last line that has
+//! a line feed on both sides.
+
+use std::fmt::Write as _;
+
+use nalgebra::Vector3;
+
+use crate::sensors::Sensors;
+
+/// Puts the line into `out`. Time in s; gyro rad/s, FRD; specific force m/s^2, FRD; position m, NED from home; attitude
+/// as quaternion from body to earth, real part first; velocity m/s, NED; airspeed m/s.
+pub(super) fn line(s: &Sensors, time_ns: u64, out: &mut String) {
+    out.clear();
+    let list = |v: &Vector3<f64>| format!("[{},{},{}]", v.x, v.y, v.z);
+    let q = s.attitude.quaternion();
+    // Writing into a text does not fail.
+    let _ = write!(
+        out,
+        "\n{{\"timestamp\":{}.{:09},\"imu\":{{\"gyro\":{},\"accel_body\":{}}},\"position\":{},\
+         \"quaternion\":[{},{},{},{}],\"velocity\":{},\"airspeed\":{}}}\n",
+        time_ns / 1_000_000_000,
+        time_ns % 1_000_000_000,
+        list(&s.gyro),
+        list(&s.accel),
+        list(&s.position),
+        q.w,
+        q.i,
+        q.j,
+        q.k,
+        list(&s.velocity),
+        s.velocity.norm(),
+    );
+}

@@ -1,0 +1,183 @@
+//! ArduPilot's JSON interface: servo pulses in, one line of JSON out.
+//!
+//! The simulator binds UDP 9002. ArduPilot sends a packet of servo pulses from any port, waits for the answer that
+//! holds the state of the vehicle, computes one step and sends the next packet. So ArduPilot runs in lockstep with
+//! the answers, and its clock follows their time stamps. A packet with the number of the one before says that the
+//! answer was lost, and is answered with the same line again. Numbers that begin anew say that ArduPilot did.
+//!
+//! Source: <https://ardupilot.org/dev/docs/sitl-with-JSON.html>.
+
+mod json;
+mod packet;
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
+use crate::mixer::MAX_OUTPUTS;
+use crate::sensors::Sensors;
+
+pub use packet::{PacketError, ServoPacket};
+
+/// The UDP port that ArduPilot sends to.
+pub const PORT: u16 = 9002;
+
+/// Output of each motor of a quad in the order of the mixer's frames, which is ArduPilot's own.
+pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
+
+/// A packet with a smaller number is an old one while newer ones came this short a time ago, and a restart after that.
+/// ArduPilot repeats an unanswered packet once a second and needs longer than this to start.
+const SILENCE: Duration = Duration::from_millis(500);
+
+/// How pulses are read.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ArdupilotOptions {
+    /// Pulse of a motor that stands still, or of a servo at -1, us.
+    pub pwm_min: u16,
+    /// Pulse of a motor at full thrust, or of a servo at 1, us.
+    pub pwm_max: u16,
+}
+
+impl Default for ArdupilotOptions {
+    fn default() -> Self {
+        Self { pwm_min: 1000, pwm_max: 2000 }
+    }
+}
+
+/// The conversation with ArduPilot.
+#[derive(Debug, Clone)]
+pub struct Ardupilot {
+    options: ArdupilotOptions,
+    motors: bool,
+    last: Option<Last>,
+    /// The packet with the last number is not yet answered.
+    waiting: bool,
+    /// The last answer, to be repeated when it was lost.
+    answer: String,
+    /// Answers since the last packet: the next number is at most so much greater.
+    answers: u32,
+    /// Sensor time at which ArduPilot began: its clock starts at zero.
+    began_ns: Option<u64>,
+    events: [Option<Event>; 2],
+    counts: Counts,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Last {
+    number: u32,
+    at: Duration,
+}
+
+impl Ardupilot {
+    /// A conversation that has not begun; `motors` says that outputs are motors and not servos.
+    pub fn new(options: ArdupilotOptions, motors: bool) -> Self {
+        Self {
+            options,
+            motors,
+            last: None,
+            waiting: false,
+            answer: String::new(),
+            answers: 0,
+            began_ns: None,
+            events: [None; 2],
+            counts: Counts::default(),
+        }
+    }
+
+    fn outputs(&self, packet: &ServoPacket) -> Outputs {
+        let (low, high) = (f64::from(self.options.pwm_min), f64::from(self.options.pwm_max));
+        let mut values = [0.0; MAX_OUTPUTS];
+        for (value, &pwm) in values.iter_mut().zip(packet.pulses()) {
+            // No pulse at all: the output is not in use.
+            if pwm != 0 {
+                let share = (f64::from(pwm) - low) / (high - low);
+                *value =
+                    if self.motors { share.clamp(0.0, 1.0) } else { (2.0 * share - 1.0).clamp(-1.0, 1.0) };
+            }
+        }
+        Outputs { values, armed: None }
+    }
+
+    fn take(&mut self, packet: &ServoPacket, now: Duration) {
+        self.last = Some(Last { number: packet.number, at: now });
+        self.waiting = true;
+        self.answers = 0;
+        self.counts.outputs += 1;
+        self.events[1] = Some(Event::Outputs(self.outputs(packet)));
+    }
+
+    fn restart(&mut self) {
+        self.began_ns = None;
+        self.answer.clear();
+        self.events = [Some(Event::Restarted), None];
+    }
+}
+
+impl Autopilot for Ardupilot {
+    fn receive(&mut self, _port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) {
+        let Ok(packet) = ServoPacket::parse(bytes) else {
+            self.counts.malformed += 1;
+            return;
+        };
+        let Some(last) = self.last else {
+            self.take(&packet, now);
+            return;
+        };
+        match packet.number.checked_sub(last.number) {
+            Some(0) => {
+                self.counts.repeated += 1;
+                self.last = Some(Last { at: now, ..last });
+                if !self.waiting && !self.answer.is_empty() {
+                    self.counts.sent += 1;
+                    send(0, self.answer.as_bytes());
+                }
+            }
+            // ArduPilot counts the answers that it got.
+            Some(ahead) if ahead <= self.answers => {
+                self.counts.lost += u64::from(ahead - 1);
+                self.take(&packet, now);
+            }
+            Some(_) => self.counts.malformed += 1,
+            None if now.saturating_sub(last.at) >= SILENCE => {
+                self.restart();
+                self.take(&packet, now);
+            }
+            None => self.counts.stale += 1,
+        }
+    }
+
+    fn next(&mut self) -> Option<Event> {
+        self.events.iter_mut().find_map(Option::take)
+    }
+
+    fn sense(&mut self, sensors: &Sensors, _rc: &Rc, _now: Duration, send: &mut Send<'_>) {
+        // Unasked answers would make ArduPilot run ahead of its outputs.
+        if !self.waiting {
+            self.counts.skipped += 1;
+            return;
+        }
+        let began = *self.began_ns.get_or_insert(sensors.time_ns);
+        json::line(sensors, sensors.time_ns.saturating_sub(began), &mut self.answer);
+        self.waiting = false;
+        self.answers += 1;
+        self.counts.sent += 1;
+        send(0, self.answer.as_bytes());
+    }
+
+    fn is_answered(&self) -> bool {
+        self.waiting
+    }
+
+    fn disconnected(&mut self, _port: usize) {
+        *self = Self { counts: self.counts, ..Self::new(self.options, self.motors) };
+    }
+
+    fn counts(&self) -> Counts {
+        self.counts
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,197 @@
+use super::*;
+use crate::sensors::{Errors, Motion, SensorModel, SensorOptions};
+use proptest::prelude::*;
+
+fn packet(number: u32, pwm: [u16; 16]) -> Vec<u8> {
+    let mut bytes = 18458u16.to_le_bytes().to_vec();
+    bytes.extend(400u16.to_le_bytes());
+    bytes.extend(number.to_le_bytes());
+    bytes.extend(pwm.iter().flat_map(|p| p.to_le_bytes()));
+    bytes
+}
+
+fn pulses(first: u16) -> [u16; 16] {
+    let mut pwm = [1500; 16];
+    pwm[0] = first;
+    pwm
+}
+
+struct Bench {
+    autopilot: Ardupilot,
+    model: SensorModel,
+    now: Duration,
+    sent: Vec<String>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let model = SensorModel::new(SensorOptions::default(), 2_500_000, 1);
+        let autopilot = Ardupilot::new(ArdupilotOptions::default(), true);
+        Self { autopilot, model, now: Duration::ZERO, sent: Vec::new() }
+    }
+
+    fn receive(&mut self, bytes: &[u8]) -> Vec<Event> {
+        self.now += Duration::from_micros(2500);
+        let sent = &mut self.sent;
+        let mut send = |_: usize, b: &[u8]| sent.push(String::from_utf8(b.to_vec()).unwrap());
+        self.autopilot.receive(0, bytes, self.now, &mut send);
+        std::iter::from_fn(|| self.autopilot.next()).collect()
+    }
+
+    fn sense(&mut self) {
+        let sensors =
+            self.model.step(&Motion { angles: [0.1, -0.2, 0.0], ..Motion::default() }, &Errors::default());
+        let sent = &mut self.sent;
+        let mut send = |_: usize, b: &[u8]| sent.push(String::from_utf8(b.to_vec()).unwrap());
+        self.autopilot.sense(&sensors, &Rc::default(), self.now, &mut send);
+    }
+}
+
+fn first(events: &[Event]) -> f64 {
+    match events {
+        [.., Event::Outputs(outputs)] => outputs.values[0],
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn pulses_become_shares_and_steps_alternate() {
+    let mut bench = Bench::new();
+    assert!(!bench.autopilot.is_answered());
+    bench.sense();
+    assert!(bench.sent.is_empty(), "nobody asked");
+    assert_eq!(first(&bench.receive(&packet(0, pulses(1250)))), 0.25);
+    assert!(bench.autopilot.is_answered());
+    bench.sense();
+    assert!(!bench.autopilot.is_answered());
+    bench.sense();
+    assert_eq!(bench.sent.len(), 1, "one answer to one packet");
+    assert_eq!(first(&bench.receive(&packet(1, pulses(2100)))), 1.0);
+    let mut wide = 29569u16.to_le_bytes().to_vec();
+    wide.extend(400u16.to_le_bytes());
+    wide.extend(2u32.to_le_bytes());
+    wide.extend([1000u16; 32].iter().flat_map(|p| p.to_le_bytes()));
+    bench.sense();
+    assert_eq!(first(&bench.receive(&wide)), 0.0);
+    assert_eq!(bench.autopilot.counts().outputs, 3);
+    let servos = Ardupilot::new(ArdupilotOptions::default(), false);
+    let outputs = servos.outputs(&ServoPacket::parse(&packet(0, pulses(1250))).unwrap());
+    assert_eq!((outputs.values[0], outputs.values[1], outputs.values[20]), (-0.5, 0.0, 0.0));
+}
+
+#[test]
+fn the_line_is_json_with_every_field_and_starts_at_time_zero() {
+    let mut bench = Bench::new();
+    bench.model.step(&Motion::default(), &Errors::default());
+    bench.receive(&packet(0, pulses(1000)));
+    bench.sense();
+    let line = &bench.sent[0];
+    assert!(
+        line.starts_with('\n') && line.ends_with('\n') && !line.contains(": ") && line.lines().count() == 2
+    );
+    let json: serde_json::Value = serde_json::from_str(line).unwrap();
+    assert_eq!(json["timestamp"].as_f64(), Some(0.0));
+    let list =
+        |v: &serde_json::Value| v.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect::<Vec<_>>();
+    let q = list(&json["quaternion"]);
+    // Roll 0.1 and pitch -0.2: small half angles in order.
+    assert!(
+        (q[0] - 0.9938).abs() < 1e-3 && (q[1] - 0.0497).abs() < 1e-3 && (q[2] + 0.0998).abs() < 1e-3,
+        "{q:?}"
+    );
+    for (key, length) in [("position", 3), ("velocity", 3)] {
+        assert_eq!(list(&json[key]).len(), length);
+    }
+    assert_eq!(list(&json["imu"]["gyro"]).len(), 3);
+    assert!(list(&json["imu"]["accel_body"])[2] < -9.0);
+    bench.receive(&packet(1, pulses(1000)));
+    bench.sense();
+    let json: serde_json::Value = serde_json::from_str(&bench.sent[1]).unwrap();
+    assert_eq!(json["timestamp"].as_f64(), Some(0.0025));
+}
+
+#[test]
+fn a_repeated_number_is_a_lost_answer_and_a_reset_is_a_restart() {
+    let mut bench = Bench::new();
+    bench.receive(&packet(0, pulses(1100)));
+    bench.sense();
+    bench.receive(&packet(1, pulses(1100)));
+    assert!(bench.receive(&packet(1, pulses(1100))).is_empty(), "not answered yet: nothing to repeat");
+    assert_eq!(bench.sent.len(), 1);
+    bench.sense();
+    assert!(bench.receive(&packet(1, pulses(1100))).is_empty(), "no second step");
+    assert_eq!(bench.sent[1], bench.sent[2], "the same line again");
+    assert!(bench.receive(&packet(0, pulses(1900))).is_empty(), "an old packet that was delayed");
+    let events = bench.receive(&packet(7, pulses(1900)));
+    assert!(events.is_empty(), "ahead of every answer");
+    bench.now += Duration::from_secs(2);
+    let events = bench.receive(&packet(0, pulses(1000)));
+    assert!(matches!(events[..], [Event::Restarted, Event::Outputs(_)]), "{events:?}");
+    bench.sense();
+    assert!(bench.sent[3].contains("\"timestamp\":0.000000000"), "{}", bench.sent[3]);
+    let counts = bench.autopilot.counts();
+    assert_eq!((counts.repeated, counts.stale, counts.malformed), (2, 1, 1));
+}
+
+#[test]
+fn what_is_no_packet_is_refused_in_words() {
+    let good = packet(3, pulses(1500));
+    for (bytes, words) in [
+        (good[..39].to_vec(), "39 bytes"),
+        (Vec::new(), "0 bytes"),
+        ([&good[..], &[0]].concat(), "41 bytes"),
+        ([&[0, 1], &good[2..]].concat(), "magic number is 256"),
+        (packet(3, pulses(9000)), "channel 1 has a pulse of 9000 us"),
+    ] {
+        let error = ServoPacket::parse(&bytes).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+proptest! {
+    /// Datagrams that are repeated, overtaken, lost or cut off: outputs come in order, each once, and everything else
+    /// is counted.
+    #[test]
+    fn a_bad_network_never_makes_a_wrong_output(
+        fates in prop::collection::vec((0u8..6, 0usize..40, any::<u8>()), 1..200)
+    ) {
+        let mut bench = Bench::new();
+        let (mut number, mut last, mut received) = (0u32, None::<u32>, 0u64);
+        for (fate, at, byte) in fates {
+            // The pulse of a packet tells its number.
+            let original = |n: u32| packet(n, pulses(1000 + (n % 1000) as u16));
+            let mut bytes = original(number);
+            let mut whole = true;
+            match fate {
+                0 => bytes = original(number.saturating_sub(at as u32)),
+                1 => { bytes.truncate(at); whole = false; }
+                2 => { bytes[at % 2] ^= byte | 1; whole = false; }
+                3 => continue,
+                _ => {}
+            }
+            let events = bench.receive(&bytes);
+            received += 1;
+            for event in events {
+                let Event::Outputs(outputs) = event else { panic!("no restart within so short a time") };
+                prop_assert!(whole);
+                let told = (outputs.values[0] * 1000.0).round() as u32;
+                prop_assert!(last.is_none_or(|l| told > l), "{told} after {last:?}");
+                prop_assert_eq!(told, number % 1000);
+                last = Some(told);
+            }
+            if bench.autopilot.is_answered() {
+                bench.sense();
+                number += 1;
+            }
+        }
+        let counts = bench.autopilot.counts();
+        prop_assert_eq!(counts.outputs + counts.repeated + counts.dropped(), received);
+    }
+
+    #[test]
+    fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..80)) {
+        let mut bench = Bench::new();
+        bench.receive(&bytes);
+        prop_assert_eq!(bench.autopilot.counts().outputs + bench.autopilot.counts().malformed, 1);
+    }
+}

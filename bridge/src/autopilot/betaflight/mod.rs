@@ -1,0 +1,176 @@
+//! Betaflight's software-in-the-loop interface: motor outputs in, vehicle state and pilot's channels out.
+//!
+//! Betaflight runs in real time beside the bench and waits for nobody. Its clock follows the ratio of simulated to wall
+//! time between one state packet and the next, so each packet is stamped with the wall time at which it is sent, and one
+//! that would come sooner than half a period after the one before is left out: a burst would make Betaflight's clock
+//! run many times too fast, and its filters with it.
+//!
+//! | direction | port | packet |
+//! |---|---|---|
+//! | from Betaflight | 9001 | `servo_packet_raw`: u16 count, 2 unused, f32\[16\] pulses in us; motors, then servos |
+//! | from Betaflight | 9002 | `servo_packet`: f32\[4\] motors, 0 to 1 |
+//! | to Betaflight | 9003 | `fdm_packet`: 18 f64 |
+//! | to Betaflight | 9004 | `rc_packet`: f64 time, u16\[16\] pulses in us |
+//!
+//! All are little-endian. Betaflight has these ports from its compilation.
+//!
+//! Source: `src/platform/SIMULATOR/target/SITL/target.h` and `sitl.c` of Betaflight 2025.12 (`src/main/target/SITL` of
+//! older releases).
+
+mod packet;
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
+use crate::mixer::MAX_OUTPUTS;
+use crate::sensors::Sensors;
+
+pub use packet::{FDM_BYTES, PacketError, RC_BYTES, parse_motors, parse_raw};
+
+/// The ports by number: packets of pulses, packets of motors, state, channels.
+pub const PORTS: [u16; 4] = [9001, 9002, 9003, 9004];
+/// Index of the port on which `servo_packet_raw` comes.
+pub const RAW: usize = 0;
+/// Index of the port on which `servo_packet` comes.
+pub const MOTORS: usize = 1;
+/// Index of the port to which the state goes.
+pub const STATE: usize = 2;
+/// Index of the port to which the channels go.
+pub const CHANNELS: usize = 3;
+
+/// Betaflight's motor 1 is at the rear right, then front right, rear left, front left.
+pub const NATIVE_ORDER: [usize; 4] = [2, 3, 4, 1];
+
+/// Time between two packets of channels: a receiver's 50 Hz.
+const CHANNEL_PERIOD: Duration = Duration::from_millis(20);
+
+/// How state packets are to be written: Betaflight reads them in two ways, fixed when it is compiled.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Flavour {
+    /// As Gazebo's plugin writes them; Betaflight's own default.
+    #[default]
+    Gazebo,
+    /// As the bridges to X-Plane and RealFlight write them (`ENABLE_GAZEBO_BRIDGE=0`).
+    Legacy,
+}
+
+/// Which packets hold the outputs.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Packets {
+    /// `servo_packet_raw`: motors and servos, in Betaflight's order in every release.
+    #[default]
+    Raw,
+    /// `servo_packet`: four motors. Releases before 2025.12 put them into Gazebo's order, which is that of the mixer's
+    /// frames: give the mixer `outputs = [1, 2, 3, 4]`.
+    Motors,
+}
+
+/// How Betaflight is spoken to.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BetaflightOptions {
+    /// How it reads the state.
+    pub flavour: Flavour,
+    /// Where its outputs are taken from.
+    pub packets: Packets,
+}
+
+/// The conversation with Betaflight.
+#[derive(Debug, Clone)]
+pub struct Betaflight {
+    options: BetaflightOptions,
+    motors: bool,
+    period: Duration,
+    origin: Option<(f64, f64)>,
+    last_state: Option<Duration>,
+    last_channels: Option<Duration>,
+    event: Option<Event>,
+    counts: Counts,
+}
+
+impl Betaflight {
+    /// A conversation at one state packet a `period`; `motors` says that outputs are motors and not servos.
+    pub fn new(options: BetaflightOptions, motors: bool, period: Duration) -> Self {
+        Self {
+            options,
+            motors,
+            period,
+            origin: None,
+            last_state: None,
+            last_channels: None,
+            event: None,
+            counts: Counts::default(),
+        }
+    }
+
+    fn outputs(&self, port: usize, bytes: &[u8]) -> Result<Outputs, PacketError> {
+        let mut values = [0.0; MAX_OUTPUTS];
+        if port == RAW {
+            let pulses = parse_raw(bytes)?;
+            for (value, &pulse) in values.iter_mut().zip(pulses.values()) {
+                *value = match (pulse, self.motors) {
+                    // No pulse at all: the output is not in use.
+                    (0.0, _) => 0.0,
+                    (pulse, true) => ((pulse - 1000.0) / 1000.0).clamp(0.0, 1.0),
+                    (pulse, false) => ((pulse - 1500.0) / 500.0).clamp(-1.0, 1.0),
+                };
+            }
+        } else {
+            values[..4].copy_from_slice(&parse_motors(bytes)?);
+        }
+        Ok(Outputs { values, armed: None })
+    }
+}
+
+impl Autopilot for Betaflight {
+    fn receive(&mut self, port: usize, bytes: &[u8], _now: Duration, _send: &mut Send<'_>) {
+        match self.outputs(port, bytes) {
+            Err(_) => self.counts.malformed += 1,
+            // The other packet says the same in another way.
+            Ok(_) if (port == RAW) != (self.options.packets == Packets::Raw) => {}
+            Ok(outputs) => {
+                self.counts.outputs += 1;
+                self.event = Some(Event::Outputs(outputs));
+            }
+        }
+    }
+
+    fn next(&mut self) -> Option<Event> {
+        self.event.take()
+    }
+
+    fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>) {
+        if self.last_channels.is_none_or(|last| now.saturating_sub(last) >= CHANNEL_PERIOD) {
+            self.last_channels = Some(now);
+            self.counts.sent += 1;
+            send(CHANNELS, &packet::channels(now, &rc.pulses()));
+        }
+        if self.last_state.is_some_and(|last| now.saturating_sub(last) < self.period / 2) {
+            self.counts.skipped += 1;
+            return;
+        }
+        self.last_state = Some(now);
+        self.counts.sent += 1;
+        let origin = *self.origin.get_or_insert((sensors.gps.latitude, sensors.gps.longitude));
+        send(STATE, &packet::state(now, sensors, self.options.flavour, origin));
+    }
+
+    fn is_answered(&self) -> bool {
+        true
+    }
+
+    fn disconnected(&mut self, _port: usize) {
+        self.origin = None;
+    }
+
+    fn counts(&self) -> Counts {
+        self.counts
+    }
+}
+
+#[cfg(test)]
+mod tests;

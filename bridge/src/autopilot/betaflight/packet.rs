@@ -1,0 +1,182 @@
+//! Betaflight's packets.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::time::Duration;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::Flavour;
+use crate::autopilot::RC_CHANNELS;
+use crate::sensors::Sensors;
+
+/// Length of `fdm_packet`.
+pub const FDM_BYTES: usize = 144;
+/// Length of `rc_packet`.
+pub const RC_BYTES: usize = 40;
+/// Length of `servo_packet`.
+const MOTORS_BYTES: usize = 16;
+/// Length of `servo_packet_raw`.
+const RAW_BYTES: usize = 68;
+/// Most outputs in `servo_packet_raw`.
+const RAW_OUTPUTS: usize = 16;
+
+/// Motors beyond this are no motors; a little room for rounding.
+const MOTOR_RANGE: std::ops::RangeInclusive<f64> = -0.001..=1.001;
+/// Pulses beyond this are no pulses, us; zero is an output that is not in use.
+const PULSES: std::ops::RangeInclusive<f64> = 500.0..=2500.0;
+
+/// Why bytes are not a packet of Betaflight.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum PacketError {
+    /// Another length.
+    #[error("{found} bytes came where {expected} are expected")]
+    Length {
+        /// What came.
+        found: usize,
+        /// What the packet has.
+        expected: usize,
+    },
+    /// A count of motors that the packet has no room for.
+    #[error("the packet says that it holds {0} motors: at most 16 are expected")]
+    Count(u16),
+    /// A value that no motor has.
+    #[error("output {output} is {value}: {expected} is expected")]
+    Value {
+        /// From 1.
+        output: usize,
+        /// As it came.
+        value: f64,
+        /// In words.
+        expected: &'static str,
+    },
+}
+
+/// Pulses of `servo_packet_raw`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Raw {
+    values: [f64; RAW_OUTPUTS],
+}
+
+impl Raw {
+    /// Motors, then servos, us; zero for what is not in use.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+}
+
+fn sized(bytes: &[u8], expected: usize) -> Result<(), PacketError> {
+    if bytes.len() == expected { Ok(()) } else { Err(PacketError::Length { found: bytes.len(), expected }) }
+}
+
+fn floats(bytes: &[u8]) -> impl Iterator<Item = f64> + '_ {
+    bytes.as_chunks::<4>().0.iter().map(|b| f64::from(f32::from_le_bytes(*b)))
+}
+
+/// Reads `servo_packet`: four motors, 0 to 1.
+///
+/// # Errors
+/// [`PacketError`] for another length, or a value that is not finite or out of range.
+pub fn parse_motors(bytes: &[u8]) -> Result<[f64; 4], PacketError> {
+    sized(bytes, MOTORS_BYTES)?;
+    let mut motors = [0.0; 4];
+    for (i, (motor, value)) in motors.iter_mut().zip(floats(bytes)).enumerate() {
+        if !MOTOR_RANGE.contains(&value) {
+            return Err(PacketError::Value { output: i + 1, value, expected: "0 to 1" });
+        }
+        *motor = value.clamp(0.0, 1.0);
+    }
+    Ok(motors)
+}
+
+/// Reads `servo_packet_raw`: pulses in us.
+///
+/// # Errors
+/// [`PacketError`] for another length, too many motors, or a value that is no pulse.
+pub fn parse_raw(bytes: &[u8]) -> Result<Raw, PacketError> {
+    sized(bytes, RAW_BYTES)?;
+    let count = u16::from_le_bytes([bytes[0], bytes[1]]);
+    if usize::from(count) > RAW_OUTPUTS {
+        return Err(PacketError::Count(count));
+    }
+    let mut values = [0.0; RAW_OUTPUTS];
+    for (i, (slot, value)) in values.iter_mut().zip(floats(&bytes[4..])).enumerate() {
+        if value != 0.0 && !PULSES.contains(&value) {
+            return Err(PacketError::Value { output: i + 1, value, expected: "0 or 500 to 2500 us" });
+        }
+        *slot = value;
+    }
+    Ok(Raw { values })
+}
+
+/// `rc_packet`: time in s, pulses in us.
+pub(super) fn channels(now: Duration, pulses: &[u16; RC_CHANNELS]) -> [u8; RC_BYTES] {
+    let mut bytes = [0; RC_BYTES];
+    bytes[..8].copy_from_slice(&now.as_secs_f64().to_le_bytes());
+    for (slot, pulse) in bytes[8..].as_chunks_mut::<2>().0.iter_mut().zip(pulses) {
+        *slot = pulse.to_le_bytes();
+    }
+    bytes
+}
+
+/// `fdm_packet`: time in s; turn rate in rad/s; specific force in m/s^2, FRD; attitude, real part first; velocity in m/s,
+/// east, north, up; longitude and latitude in degrees, height in m; pressure in Pa.
+pub(super) fn state(now: Duration, s: &Sensors, flavour: Flavour, origin: (f64, f64)) -> [u8; FDM_BYTES] {
+    let (gyro, attitude) = (gyro(s, flavour), attitude(s, flavour));
+    let (latitude, longitude) = match flavour {
+        Flavour::Legacy => (s.gps.latitude, s.gps.longitude),
+        // Gazebo gives positions mirrored about the origin, and Betaflight mirrors them back about the first one.
+        Flavour::Gazebo => (2.0 * origin.0 - s.gps.latitude, 2.0 * origin.1 - s.gps.longitude),
+    };
+    let v = s.gps.velocity;
+    let fields: [f64; 18] = [
+        now.as_secs_f64(),
+        gyro.x,
+        gyro.y,
+        gyro.z,
+        s.accel.x,
+        s.accel.y,
+        s.accel.z,
+        attitude.w,
+        attitude.i,
+        attitude.j,
+        attitude.k,
+        v.y,
+        v.x,
+        -v.z,
+        longitude,
+        latitude,
+        s.gps.altitude,
+        s.pressure,
+    ];
+    let mut bytes = [0; FDM_BYTES];
+    for (slot, field) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(fields) {
+        *slot = field.to_le_bytes();
+    }
+    bytes
+}
+
+/// Betaflight negates what comes for pitch, because its pitch rate is positive nose down; and, from legacy bridges, yaw.
+fn gyro(s: &Sensors, flavour: Flavour) -> Vector3<f64> {
+    match flavour {
+        Flavour::Gazebo => s.gyro,
+        Flavour::Legacy => Vector3::new(s.gyro.x, s.gyro.y, -s.gyro.z),
+    }
+}
+
+/// The attitude of the body forward, left, up over north, west, up, as Betaflight keeps it inside. Legacy bridges send
+/// that; of what Gazebo's plugin sends, Betaflight takes away half a turn about x on either side, then adds a quarter turn
+/// about up.
+fn attitude(s: &Sensors, flavour: Flavour) -> nalgebra::Quaternion<f64> {
+    let half = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+    // Half a turn about x makes north, west, up of north, east, down, and forward, left, up of forward, right, down.
+    let inside = half * s.attitude * half;
+    let q = match flavour {
+        Flavour::Legacy => inside,
+        Flavour::Gazebo => {
+            let quarter_back = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_2);
+            half * quarter_back * inside * half
+        }
+    };
+    // Half turns cost a sign; Betaflight takes the quaternion for positive.
+    if q.w < 0.0 { -q.into_inner() } else { q.into_inner() }
+}

@@ -1,0 +1,186 @@
+use super::*;
+use crate::sensors::{Axis, Errors, Motion, SensorModel, SensorOptions, wrapped};
+use nalgebra::{Quaternion, UnitQuaternion};
+use proptest::prelude::*;
+
+const PERIOD: Duration = Duration::from_millis(4);
+
+fn raw(pulses: [f32; 16]) -> Vec<u8> {
+    let mut bytes = vec![4, 0, 0xAA, 0x55];
+    bytes.extend(pulses.iter().flat_map(|p| p.to_le_bytes()));
+    bytes
+}
+
+fn motors(motors: [f32; 4]) -> Vec<u8> {
+    motors.iter().flat_map(|m| m.to_le_bytes()).collect()
+}
+
+fn received(betaflight: &mut Betaflight, port: usize, bytes: &[u8]) -> Option<[f64; MAX_OUTPUTS]> {
+    betaflight.receive(port, bytes, Duration::ZERO, &mut |_, _| panic!("nothing is asked"));
+    match betaflight.next()? {
+        Event::Outputs(outputs) => Some(outputs.values),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Fields of the state packet of a vehicle that moved from level rest to this.
+fn state_of(flavour: Flavour, motion: Motion) -> [f64; 18] {
+    let options =
+        SensorOptions { accel_noise: 0.0, baro_noise: 0.0, gps_hz: 1000.0, ..SensorOptions::default() };
+    let mut model = SensorModel::new(options, 4_000_000, 1);
+    let rest = Motion {
+        axes: motion.axes.map(|a| Axis { position: a.position.map(|_| 0.0), ..a }),
+        ..Motion::default()
+    };
+    let mut betaflight = Betaflight::new(BetaflightOptions { flavour, ..Default::default() }, true, PERIOD);
+    let mut fields = [0.0; 18];
+    for (k, motion) in [rest, motion].into_iter().enumerate() {
+        let now = PERIOD * (k as u32 + 1);
+        let sensors = model.step(&motion, &Errors::default());
+        betaflight.sense(&sensors, &Rc::default(), now, &mut |port, bytes| {
+            if port == STATE {
+                assert_eq!(bytes.len(), FDM_BYTES);
+                for (field, b) in fields.iter_mut().zip(bytes.chunks(8)) {
+                    *field = f64::from_le_bytes(b.try_into().unwrap());
+                }
+            }
+        });
+    }
+    fields
+}
+
+/// What Betaflight itself makes of a packet: gyro and attitude as it uses them inside, by its published source.
+fn inside(flavour: Flavour, f: &[f64; 18]) -> ([f64; 3], UnitQuaternion<f64>) {
+    let yaw = if flavour == Flavour::Gazebo { f[3] } else { -f[3] };
+    let gyro = [f[1], -f[2], yaw];
+    let q = match flavour {
+        Flavour::Legacy => Quaternion::new(f[7], f[8], f[9], f[10]),
+        Flavour::Gazebo => {
+            let (w, x, y, z) = (f[7], f[8], -f[9], -f[10]);
+            let k = std::f64::consts::FRAC_1_SQRT_2;
+            Quaternion::new(k * (w - z), k * (x - y), k * (y + x), k * (z + w))
+        }
+    };
+    (gyro, UnitQuaternion::from_quaternion(q))
+}
+
+#[test]
+fn outputs_are_read_from_either_packet_and_no_other() {
+    let mut betaflight = Betaflight::new(BetaflightOptions::default(), true, PERIOD);
+    let mut pulses = [0.0; 16];
+    pulses[..4].copy_from_slice(&[1000.0, 1250.0, 2000.0, 2100.0]);
+    let values = received(&mut betaflight, RAW, &raw(pulses)).unwrap();
+    assert_eq!(values[..6], [0.0, 0.25, 1.0, 1.0, 0.0, 0.0]);
+    assert_eq!(
+        received(&mut betaflight, MOTORS, &motors([0.1, 0.2, 0.3, 0.4])),
+        None,
+        "raw packets were asked for"
+    );
+
+    let options = BetaflightOptions { packets: Packets::Motors, ..Default::default() };
+    let mut other = Betaflight::new(options, true, PERIOD);
+    let values = received(&mut other, MOTORS, &motors([0.0, 0.25, 0.5, 1.0])).unwrap();
+    assert_eq!(values[..5], [0.0, 0.25, 0.5, 1.0, 0.0]);
+
+    let mut servos = Betaflight::new(BetaflightOptions::default(), false, PERIOD);
+    assert_eq!(received(&mut servos, RAW, &raw([1250.0; 16])).unwrap()[..2], [-0.5, -0.5]);
+    for (port, bad) in [
+        (RAW, raw([f32::NAN; 16])),
+        (RAW, raw([9000.0; 16])),
+        (RAW, raw([1500.0; 16])[..67].to_vec()),
+        (RAW, [&[17, 0], &raw([1500.0; 16])[2..]].concat()),
+        (MOTORS, motors([0.0, 0.0, 0.0, 1.5])),
+        (MOTORS, motors([0.0, f32::INFINITY, 0.0, 0.5])),
+        (MOTORS, raw([1500.0; 16])),
+    ] {
+        let before = other.counts();
+        assert_eq!(received(&mut other, port, &bad), None);
+        assert_eq!(other.counts().malformed, before.malformed + 1);
+    }
+    let error = parse_motors(&motors([0.0, 0.0, 0.0, 1.5])).unwrap_err().to_string();
+    assert_eq!(error, "output 4 is 1.5: 0 to 1 is expected");
+}
+
+#[test]
+fn each_axis_alone_arrives_in_betaflight_with_its_sign() {
+    for flavour in [Flavour::Gazebo, Flavour::Legacy] {
+        let level = state_of(flavour, Motion::default());
+        assert!((level[6] + 9.80665).abs() < 1e-12, "a level accelerometer reads -g on z");
+        for axis in 0..3 {
+            for size in [0.02, -0.02] {
+                let mut motion = Motion::default();
+                motion.angles[axis] = size;
+                let (gyro, attitude) = inside(flavour, &state_of(flavour, motion));
+                // Inside, Betaflight's pitch rate is positive nose down; attitude is of the body forward, left, up over
+                // north, west, up: roll has its sign, nose up is a negative turn about left, right is about down.
+                let sign = [1.0, -1.0, 1.0];
+                for i in 0..3 {
+                    let wanted = if i == axis { sign[i] * size / 4e-3 } else { 0.0 };
+                    assert!((gyro[i] - wanted).abs() < 1e-9, "{flavour:?} {axis}: {gyro:?}");
+                }
+                let (roll, pitch, yaw) = attitude.euler_angles();
+                for (i, angle) in [roll, -pitch, -yaw].into_iter().enumerate() {
+                    let wanted = if i == axis { size } else { 0.0 };
+                    assert!(wrapped(angle - wanted).abs() < 1e-9, "{flavour:?} {axis}: {angle}");
+                }
+            }
+            let mut motion =
+                Motion { axes: [Axis { position: Some(0.0), speed: None }; 3], ..Motion::default() };
+            motion.axes[axis].position = Some(0.4);
+            let f = state_of(flavour, motion);
+            // Forward is north, right is east: velocity is east, north, up.
+            let place = [1, 0, 2][axis];
+            for i in 0..3 {
+                assert!((f[11 + i] - if i == place { 100.0 } else { 0.0 }).abs() < 1e-6, "{flavour:?} {f:?}");
+            }
+            let origin = state_of(flavour, Motion::default());
+            let moved = [f[14] - origin[14], f[15] - origin[15], f[16] - origin[16]];
+            let mirror = if flavour == Flavour::Gazebo && axis < 2 { -1.0 } else { 1.0 };
+            assert!(moved[place] * mirror > 1e-6, "{flavour:?} {axis}: {moved:?}");
+        }
+    }
+}
+
+#[test]
+fn packets_keep_their_pace() {
+    let mut betaflight = Betaflight::new(BetaflightOptions::default(), true, PERIOD);
+    let mut model = SensorModel::new(SensorOptions::default(), 4_000_000, 1);
+    let mut sent = Vec::new();
+    let mut channels = 0;
+    // Every third state comes together with the one after it.
+    for k in 0..300u64 {
+        let now = Duration::from_millis(4 * k + if k % 3 == 0 { 4 } else { 0 });
+        let sensors = model.step(&Motion::default(), &Errors::default());
+        betaflight.sense(&sensors, &Rc::default(), now, &mut |port, bytes| match port {
+            STATE => sent.push(f64::from_le_bytes(bytes[..8].try_into().unwrap())),
+            CHANNELS => {
+                assert_eq!(bytes.len(), RC_BYTES);
+                assert_eq!(u16::from_le_bytes([bytes[8 + 4], bytes[8 + 5]]), 1000, "throttle low");
+                channels += 1;
+            }
+            _ => panic!("port {port}"),
+        });
+    }
+    assert!(sent.windows(2).all(|w| w[1] - w[0] >= 0.002 - 1e-9), "no burst");
+    assert_eq!(sent.len() as u64 + betaflight.counts().skipped, 300);
+    assert_eq!(betaflight.counts().skipped, 100);
+    assert!((45..=61).contains(&channels), "{channels}");
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..160), port in 0usize..2, size in 0..3) {
+        let mut bytes = bytes;
+        match size {
+            0 => bytes.resize(16, 0),
+            1 => bytes.resize(68, 0),
+            _ => {}
+        }
+        let options = BetaflightOptions { packets: if port == RAW { Packets::Raw } else { Packets::Motors }, ..Default::default() };
+        let mut betaflight = Betaflight::new(options, true, PERIOD);
+        match received(&mut betaflight, port, &bytes) {
+            Some(values) => prop_assert!(values.iter().all(|v| (0.0..=1.0).contains(v))),
+            None => prop_assert_eq!(betaflight.counts().malformed, 1),
+        }
+    }
+}

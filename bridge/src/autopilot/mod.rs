@@ -1,0 +1,96 @@
+//! Autopilots that fly the bench's vehicle: sensors out, actuator outputs in.
+//!
+//! Each protocol is an [`Autopilot`]: a state machine that takes datagrams or stream bytes with the time of their
+//! arrival, and hands out bytes to send. It owns no socket and no clock.
+//!
+//! | | [`px4`] | [`ardupilot`] | [`betaflight`] |
+//! |---|---|---|---|
+//! | carried by | MAVLink over TCP, UDP or serial | datagrams | datagrams |
+//! | who waits | the autopilot, in lockstep | the autopilot | nobody |
+//! | says whether it is armed | yes | no | no |
+
+pub mod ardupilot;
+pub mod betaflight;
+pub mod px4;
+mod rc;
+
+use std::time::Duration;
+
+use crate::mixer::MAX_OUTPUTS;
+use crate::sensors::Sensors;
+
+pub use rc::{RC_CHANNELS, Rc, RcError, RcOptions, Stage};
+
+/// Takes what is to be sent: the port, and the bytes of one datagram or the next bytes of a stream.
+pub type Send<'s> = dyn FnMut(usize, &[u8]) + 's;
+
+/// What the autopilot wants its actuators to do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outputs {
+    /// Each output: 0 to 1 for a motor, -1 to 1 for a servo. Outputs that the autopilot does not have are zero; one that
+    /// it leaves undefined is not a number.
+    pub values: [f64; MAX_OUTPUTS],
+    /// Whether the autopilot is armed, when the protocol says so.
+    pub armed: Option<bool>,
+}
+
+/// What came from an autopilot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "outputs are the common case and live on the stack for a moment"
+)]
+pub enum Event {
+    /// New actuator outputs.
+    Outputs(Outputs),
+    /// The autopilot began anew: it knows nothing of what was before.
+    Restarted,
+}
+
+/// What was exchanged. Nothing that comes in is given up without being counted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Packets sent.
+    pub sent: u64,
+    /// Packets of actuator outputs that were used.
+    pub outputs: u64,
+    /// Packets that came again because an answer was lost on its way; answered again.
+    pub repeated: u64,
+    /// Packets or bytes that are not what the protocol says: length, magic number, checksum, impossible value.
+    pub malformed: u64,
+    /// Packets that were overtaken on their way, or delayed.
+    pub stale: u64,
+    /// Packets that never came, from gaps in their numbers.
+    pub lost: u64,
+    /// Sensor packets that were left out because they would have come in a burst.
+    pub skipped: u64,
+}
+
+impl Counts {
+    /// Packets that came and were given up.
+    pub fn dropped(&self) -> u64 {
+        self.malformed + self.stale
+    }
+}
+
+/// The protocol of one autopilot.
+pub trait Autopilot {
+    /// Takes in a datagram, or the next bytes of a stream, that came through `port`; may answer at once.
+    fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>);
+
+    /// What the received bytes were; `None` until more come.
+    fn next(&mut self) -> Option<Event>;
+
+    /// Sends the sensors of a step, and the pilot's channels.
+    fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>);
+
+    /// Whether the outputs that answer the last sensors are here. Always true for an autopilot that does not wait for
+    /// its sensors.
+    fn is_answered(&self) -> bool;
+
+    /// The link through `port` is gone; what comes next is a new conversation.
+    fn disconnected(&mut self, port: usize);
+
+    /// What was exchanged so far.
+    fn counts(&self) -> Counts;
+}

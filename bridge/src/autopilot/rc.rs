@@ -1,0 +1,226 @@
+//! The pilot's channels, as a receiver would hand them to the autopilot: neutral until the explicit arm.
+//!
+//! An autopilot is armed from its pilot's switch, and it wants to see the switch off and the throttle low first, for as
+//! long as it takes to start. So the channels go through stages: [`Stage::Grace`] (everything low), [`Stage::Arming`]
+//! (switch on, throttle low), [`Stage::Flying`] (throttle up). Whoever disarms is back at the beginning.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+/// Channels of a receiver.
+pub const RC_CHANNELS: usize = 16;
+
+/// Pulse of a stick in the middle, us.
+const MIDDLE: u16 = 1500;
+/// Pulse of a throttle or switch that is down, us.
+const LOW: u16 = 1000;
+/// Pulse of a throttle or switch that is up, us.
+const HIGH: u16 = 2000;
+
+/// How the pilot's channels are sent.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RcOptions {
+    /// Arm the autopilot. Without it the switch stays off for ever.
+    pub arm: bool,
+    /// Channel of the arming switch, from 1.
+    pub arm_channel: usize,
+    /// Channel of the throttle, from 1.
+    pub throttle_channel: usize,
+    /// Throttle while flying, 0 to 1.
+    pub throttle: f64,
+    /// How long the autopilot gets to start, with everything low, s.
+    pub grace_s: f64,
+    /// From switching on until the throttle goes up, s.
+    pub arming_s: f64,
+    /// Channels that stand still, such as a flight mode switch: number, from 1, and pulse in us.
+    pub channels: BTreeMap<String, u16>,
+}
+
+impl Default for RcOptions {
+    fn default() -> Self {
+        Self {
+            arm: false,
+            arm_channel: 5,
+            throttle_channel: 3,
+            throttle: 0.5,
+            grace_s: 8.0,
+            arming_s: 1.0,
+            channels: BTreeMap::new(),
+        }
+    }
+}
+
+/// Why channels cannot be sent so.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{key}: {reason}")]
+pub struct RcError {
+    /// Key, below `rc`.
+    pub key: String,
+    /// What is wrong and what is expected.
+    pub reason: String,
+}
+
+/// How far arming has come.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Stage {
+    /// Nobody wants to arm, or there is no autopilot yet.
+    #[default]
+    Off,
+    /// Everything low, until the autopilot has started.
+    Grace,
+    /// Switch on, throttle low.
+    Arming,
+    /// Throttle up.
+    Flying,
+}
+
+/// The channels at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rc {
+    options: RcOptions,
+    still: [u16; RC_CHANNELS],
+    stage: Stage,
+    since: Duration,
+}
+
+impl Default for Rc {
+    fn default() -> Self {
+        let mut still = [MIDDLE; RC_CHANNELS];
+        still[4..].fill(LOW);
+        Self { options: RcOptions::default(), still, stage: Stage::Off, since: Duration::ZERO }
+    }
+}
+
+impl Rc {
+    /// Channels with everything low.
+    ///
+    /// # Errors
+    /// [`RcError`] for a channel, pulse, throttle or time that cannot be.
+    pub fn new(options: RcOptions) -> Result<Self, RcError> {
+        let wrong = |key: &str, reason: String| Err(RcError { key: key.into(), reason });
+        let mut rc = Self::default();
+        for (key, channel) in
+            [("arm_channel", options.arm_channel), ("throttle_channel", options.throttle_channel)]
+        {
+            if !(1..=RC_CHANNELS).contains(&channel) {
+                return wrong(key, format!("a channel from 1 to {RC_CHANNELS} is expected, not {channel}"));
+            }
+        }
+        if options.arm_channel == options.throttle_channel {
+            return wrong("arm_channel", "the switch and the throttle need channels of their own".into());
+        }
+        if !(0.0..=1.0).contains(&options.throttle) {
+            return wrong("throttle", format!("0 to 1 is expected, not {}", options.throttle));
+        }
+        for (key, time) in [("grace_s", options.grace_s), ("arming_s", options.arming_s)] {
+            if !(0.0..=600.0).contains(&time) {
+                return wrong(key, format!("a time from 0 to 600 s is expected, not {time}"));
+            }
+        }
+        for (name, &pulse) in &options.channels {
+            let channel = name.parse::<usize>().ok().filter(|c| (1..=RC_CHANNELS).contains(c));
+            let Some(channel) = channel else {
+                return wrong("channels", format!("'{name}' is no channel: 1 to {RC_CHANNELS} is expected"));
+            };
+            if channel == options.arm_channel || channel == options.throttle_channel {
+                return wrong("channels", format!("channel {channel} is the switch or the throttle"));
+            }
+            if !(LOW..=HIGH).contains(&pulse) {
+                return wrong("channels", format!("a pulse of {LOW} to {HIGH} us is expected, not {pulse}"));
+            }
+            rc.still[channel - 1] = pulse;
+        }
+        rc.options = options;
+        Ok(rc)
+    }
+
+    /// How far arming has come.
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// Lets time pass; `linked` says that the autopilot is there, `permitted` that it may be armed. Whoever is not
+    /// permitted any more is disarmed at once.
+    pub fn turn(&mut self, linked: bool, permitted: bool, now: Duration) -> Stage {
+        let spent = now.saturating_sub(self.since).as_secs_f64();
+        let next = match self.stage {
+            _ if !(linked && permitted && self.options.arm) => Stage::Off,
+            Stage::Off => Stage::Grace,
+            Stage::Grace if spent >= self.options.grace_s => Stage::Arming,
+            Stage::Arming if spent >= self.options.arming_s => Stage::Flying,
+            stage => stage,
+        };
+        if next != self.stage {
+            (self.stage, self.since) = (next, now);
+        }
+        self.stage
+    }
+
+    /// The pulses of all channels, us.
+    pub fn pulses(&self) -> [u16; RC_CHANNELS] {
+        let mut pulses = self.still;
+        let on = matches!(self.stage, Stage::Arming | Stage::Flying);
+        pulses[self.options.arm_channel - 1] = if on { HIGH } else { LOW };
+        let throttle = if self.stage == Stage::Flying { self.options.throttle } else { 0.0 };
+        pulses[self.options.throttle_channel - 1] = LOW + (throttle * f64::from(HIGH - LOW)).round() as u16;
+        pulses
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn options() -> RcOptions {
+        RcOptions { arm: true, channels: [("6".to_string(), 2000)].into(), ..RcOptions::default() }
+    }
+
+    #[test]
+    fn nothing_moves_before_the_explicit_arm() {
+        let mut rc = Rc::new(RcOptions::default()).unwrap();
+        for s in 0..100 {
+            assert_eq!(rc.turn(true, true, Duration::from_secs(s)), Stage::Off);
+            assert_eq!(rc.pulses()[..6], [1500, 1500, 1000, 1500, 1000, 1000]);
+        }
+    }
+
+    #[test]
+    fn arming_takes_its_stages_and_ends_at_once() {
+        let mut rc = Rc::new(options()).unwrap();
+        let at = |ms: u64| Duration::from_millis(ms);
+        assert_eq!(rc.turn(false, true, at(0)), Stage::Off);
+        assert_eq!(rc.turn(true, true, at(1000)), Stage::Grace);
+        assert_eq!(rc.turn(true, true, at(8999)), Stage::Grace);
+        assert_eq!(rc.pulses()[2..6], [1000, 1500, 1000, 2000]);
+        assert_eq!(rc.turn(true, true, at(9000)), Stage::Arming);
+        assert_eq!(rc.pulses()[2..6], [1000, 1500, 2000, 2000], "switch on at low throttle");
+        assert_eq!(rc.turn(true, true, at(10_000)), Stage::Flying);
+        assert_eq!(rc.pulses()[2..6], [1500, 1500, 2000, 2000]);
+        assert_eq!(rc.turn(true, false, at(10_001)), Stage::Off);
+        assert_eq!(rc.pulses()[2..6], [1000, 1500, 1000, 2000]);
+        assert_eq!(rc.turn(true, true, at(10_002)), Stage::Grace, "and from the beginning");
+    }
+
+    #[test]
+    fn impossible_channels_are_refused_with_their_key() {
+        let refuse = |change: fn(&mut RcOptions)| {
+            let mut options = options();
+            change(&mut options);
+            Rc::new(options).unwrap_err().to_string()
+        };
+        for (error, words) in [
+            (refuse(|o| o.arm_channel = 17), "arm_channel: a channel from 1 to 16"),
+            (refuse(|o| o.throttle_channel = 5), "channels of their own"),
+            (refuse(|o| o.throttle = 1.5), "throttle: 0 to 1"),
+            (refuse(|o| o.grace_s = f64::NAN), "grace_s"),
+            (refuse(|o| o.channels = [("x".to_string(), 1500)].into()), "'x' is no channel"),
+            (refuse(|o| o.channels = [("3".to_string(), 1500)].into()), "channel 3 is the switch"),
+            (refuse(|o| o.channels = [("7".to_string(), 3000)].into()), "not 3000"),
+        ] {
+            assert!(error.contains(words), "{error}");
+        }
+    }
+}

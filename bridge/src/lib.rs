@@ -1,0 +1,21 @@
+//! Codecs and state machines of the bridges to real hardware, without bus and without I/O, so that a fuzzer and a
+//! test can drive them with bytes and a clock alone.
+//!
+//! Everything here takes bytes and a time and gives back events and bytes. Who owns the serial port, the socket or
+//! the bus is the caller (`nodes::bridge`). Times are [`Duration`](std::time::Duration)s since an origin of the
+//! caller's choice that never go back. Units are SI.
+
+pub mod arming;
+pub mod autopilot;
+pub mod channels;
+pub mod config;
+pub mod crsf;
+pub mod limit;
+pub mod mavlink;
+pub mod mixer;
+pub mod pilot;
+mod quantity;
+pub mod sbus;
+pub mod sensors;
+pub mod vehicle;
+pub mod watch;

@@ -1,0 +1,63 @@
+//! What did not arrive, and why.
+
+use super::signing::SignatureFault;
+
+/// Why bytes were given up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Drop {
+    /// So many bytes belong to no frame: line noise, another protocol, or a wrong baud rate.
+    Noise(usize),
+    /// The checksum is wrong.
+    Checksum,
+    /// The frame is of a message that this dialect does not know, so that it cannot be checked.
+    Unknown(u32),
+    /// The frame has incompatibility flags that this program does not know.
+    Flags(u8),
+    /// The checksum is right but the content cannot be read: an enumeration has a value that it does not have.
+    Malformed(u32),
+    /// The frame is not signed as it must be.
+    Signature(SignatureFault),
+}
+
+/// Counts of everything that came in. Nothing is given up without being counted here.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Bytes that came in.
+    pub bytes: u64,
+    /// Messages handed on.
+    pub messages: u64,
+    /// Bytes outside of frames.
+    pub noise_bytes: u64,
+    /// Frames with a wrong checksum.
+    pub checksum: u64,
+    /// Frames of unknown messages.
+    pub unknown: u64,
+    /// Frames with unknown incompatibility flags.
+    pub flags: u64,
+    /// Frames whose content cannot be read.
+    pub malformed: u64,
+    /// Frames refused for their signature.
+    pub signature: u64,
+    /// Frames that were lost on the way, from gaps in the sequence numbers of each sender.
+    pub lost: u64,
+    /// Frames whose sequence number was behind: repeated, overtaken on the way, or the sender began anew.
+    pub late: u64,
+}
+
+impl Counts {
+    /// Everything that was given up, in frames; noise counts as one for each run of it.
+    pub fn dropped(&self) -> u64 {
+        self.checksum + self.unknown + self.flags + self.malformed + self.signature
+    }
+
+    pub(super) fn count(&mut self, drop: Drop) {
+        match drop {
+            Drop::Noise(bytes) => self.noise_bytes += bytes as u64,
+            Drop::Checksum => self.checksum += 1,
+            Drop::Unknown(_) => self.unknown += 1,
+            Drop::Flags(_) => self.flags += 1,
+            Drop::Malformed(_) => self.malformed += 1,
+            Drop::Signature(_) => self.signature += 1,
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! Bytes to messages.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use mavlink::{MavlinkVersion, Message, calculate_crc};
+
+use super::counts::{Counts, Drop};
+use super::signing::{SignatureFault, Signing};
+use super::{CHECKSUM, HEADER_V1, HEADER_V2, LONGEST_FRAME, MavMessage, SIGNATURE, SIGNED, STX_V1, STX_V2};
+
+/// Senders whose sequence numbers are followed at most.
+const SENDERS: usize = 64;
+
+/// Who sent a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Header {
+    /// System: the vehicle or the ground station.
+    pub system: u8,
+    /// Component of the system.
+    pub component: u8,
+    /// Number of the frame, one more for each of this sender.
+    pub sequence: u8,
+    /// Whether it came in a MAVLink 2 frame.
+    pub v2: bool,
+}
+
+/// What the bytes were.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "the message is the common case and lives on the stack for a moment"
+)]
+pub enum Event {
+    /// A message whose checksum and signature hold.
+    Message(Header, MavMessage),
+    /// Bytes that were given up.
+    Dropped(Drop),
+}
+
+/// Finds messages in a stream of bytes, or in datagrams. A damaged frame costs itself alone: the search goes on
+/// behind its first byte.
+#[derive(Debug, Default)]
+pub struct Deframer {
+    buffer: Vec<u8>,
+    /// Bytes of `buffer` that are done with.
+    read: usize,
+    signing: Option<Signing>,
+    senders: BTreeMap<(u8, u8), u8>,
+    counts: Counts,
+}
+
+/// What stands at the front of the buffer.
+enum Front {
+    /// Not a whole frame yet.
+    Incomplete,
+    /// So many bytes are given up.
+    Drop(usize, Drop),
+    /// A frame of so many bytes.
+    Frame(usize, Header, MavMessage),
+}
+
+impl Deframer {
+    /// A deframer that takes all frames, signed or not.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A deframer that takes frames signed with this key alone.
+    pub fn with_signing(signing: Signing) -> Self {
+        Self { signing: Some(signing), ..Self::default() }
+    }
+
+    /// What came in so far.
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// Takes bytes in. Call [`Deframer::next`] until it returns `None` before the next bytes.
+    pub fn push(&mut self, bytes: &[u8]) {
+        self.counts.bytes += bytes.len() as u64;
+        if self.read > 0 {
+            self.buffer.drain(..self.read);
+            self.read = 0;
+        }
+        self.buffer.extend_from_slice(bytes);
+    }
+
+    /// Says that no more bytes belong to what came in: the end of a datagram, or of a connection. The rest of a
+    /// frame that was cut off is given up.
+    pub fn end(&mut self) -> Option<Event> {
+        let left = self.buffer.len() - self.read;
+        self.buffer.clear();
+        self.read = 0;
+        (left > 0).then(|| self.dropped(Drop::Noise(left)))
+    }
+
+    /// The next message or drop; `None` until more bytes come.
+    pub fn next(&mut self, now: Duration) -> Option<Event> {
+        match self.front(now) {
+            Front::Incomplete => None,
+            Front::Drop(bytes, drop) => {
+                self.read += bytes;
+                Some(self.dropped(drop))
+            }
+            Front::Frame(bytes, header, message) => {
+                self.read += bytes;
+                self.follow(header);
+                self.counts.messages += 1;
+                Some(Event::Message(header, message))
+            }
+        }
+    }
+
+    fn dropped(&mut self, drop: Drop) -> Event {
+        self.counts.count(drop);
+        Event::Dropped(drop)
+    }
+
+    fn front(&mut self, now: Duration) -> Front {
+        let bytes = &self.buffer[self.read..];
+        let Some(&first) = bytes.first() else { return Front::Incomplete };
+        let v2 = match first {
+            STX_V2 => true,
+            STX_V1 => false,
+            _ => {
+                let noise = bytes.iter().position(|b| matches!(*b, STX_V1 | STX_V2)).unwrap_or(bytes.len());
+                return Front::Drop(noise, Drop::Noise(noise));
+            }
+        };
+        let head = if v2 { HEADER_V2 } else { HEADER_V1 };
+        if bytes.len() < head {
+            return Front::Incomplete;
+        }
+        let flags = if v2 { bytes[2] } else { 0 };
+        if flags & !SIGNED != 0 {
+            return Front::Drop(1, Drop::Flags(flags));
+        }
+        let signature = if flags & SIGNED != 0 { SIGNATURE } else { 0 };
+        let payload_end = head + usize::from(bytes[1]);
+        let checked = payload_end + CHECKSUM;
+        let whole = checked + signature;
+        debug_assert!(whole <= LONGEST_FRAME);
+        if bytes.len() < whole {
+            return Front::Incomplete;
+        }
+        let (id, header) = parse_header(bytes, v2);
+        let extra = MavMessage::extra_crc(id);
+        if extra == 0 && MavMessage::default_message_from_id(id).is_none() {
+            // It cannot be checked. When another frame or nothing follows it was one of another dialect; else the
+            // bytes only look like a frame, and a real one may begin within.
+            let skip = match bytes.get(whole) {
+                None | Some(&(STX_V1 | STX_V2)) => whole,
+                Some(_) => 1,
+            };
+            return Front::Drop(skip, Drop::Unknown(id));
+        }
+        let crc = calculate_crc(&bytes[1..payload_end], extra);
+        if crc.to_le_bytes() != bytes[payload_end..checked] {
+            return Front::Drop(1, Drop::Checksum);
+        }
+        if let Some(signing) = &mut self.signing {
+            let verdict = match bytes[checked..whole].try_into() {
+                Ok(signature) => {
+                    let sender = (header.system, header.component);
+                    signing.check(&bytes[..checked], signature, sender, now)
+                }
+                Err(_) => Err(SignatureFault::Missing),
+            };
+            if let Err(fault) = verdict {
+                return Front::Drop(whole, Drop::Signature(fault));
+            }
+        }
+        let version = if v2 { MavlinkVersion::V2 } else { MavlinkVersion::V1 };
+        match MavMessage::parse(version, id, &bytes[head..payload_end]) {
+            Ok(message) => Front::Frame(whole, header, message),
+            Err(_) => Front::Drop(whole, Drop::Malformed(id)),
+        }
+    }
+
+    /// Counts gaps in a sender's numbers. More than half the circle ahead counts as behind.
+    fn follow(&mut self, header: Header) {
+        let sender = (header.system, header.component);
+        if !self.senders.contains_key(&sender) && self.senders.len() >= SENDERS {
+            return;
+        }
+        if let Some(last) = self.senders.insert(sender, header.sequence) {
+            match header.sequence.wrapping_sub(last).wrapping_sub(1) {
+                gap @ 0..=127 => self.counts.lost += u64::from(gap),
+                _ => self.counts.late += 1,
+            }
+        }
+    }
+}
+
+fn parse_header(bytes: &[u8], v2: bool) -> (u32, Header) {
+    if v2 {
+        let id = u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]);
+        (id, Header { sequence: bytes[4], system: bytes[5], component: bytes[6], v2 })
+    } else {
+        let id = u32::from(bytes[5]);
+        (id, Header { sequence: bytes[2], system: bytes[3], component: bytes[4], v2 })
+    }
+}

@@ -1,0 +1,48 @@
+//! MAVLink framing, as both directions need it: bytes to messages with every drop counted, messages to bytes, and
+//! signatures. The messages themselves are those of the `mavlink` crate's dialect `common`.
+//!
+//! Source: <https://mavlink.io/en/guide/serialization.html>,
+//! <https://mavlink.io/en/guide/message_signing.html>.
+//!
+//! ```
+//! use std::time::Duration;
+//! use whirlstand_bridge::mavlink::{Deframer, Encoder, Event, MavMessage, dialect};
+//!
+//! let now = Duration::from_secs(1);
+//! let beat = MavMessage::HEARTBEAT(dialect::HEARTBEAT_DATA::default());
+//! let mut wire = Vec::new();
+//! Encoder::new(255, 190).encode(&beat, now, &mut wire);
+//! let mut deframer = Deframer::new();
+//! deframer.push(&wire);
+//! let Some(Event::Message(header, message)) = deframer.next(now) else { panic!() };
+//! assert_eq!((header.system, header.component, message), (255, 190, beat));
+//! ```
+
+mod counts;
+mod deframe;
+mod encode;
+mod signing;
+
+pub use counts::{Counts, Drop};
+pub use deframe::{Deframer, Event, Header};
+pub use encode::Encoder;
+pub use mavlink::dialects::common as dialect;
+pub use mavlink::dialects::common::MavMessage;
+pub use signing::{Key, SignatureFault, Signing};
+
+/// First byte of a MAVLink 1 frame.
+const STX_V1: u8 = 0xFE;
+/// First byte of a MAVLink 2 frame.
+const STX_V2: u8 = 0xFD;
+/// Bytes in front of the payload, with the first byte.
+const HEADER_V1: usize = 6;
+/// Bytes in front of the payload, with the first byte.
+const HEADER_V2: usize = 10;
+/// Bytes of the checksum.
+const CHECKSUM: usize = 2;
+/// Bytes of a signature: link, time stamp, hash.
+const SIGNATURE: usize = 13;
+/// The one incompatibility flag that is defined: the frame is signed.
+const SIGNED: u8 = 1;
+/// Longest frame.
+pub const LONGEST_FRAME: usize = HEADER_V2 + 255 + CHECKSUM + SIGNATURE;

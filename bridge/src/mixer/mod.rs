@@ -1,0 +1,245 @@
+//! From the outputs of an autopilot to the inputs of the vehicle.
+//!
+//! An autopilot drives motors or swashplate servos; the model of the vehicle is driven by `u_roll` and `u_pitch`. The
+//! mixer undoes the autopilot's own mixer: what the actuators together ask for about each axis, as a share of the most
+//! that they can, times the size of the vehicle's input.
+//!
+//! | axis | positive | full deflection (1) |
+//! |---|---|---|
+//! | roll | right side down | left motors full, right motors still; swashplate full to the right |
+//! | pitch | nose up | front motors full, rear motors still; swashplate full to the rear |
+//! | yaw | nose to the right | counter-clockwise motors full, the others still |
+//! | collective | upwards | all motors full; swashplate full up |
+
+mod frame;
+
+use serde::{Deserialize, Serialize};
+use whirlstand_vehicle::Vehicle;
+
+pub use frame::{Demand, Frame, FrameKind};
+
+use crate::quantity;
+
+/// Most actuator outputs of an autopilot.
+pub const MAX_OUTPUTS: usize = 32;
+
+/// How outputs become inputs.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MixerOptions {
+    /// Where the actuators are.
+    pub frame: FrameKind,
+    /// Output of each actuator, from 1, in the order of the frame; the autopilot's own order when absent.
+    pub outputs: Option<Vec<usize>>,
+    /// Azimuth of each swashplate servo, clockwise from the nose, rad; for the frame `ccpm`.
+    #[serde(deserialize_with = "quantity::angles")]
+    pub azimuths: Option<Vec<f64>>,
+    /// Outputs that work the other way round, from 1.
+    pub reversed: Vec<usize>,
+    /// The collective at which the vehicle keeps its height, 0 to 1 for motors, -1 to 1 for a swashplate.
+    pub hover: Option<f64>,
+    /// How roll reaches the vehicle.
+    pub roll: AxisOptions,
+    /// How pitch reaches the vehicle.
+    pub pitch: AxisOptions,
+    /// How yaw reaches the vehicle, if it has a yaw axis.
+    pub yaw: AxisOptions,
+    /// How the collective reaches the vehicle, if it has a vertical axis.
+    pub vertical: AxisOptions,
+}
+
+/// How one axis reaches the vehicle: input = trim + scale x demand.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AxisOptions {
+    /// The vehicle's input; `u_` and the axis when absent.
+    pub input: Option<String>,
+    /// The input at full deflection; when absent, the input's limit, with the sign that makes a positive demand turn the
+    /// model the positive way.
+    pub scale: Option<f64>,
+    /// The input without a demand.
+    pub trim: f64,
+}
+
+/// Why a mixer does not fit its vehicle.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MixerError {
+    /// The vehicle has no such input.
+    #[error("{key}: the vehicle {vehicle} has no input \"{input}\"; it has {known}")]
+    NoInput {
+        /// Key, below the mixer.
+        key: String,
+        /// Vehicle name.
+        vehicle: String,
+        /// The input that was looked for.
+        input: String,
+        /// The inputs that there are.
+        known: String,
+    },
+    /// Nothing says how large the input is.
+    #[error(
+        "{key}: the input {input} of the vehicle {vehicle} has no finite limit or does not act on {state}, so that its size \
+         and sign are unknown; give {key}.scale"
+    )]
+    NoScale {
+        /// Key, below the mixer.
+        key: String,
+        /// Vehicle name.
+        vehicle: String,
+        /// The input.
+        input: String,
+        /// The state that it should act on.
+        state: &'static str,
+    },
+    /// The actuators are impossible.
+    #[error("{key}: {reason}")]
+    Frame {
+        /// Key, below the mixer.
+        key: &'static str,
+        /// What is wrong and what is expected.
+        reason: String,
+    },
+}
+
+/// Turns outputs into inputs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mixer {
+    frame: Frame,
+    outputs: Vec<usize>,
+    reversed: Vec<bool>,
+    hover: f64,
+    axes: Vec<Axis>,
+    count: usize,
+    neutral: Vec<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Axis {
+    demand: Demand,
+    input: usize,
+    scale: f64,
+    trim: f64,
+}
+
+impl Mixer {
+    /// A mixer for a vehicle; `native` is the order of the autopilot's outputs, from 1, as [`MixerOptions::outputs`].
+    ///
+    /// # Errors
+    /// [`MixerError`] when an input is missing or its size unknown, or the actuators are impossible.
+    pub fn new(options: &MixerOptions, native: &[usize], vehicle: &Vehicle) -> Result<Self, MixerError> {
+        let frame = Frame::new(options.frame, options.azimuths.as_deref())?;
+        let wrong = |key, reason| Err(MixerError::Frame { key, reason });
+        let outputs =
+            options.outputs.clone().unwrap_or_else(|| native.iter().copied().take(frame.count()).collect());
+        if outputs.len() != frame.count() {
+            return wrong("outputs", format!("{} outputs are needed, not {}", frame.count(), outputs.len()));
+        }
+        for (key, list) in [("outputs", &outputs), ("reversed", &options.reversed)] {
+            if let Some(bad) = list.iter().find(|o| !(1..=MAX_OUTPUTS).contains(*o)) {
+                return wrong(key, format!("outputs are numbered from 1 to {MAX_OUTPUTS}, {bad} is none"));
+            }
+        }
+        let hover = options.hover.unwrap_or(if frame.is_motors() { 0.5 } else { 0.0 });
+        if !(-1.0..=1.0).contains(&hover) {
+            return wrong(
+                "hover",
+                format!("a share of the full collective is expected, -1 to 1, not {hover}"),
+            );
+        }
+        let mut axes = Vec::new();
+        for (demand, own, required) in [
+            (Demand::Roll, &options.roll, true),
+            (Demand::Pitch, &options.pitch, true),
+            (Demand::Yaw, &options.yaw, false),
+            (Demand::Vertical, &options.vertical, false),
+        ] {
+            if let Some(axis) = axis(demand, own, required, vehicle)? {
+                axes.push(axis);
+            }
+        }
+        Ok(Self {
+            reversed: outputs.iter().map(|o| options.reversed.contains(o)).collect(),
+            frame,
+            outputs,
+            hover,
+            axes,
+            count: vehicle.inputs.len(),
+            neutral: vehicle.inputs.iter().map(whirlstand_vehicle::Input::neutral).collect(),
+        })
+    }
+
+    /// Number of the vehicle's inputs.
+    pub fn inputs(&self) -> usize {
+        self.count
+    }
+
+    /// The inputs while nobody flies.
+    pub fn neutral(&self) -> &[f64] {
+        &self.neutral
+    }
+
+    /// What the outputs ask for about an axis, as a share of the most that they can.
+    pub fn demand(&self, demand: Demand, outputs: &[f64]) -> f64 {
+        let value = |i: usize| {
+            let value = self.outputs.get(i).and_then(|o| outputs.get(o - 1)).copied().unwrap_or(0.0);
+            match (self.reversed[i], self.frame.is_motors()) {
+                (false, _) => value,
+                (true, true) => 1.0 - value,
+                (true, false) => -value,
+            }
+        };
+        let hover = if demand == Demand::Vertical { self.hover } else { 0.0 };
+        (0..self.frame.count()).map(|i| self.frame.share(demand, i) * value(i)).sum::<f64>() - hover
+    }
+
+    /// Puts the inputs that belong to `outputs` into `u`, which has one place for each input of the vehicle. Inputs that
+    /// no axis reaches are neutral. An output that is absent counts as zero.
+    pub fn mix(&self, outputs: &[f64], u: &mut [f64]) {
+        u.copy_from_slice(&self.neutral);
+        for axis in &self.axes {
+            u[axis.input] = axis.trim + axis.scale * self.demand(axis.demand, outputs);
+        }
+    }
+}
+
+fn axis(
+    demand: Demand,
+    options: &AxisOptions,
+    required: bool,
+    vehicle: &Vehicle,
+) -> Result<Option<Axis>, MixerError> {
+    let key = demand.name().to_string();
+    let name = options.input.clone().unwrap_or_else(|| format!("u_{}", demand.name()));
+    let Some(input) = vehicle.input_index(&name) else {
+        if !required && options.input.is_none() {
+            return Ok(None);
+        }
+        let known = vehicle.inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>().join(", ");
+        return Err(MixerError::NoInput { key, vehicle: vehicle.name.clone(), input: name, known });
+    };
+    let scale = match options.scale {
+        Some(scale) if scale.is_finite() => scale,
+        Some(_) => {
+            return Err(MixerError::Frame { key: "scale", reason: "a finite number is expected".into() });
+        }
+        None => default_scale(demand, input, vehicle).ok_or_else(|| MixerError::NoScale {
+            key,
+            vehicle: vehicle.name.clone(),
+            input: name,
+            state: demand.state(),
+        })?,
+    };
+    Ok(Some(Axis { demand, input, scale, trim: options.trim }))
+}
+
+/// The smaller of the input's two limits, with the sign of its effect on the axis.
+fn default_scale(demand: Demand, input: usize, vehicle: &Vehicle) -> Option<f64> {
+    let state = vehicle.state_index(demand.state())?;
+    let effect = vehicle.b[(state, input)];
+    let limits = &vehicle.inputs[input];
+    let size = limits.upper.abs().min(limits.lower.abs());
+    (effect != 0.0 && size.is_finite() && size > 0.0).then(|| size * effect.signum())
+}
+
+#[cfg(test)]
+mod tests;
