@@ -66,16 +66,6 @@ pub enum IdentifyError {
         /// How many starts were tried.
         tried: usize,
     },
-    /// The Kalman predictor is for linear models.
-    #[error(
-        "--noise kalman is for models without effects, but '{vehicle}' has {effect}: use --noise coloured, which takes every effect"
-    )]
-    EffectsInPredictor {
-        /// The vehicle.
-        vehicle: String,
-        /// The first effect.
-        effect: String,
-    },
     /// Levels were to be taken off although an effect depends on them.
     #[error(
         "--detrend is for models that are linear about a level, but '{vehicle}' has {effect}, which depends on where zero is: use --offsets instead"

@@ -36,7 +36,7 @@ pub struct Options {
     /// How the cost is minimised.
     pub method: Method,
     /// How residuals are modelled; `None` chooses: Kalman's form for closed loops and for models that are not
-    /// stable, autoregressive where effects keep the Kalman predictor out, white otherwise.
+    /// stable, white otherwise.
     pub noise: Option<Noise>,
     /// The record was taken with a controller in the loop.
     pub closed_loop: bool,

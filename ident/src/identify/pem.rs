@@ -220,7 +220,7 @@ fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
 /// elsewhere (a genetic algorithm); without any, the data give them.
 ///
 /// # Errors
-/// [`IdentifyError::UnstableStart`], [`IdentifyError::EffectsInPredictor`].
+/// [`IdentifyError::UnstableStart`].
 pub fn fit(
     problem: &Problem,
     segments: &[Segment],
@@ -228,10 +228,6 @@ pub fn fit(
     extra: &[Vec<f64>],
     observe: &(dyn Fn(Progress) + Sync),
 ) -> Result<Fit, IdentifyError> {
-    if noise == Noise::Kalman && !problem.is_plain() {
-        let effect = problem.vehicle.effects.first().map_or(String::new(), |e| e.kind().to_string());
-        return Err(IdentifyError::EffectsInPredictor { vehicle: problem.vehicle.name.clone(), effect });
-    }
     let mut problem = problem.clone();
     let mut fixed = Vec::new();
     let tried = IdentifyError::UnstableStart { tried: 1 };

@@ -6,6 +6,7 @@ use whirlstand_vehicle::{Matrix, Target, Vehicle};
 use super::IdentifyError;
 use super::data::Segment;
 use super::linear::Linear;
+use super::predictor::Gains;
 use super::simulated::Simulated;
 
 /// A free parameter as the search sees it, SI.
@@ -150,7 +151,16 @@ impl Problem {
         if self.is_plain() {
             Some(Box::new(Linear::new(self, theta, None)?))
         } else {
-            Some(Box::new(Simulated::new(self, theta)?))
+            Some(Box::new(Simulated::new(self, theta, None)?))
+        }
+    }
+
+    /// The predictor at `theta` with the gains computed there. `None` when it has no finite step.
+    pub fn predictor<'p>(&'p self, theta: &[f64], gains: &'p Gains) -> Option<Box<dyn Sweep + 'p>> {
+        if self.is_plain() {
+            Some(Box::new(Linear::new(self, theta, Some(gains))?))
+        } else {
+            Some(Box::new(Simulated::new(self, theta, Some(gains))?))
         }
     }
 

@@ -7,6 +7,7 @@ use super::answer::{
     Role, SearchSummary,
 };
 use super::data::Segment;
+use super::disturbed::disturbed;
 use super::options::{Method, Options};
 use super::pem::{self, Fit, Noise, NoiseFit};
 use super::prepare::{Levels, without_unknown_past};
@@ -119,11 +120,7 @@ fn check(problem: &Problem, segments: &[Segment]) -> Result<(), IdentifyError> {
 
 /// The noise model for data and vehicle.
 fn choose(problem: &Problem, segments: &[Segment], closed_loop: bool) -> Noise {
-    if closed_loop || !quality::stable_at_start(problem, segments) {
-        if problem.is_plain() { Noise::Kalman } else { Noise::Coloured }
-    } else {
-        Noise::White
-    }
+    if closed_loop || !quality::stable_at_start(problem, segments) { Noise::Kalman } else { Noise::White }
 }
 
 fn answer(
@@ -167,12 +164,15 @@ fn answer(
         fixed: fixed(&fit),
         poles: poles(&vehicle),
         outputs: outputs(&fit, &segments, &own, &held, &other),
+        standard_errors_hold: true,
+        disturbed: disturbed(problem, &segments, &own.one_step),
         remarks: Vec::new(),
         fitted_vehicle: None,
         series: quality::series(problem, &segments, &own, Role::Identification),
         fitted: Some(Box::new(vehicle)),
     };
     answer.series.extend(quality::series(problem, &held, &other, Role::Control));
+    answer.standard_errors_hold = words::standard_errors_hold(&answer);
     answer.remarks = words::remarks(&answer);
     answer.verdict = words::verdict(&answer);
     answer
