@@ -1,5 +1,6 @@
 //! Diagnosis: what a simulation gets wrong, why, and what is gained by mending it.
 
+pub mod adequacy;
 pub mod answer;
 mod checks;
 pub mod data;

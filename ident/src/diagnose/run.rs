@@ -6,9 +6,10 @@ use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Free, Kind, Vehicle};
 
 use super::DiagnoseError;
+use super::adequacy::{Left, left};
 use super::answer::*;
 use super::data::Data;
-use super::library::{self, Sizes};
+use super::library::{self, Candidate, Sizes};
 use super::model::{Fit, Model};
 use super::runner::Runner;
 use super::samples::{SampleEffect, measured_effects, outliers};
@@ -36,6 +37,11 @@ pub struct Options {
 /// Least gain in BIC for turbulence: its likelihood is an approximation.
 const TURBULENCE: f64 = 30.0;
 
+/// What is left is no chance beyond so many standard deviations.
+pub(super) const SIGMAS: f64 = 5.0;
+/// Nor below this energy, twice what a single effect needs to be told at all.
+pub(super) const SURE: f64 = 40.0;
+
 /// All that was found, before it is put into words.
 pub(super) struct Findings<'r, 'd> {
     pub selection: Selection<'r, 'd>,
@@ -43,6 +49,10 @@ pub(super) struct Findings<'r, 'd> {
     pub samples: Vec<SampleEffect>,
     pub turbulence: Option<Turbulence>,
     pub noise: Vec<(usize, ExcessNoise)>,
+    /// What is left beyond chance.
+    pub left: Option<Left>,
+    /// Causes that were found and taken back, because what they leave is not noise.
+    pub withheld: Vec<(Candidate, f64)>,
 }
 
 /// Diagnoses one or more records, at least one.
@@ -124,7 +134,18 @@ pub fn diagnose(records: &[Record], vehicle: &Vehicle, options: &Options) -> Res
         }
     }
     let noise = excess(&data, &selection.fit, &declared, random.is_some());
-    let findings = Findings { selection, sizes, samples, turbulence: random, noise };
+    let exact = declared.iter().all(|d| *d > 0.0);
+    let mut rest = None;
+    let mut withheld = Vec::new();
+    if exact && !blocked && random.is_none() && noise.is_empty() {
+        rest = left(&selection.model, &selection.fit, &sizes);
+        if let Some(more) = rest.filter(|l| l.sigmas > SIGMAS && l.energy > SURE)
+            && !selection.model.terms.is_empty()
+        {
+            withheld = selection.withhold(more.energy, start());
+        }
+    }
+    let findings = Findings { selection, sizes, samples, turbulence: random, noise, left: rest, withheld };
     let extended = extended(vehicle, &findings);
     let gains = gains::gains(&findings, &data, vehicle);
     Ok(words::answer(records, vehicle, options, &data, found, findings, extended, gains))
@@ -168,7 +189,7 @@ fn sizes(runner: &Runner<'_>, fit: &Fit) -> Sizes {
 /// Times at which a transition is tried.
 const TRANSITIONS: usize = 24;
 
-fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<library::Candidate> {
+fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<Candidate> {
     let builtin = whirlstand_vehicle::builtin_names().map(String::from);
     let others = builtin.chain(modes.iter().cloned()).filter(|name| *name != vehicle.name);
     let times = || (0..TRANSITIONS).map(|i| i as f64 / TRANSITIONS as f64 * sizes.duration_s).collect::<Vec<_>>();

@@ -155,6 +155,45 @@ impl<'r, 'd> Selection<'r, 'd> {
     }
 }
 
+/// Causes that leave more than this share of what they explain are not believed.
+const BELIEVED: f64 = 0.01;
+
+impl Selection<'_, '_> {
+    /// Takes back the causes when what they leave, of the given energy beyond chance, is too much for noise. A tone is
+    /// believed whatever else there is. `start` are the values without any cause.
+    ///
+    /// Returns the names that were taken back, with their gains in BIC.
+    pub fn withhold(&mut self, left: f64, start: Vec<f64>) -> Vec<(Candidate, f64)> {
+        let explained: f64 = self.accepted.iter().map(|a| a.weight.detectability).sum();
+        if left < BELIEVED * explained {
+            return Vec::new();
+        }
+        let tone = |c: &Candidate| c.kind == whirlstand_vehicle::Kind::Vibration;
+        let mut model = self.model.clone();
+        let mut values = start;
+        let (mut kept, mut taken) = (Vec::new(), Vec::new());
+        model.terms.clear();
+        for (term, (candidate, accepted)) in self.model.terms.iter().zip(&self.accepted).enumerate() {
+            if tone(candidate) {
+                model.terms.push(candidate.clone());
+                values.extend(&self.fit.values[self.model.range(term)]);
+                kept.push(accepted.clone());
+            } else {
+                taken.push((candidate.clone(), accepted.weight.delta_bic));
+            }
+        }
+        match model.fit(values, None, None) {
+            Some(fit) if !taken.is_empty() => {
+                self.model = model;
+                self.fit = fit;
+                self.accepted = kept;
+                taken
+            }
+            _ => Vec::new(),
+        }
+    }
+}
+
 /// The model without a term, fitted.
 fn without<'r, 'd>(model: &Model<'r, 'd>, fit: &Fit, term: usize) -> Option<(Model<'r, 'd>, Fit)> {
     let mut reduced = model.clone();

@@ -89,6 +89,14 @@ pub(super) fn answer(
             why: why.clone(),
         });
     }
+    for (candidate, delta_bic) in &findings.withheld {
+        answer.rejected.push(Rejected {
+            effect: candidate.kind.name().into(),
+            place: candidate.place.clone(),
+            delta_bic: *delta_bic,
+            why: "it explains much, but what it leaves is not noise: the cause is like it, not it".into(),
+        });
+    }
     for accepted in &selection.accepted {
         for rival in accepted.rivals.iter().filter(|r| !r.indistinguishable()) {
             let (effect, place) = (rival.candidate.kind.name(), &rival.candidate.place);
@@ -298,7 +306,8 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_, '_>, data: &Data, vehicle
         let declared = vehicle.outputs[data.channels[c].output].noise;
         declared > 0.0 && noise.std(c, data, residual) > 2.0 * declared
     });
-    if loud || describe::structured(findings, data) {
+    let more = findings.left.is_some_and(|l| l.sigmas > super::run::SIGMAS && l.energy > super::run::SURE);
+    if loud || more || describe::structured(findings, data) {
         Verdict::Unexplained
     } else if answer.data.iter().any(|f| f.kind == "no_excitation" && f.blocking) {
         Verdict::Inconclusive
