@@ -178,6 +178,11 @@ impl Mixer {
         &self.neutral
     }
 
+    /// The outputs that it uses.
+    pub fn used<'o>(&'o self, outputs: &'o [f64]) -> impl Iterator<Item = f64> + 'o {
+        self.outputs.iter().filter_map(|o| outputs.get(o - 1).copied())
+    }
+
     /// What the outputs ask for about an axis, as a share of the most that they can.
     pub fn demand(&self, demand: Demand, outputs: &[f64]) -> f64 {
         let value = |i: usize| {

@@ -1,0 +1,131 @@
+//! What a launch file can say of an autopilot that flies the bench.
+
+use serde::{Deserialize, Serialize};
+
+use super::ardupilot::{self, Ardupilot, ArdupilotOptions};
+use super::betaflight::{self, Betaflight, BetaflightOptions};
+use super::px4::{self, Px4, Px4Options};
+use super::{Autopilot, RcOptions};
+use crate::mixer::{FrameKind, MixerOptions};
+use crate::sensors::SensorOptions;
+
+/// The autopilots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AutopilotKind {
+    /// PX4, as software or hardware in the loop.
+    Px4Hil,
+    /// ArduPilot with its JSON interface.
+    ArdupilotJson,
+    /// Betaflight as software in the loop.
+    BetaflightSitl,
+}
+
+/// When the run begins.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Begin {
+    /// When the autopilot's motors turn. Until then it sees the vehicle stand still where it starts.
+    #[default]
+    Armed,
+    /// With the autopilot's first outputs.
+    Linked,
+}
+
+/// How an autopilot flies the bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FlightOptions {
+    /// When the run begins.
+    pub begin: Begin,
+    /// Oldest outputs that are obeyed, s of wall-clock time; older ones are a lost link.
+    pub stale_s: f64,
+    /// How long an autopilot that waits for its sensors may take to answer them, s of wall-clock time; after that the
+    /// outputs before are held.
+    pub answer_timeout_s: f64,
+}
+
+impl Default for FlightOptions {
+    fn default() -> Self {
+        Self { begin: Begin::Armed, stale_s: 0.25, answer_timeout_s: 0.1 }
+    }
+}
+
+/// Everything about an autopilot in a bench.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AutopilotConfig {
+    /// Which one.
+    pub kind: AutopilotKind,
+    /// `[bridge.flight]`.
+    pub flight: FlightOptions,
+    /// `[bridge.sensors]`.
+    pub sensors: SensorOptions,
+    /// `[bridge.mixer]`.
+    pub mixer: MixerOptions,
+    /// `[bridge.rc]`.
+    pub rc: RcOptions,
+    /// `[bridge.px4]`.
+    pub px4: Px4Options,
+    /// `[bridge.ardupilot]`.
+    pub ardupilot: ArdupilotOptions,
+    /// `[bridge.betaflight]`.
+    pub betaflight: BetaflightOptions,
+}
+
+impl AutopilotConfig {
+    /// An autopilot with everything at its default.
+    pub fn new(kind: AutopilotKind) -> Self {
+        Self {
+            kind,
+            flight: FlightOptions::default(),
+            sensors: SensorOptions::default(),
+            mixer: MixerOptions::default(),
+            rc: RcOptions::default(),
+            px4: Px4Options::default(),
+            ardupilot: ArdupilotOptions::default(),
+            betaflight: BetaflightOptions::default(),
+        }
+    }
+
+    /// The conversation with this autopilot, at one step a `period_ns`.
+    pub fn autopilot(&self, period_ns: u64) -> Box<dyn Autopilot> {
+        let motors = self.mixer.frame != FrameKind::Ccpm;
+        let period = std::time::Duration::from_nanos(period_ns);
+        match self.kind {
+            AutopilotKind::Px4Hil => Box::new(Px4::new(self.px4.clone(), motors)),
+            AutopilotKind::ArdupilotJson => Box::new(Ardupilot::new(self.ardupilot.clone(), motors)),
+            AutopilotKind::BetaflightSitl => {
+                Box::new(Betaflight::new(self.betaflight.clone(), motors, period))
+            }
+        }
+    }
+
+    /// Output of each motor of a quad in the order of the mixer's frames.
+    pub fn native_order(&self) -> [usize; 4] {
+        match self.kind {
+            AutopilotKind::Px4Hil => px4::NATIVE_ORDER,
+            AutopilotKind::ArdupilotJson => ardupilot::NATIVE_ORDER,
+            AutopilotKind::BetaflightSitl => betaflight::NATIVE_ORDER,
+        }
+    }
+}
+
+impl AutopilotKind {
+    /// The name in launch files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Px4Hil => "px4-hil",
+            Self::ArdupilotJson => "ardupilot-json",
+            Self::BetaflightSitl => "betaflight-sitl",
+        }
+    }
+
+    /// The autopilot's own name.
+    pub fn autopilot(self) -> &'static str {
+        match self {
+            Self::Px4Hil => "PX4",
+            Self::ArdupilotJson => "ArduPilot",
+            Self::BetaflightSitl => "Betaflight",
+        }
+    }
+}

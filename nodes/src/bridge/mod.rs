@@ -1,0 +1,3 @@
+//! Bridges: real hardware in the place of a node.
+
+pub mod hil;
