@@ -5,8 +5,17 @@
 //! the bus is the caller (`nodes::bridge`). Times are [`Duration`](std::time::Duration)s since an origin of the
 //! caller's choice that never go back. Units are SI.
 
+pub mod arming;
 pub mod autopilot;
+pub mod channels;
+pub mod config;
+pub mod crsf;
+pub mod limit;
 pub mod mavlink;
 pub mod mixer;
+pub mod pilot;
 mod quantity;
+pub mod sbus;
 pub mod sensors;
+pub mod vehicle;
+pub mod watch;

@@ -1,0 +1,323 @@
+//! From inputs and sticks to channels: mapping, trims, limits and rates, the last thing before the wire.
+
+use std::time::Duration;
+
+use crate::arming::Mode;
+use crate::config::{ChannelConfig, ConfigError};
+use crate::limit::{Limiter, OutputLimit};
+use crate::pilot::{Axis, Pilot};
+
+/// Channels on the wire.
+pub const CHANNELS: usize = 16;
+
+/// Pulse widths that may be asked for, us.
+const POSSIBLE_US: std::ops::RangeInclusive<f64> = 800.0..=2200.0;
+
+/// What a channel carries.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Source {
+    /// An input of the vehicle, by index, and the stick that takes its place in manual.
+    Input(usize, Option<Axis>),
+    /// A stick of the pilot.
+    Stick(Axis),
+    /// A channel of the pilot.
+    Pilot(usize),
+    /// Its trim.
+    Fixed,
+}
+
+#[derive(Debug, Clone)]
+struct Mapped {
+    index: usize,
+    source: Source,
+    trim_us: f64,
+    span_us: f64,
+}
+
+/// Sixteen channels.
+#[derive(Debug, Clone)]
+pub struct Mapping {
+    mapped: Vec<Mapped>,
+    limiter: Limiter,
+    limits: Vec<OutputLimit>,
+    wanted: Vec<f64>,
+    us: [f64; CHANNELS],
+    in_use: [bool; CHANNELS],
+}
+
+impl Mapping {
+    /// The channels for a vehicle with these inputs.
+    ///
+    /// # Errors
+    /// For a channel or an input that does not exist, a channel used twice, an input on no channel, limits that do
+    /// not hold trim and neutral.
+    pub fn new(configs: &[ChannelConfig], inputs: &[String], has_pilot: bool) -> Result<Self, ConfigError> {
+        let usual = if configs.is_empty() { usual(inputs, has_pilot)? } else { Vec::new() };
+        let configs = if configs.is_empty() { &usual } else { configs };
+        let (mut mapped, mut limits, mut in_use) = (Vec::new(), Vec::new(), [false; CHANNELS]);
+        for (i, config) in configs.iter().enumerate() {
+            let at = i.to_string();
+            let fail = |key: &str, message: String| Err(ConfigError::new(&["channels", &at, key], message));
+            let Some(index) = config.channel.checked_sub(1).filter(|c| *c < CHANNELS) else {
+                return fail(
+                    "channel",
+                    format!("a channel from 1 to {CHANNELS} is expected, not {}", config.channel),
+                );
+            };
+            if std::mem::replace(&mut in_use[index], true) {
+                return fail("channel", format!("channel {} is used twice", config.channel));
+            }
+            let source = match &config.from {
+                None => Source::Fixed,
+                Some(name) => match source(name, inputs) {
+                    Some(Source::Stick(_) | Source::Pilot(_)) if !has_pilot => {
+                        return fail("from", format!("'{name}' needs a pilot: add [bridge.pilot]"));
+                    }
+                    Some(source) => source,
+                    None => {
+                        let known = inputs.join(", ");
+                        return fail(
+                            "from",
+                            format!(
+                                "there is no '{name}': an input of the vehicle ({known}), pilot.roll, pilot.pitch, \
+                                 pilot.throttle, pilot.yaw or pilot.1 to pilot.16 is expected"
+                            ),
+                        );
+                    }
+                },
+            };
+            let neutral = config.neutral_us.unwrap_or(match source {
+                Source::Stick(Axis::Throttle) => config.lower_us,
+                _ => config.trim_us,
+            });
+            let limit = OutputLimit {
+                neutral,
+                lower: config.lower_us,
+                upper: config.upper_us,
+                rate_per_s: config.rate_us_per_s.unwrap_or(f64::INFINITY),
+            };
+            let widths = [
+                ("lower_us", config.lower_us),
+                ("upper_us", config.upper_us),
+                ("trim_us", config.trim_us),
+                ("neutral_us", neutral),
+            ];
+            if let Some((key, value)) = widths.iter().find(|(_, v)| !POSSIBLE_US.contains(v)) {
+                return fail(key, format!("a pulse width from 800 to 2200 us is expected, not {value}"));
+            }
+            if let Some((key, value)) = widths.iter().find(|(_, v)| !(limit.lower..=limit.upper).contains(v))
+            {
+                let range = format!("{} to {} us", limit.lower, limit.upper);
+                return fail(key, format!("{value} us is not within the limits of this channel, {range}"));
+            }
+            if limit.rate_per_s.is_nan() || limit.rate_per_s <= 0.0 {
+                return fail("rate_us_per_s", "a rate above 0 is expected; leave it out for none".into());
+            }
+            if !config.span_us.is_finite() {
+                return fail("span_us", "a finite number is expected".into());
+            }
+            limits.push(limit);
+            mapped.push(Mapped { index, source, trim_us: config.trim_us, span_us: config.span_us });
+        }
+        for (i, name) in inputs.iter().enumerate() {
+            if !mapped.iter().any(|m| matches!(m.source, Source::Input(input, _) if input == i)) {
+                let message = format!("no channel carries the input {name}: add one with from = \"{name}\"");
+                return Err(ConfigError::new(&["channels"], message));
+            }
+        }
+        let (limiter, wanted) = (Limiter::new(limits.clone()), vec![0.0; mapped.len()]);
+        let mut new = Self { mapped, limiter, limits, wanted, us: [1500.0; CHANNELS], in_use };
+        new.place();
+        Ok(new)
+    }
+
+    /// The channels, us, for who is in charge. `inputs` are the controller's, in the vehicle's order.
+    pub fn apply(
+        &mut self,
+        mode: Mode,
+        inputs: &[f64],
+        pilot: Option<&Pilot>,
+        now: Duration,
+    ) -> &[f64; CHANNELS] {
+        let pilot = pilot.filter(|p| p.is_present(now));
+        for ((wanted, m), limit) in self.wanted.iter_mut().zip(&self.mapped).zip(&self.limits) {
+            *wanted = match (mode, m.source) {
+                (Mode::Disarmed, _) => limit.neutral,
+                (Mode::Automatic, Source::Input(i, _)) => {
+                    m.trim_us + m.span_us * inputs.get(i).copied().unwrap_or(f64::NAN)
+                }
+                (Mode::Manual, Source::Input(_, Some(axis))) => pilot
+                    .map_or(limit.neutral, |p| m.trim_us + m.span_us.signum() * (p.axis_us(axis) - 1500.0)),
+                (_, Source::Input(..)) => limit.neutral,
+                // A vehicle in the air needs its throttle also when the controller has failed.
+                (_, Source::Stick(axis)) => pilot.map_or(limit.neutral, |p| p.axis_us(axis)),
+                (_, Source::Pilot(channel)) => pilot.map_or(limit.neutral, |p| p.channel_us(channel)),
+                (_, Source::Fixed) => m.trim_us,
+            };
+        }
+        self.limiter.apply(Some(&self.wanted), now);
+        self.place();
+        &self.us
+    }
+
+    /// The channels as they were last, us; those not in use are 1500.
+    pub fn us(&self) -> &[f64; CHANNELS] {
+        &self.us
+    }
+
+    /// Which channels are in use.
+    pub fn in_use(&self) -> &[bool; CHANNELS] {
+        &self.in_use
+    }
+
+    /// Back to neutral at once, after the outputs were handed over.
+    pub fn reset(&mut self) {
+        self.limiter.reset();
+        self.place();
+    }
+
+    /// Values that were moved into a limit or slowed to a rate.
+    pub fn clamped(&self) -> u64 {
+        self.limiter.clamped()
+    }
+
+    /// Longest time that the slowest channel takes to neutral, s.
+    pub fn return_s(&self) -> f64 {
+        self.limits.iter().map(OutputLimit::return_s).fold(0.0, f64::max)
+    }
+
+    fn place(&mut self) {
+        for (m, us) in self.mapped.iter().zip(self.limiter.last()) {
+            self.us[m.index] = *us;
+        }
+    }
+}
+
+fn source(name: &str, inputs: &[String]) -> Option<Source> {
+    if let Some(i) = inputs.iter().position(|n| n == name) {
+        let stick = [Axis::Roll, Axis::Pitch, Axis::Yaw].into_iter().find(|a| name.contains(a.name()));
+        return Some(Source::Input(i, stick));
+    }
+    let stick = name.strip_prefix("pilot.")?;
+    let axis = Axis::ALL.into_iter().find(|a| a.name() == stick).map(Source::Stick);
+    axis.or_else(|| stick.parse().ok().filter(|n| (1..=CHANNELS).contains(n)).map(Source::Pilot))
+}
+
+/// Aileron, elevator, throttle, rudder: the order of most receivers.
+fn usual(inputs: &[String], has_pilot: bool) -> Result<Vec<ChannelConfig>, ConfigError> {
+    let mut channels = Vec::new();
+    for name in inputs {
+        let number = match name.as_str() {
+            "u_roll" => 1,
+            "u_pitch" => 2,
+            "u_yaw" => 4,
+            _ => {
+                let message = format!(
+                    "there is no usual channel for the input {name}: say it with [[bridge.channels]]"
+                );
+                return Err(ConfigError::new(&["channels"], message));
+            }
+        };
+        channels.push(ChannelConfig::new(number, Some(name.clone())));
+    }
+    for (number, name) in [(3, "pilot.throttle"), (4, "pilot.yaw")] {
+        if has_pilot && channels.iter().all(|c| c.channel != number) {
+            channels.push(ChannelConfig::new(number, Some(name.into())));
+        }
+    }
+    Ok(channels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arming::Reason;
+    use crate::config::PilotConfig;
+
+    const NOW: Duration = Duration::from_secs(1);
+
+    fn inputs() -> Vec<String> {
+        vec!["u_roll".into(), "u_pitch".into()]
+    }
+
+    fn pilot() -> Pilot {
+        let config: PilotConfig = serde_json::from_str(r#"{"source": "sbus"}"#).unwrap();
+        let mut pilot = Pilot::new(&config).unwrap();
+        pilot.hear(&[1600.0, 1450.0, 1300.0, 1550.0, 2000.0, 2000.0, 1234.0], false, NOW);
+        pilot
+    }
+
+    #[test]
+    fn who_is_in_charge_moves_the_channels() {
+        let mut m = Mapping::new(&[], &inputs(), true).unwrap();
+        let pilot = pilot();
+        let mut at = |mode| m.apply(mode, &[0.5, -0.2], Some(&pilot), NOW)[..4].to_vec();
+        assert_eq!(at(Mode::Disarmed), [1500.0, 1500.0, 1000.0, 1500.0]);
+        assert_eq!(at(Mode::Automatic), [1750.0, 1400.0, 1300.0, 1550.0]);
+        assert_eq!(at(Mode::Manual), [1600.0, 1450.0, 1300.0, 1550.0]);
+        assert_eq!(at(Mode::Failed(Reason::Stale)), [1500.0, 1500.0, 1300.0, 1550.0]);
+    }
+
+    #[test]
+    fn each_axis_moves_its_channel_alone_both_ways() {
+        for (axis, other) in [(0, 1), (1, 0)] {
+            for sign in [1.0, -1.0] {
+                let mut m = Mapping::new(&[], &inputs(), false).unwrap();
+                let mut u = [0.0; 2];
+                u[axis] = 0.5 * sign;
+                let us = m.apply(Mode::Automatic, &u, None, NOW);
+                assert_eq!((us[axis], us[other]), (1500.0 + 250.0 * sign, 1500.0));
+            }
+        }
+    }
+
+    #[test]
+    fn trims_spans_limits_and_fixed_channels_are_kept() {
+        let channels = [
+            ChannelConfig {
+                trim_us: 1480.0,
+                span_us: -400.0,
+                lower_us: 1300.0,
+                ..ChannelConfig::new(2, Some("u_roll".into()))
+            },
+            ChannelConfig { channel: 8, ..ChannelConfig::new(1, Some("u_pitch".into())) },
+            ChannelConfig { trim_us: 2000.0, neutral_us: Some(1000.0), ..ChannelConfig::new(5, None) },
+        ];
+        let mut m = Mapping::new(&channels, &inputs(), false).unwrap();
+        let us = *m.apply(Mode::Automatic, &[0.25, f64::NAN], None, NOW);
+        assert_eq!((us[1], us[7], us[4]), (1380.0, 1500.0, 2000.0));
+        assert_eq!(m.apply(Mode::Automatic, &[9.0, 0.0], None, NOW)[1], 1300.0);
+        assert_eq!(m.apply(Mode::Disarmed, &[9.0, 0.0], None, NOW)[4], 1000.0);
+        assert_eq!(m.in_use().iter().filter(|u| **u).count(), 3);
+    }
+
+    #[test]
+    fn mistakes_are_told_with_their_key() {
+        let roll = || ChannelConfig::new(1, Some("u_roll".into()));
+        let pitch = || ChannelConfig::new(2, Some("u_pitch".into()));
+        for (channels, key, word) in [
+            (vec![ChannelConfig { channel: 17, ..roll() }], "channels.0.channel", "1 to 16"),
+            (vec![roll(), ChannelConfig { channel: 1, ..pitch() }], "channels.1.channel", "twice"),
+            (vec![roll()], "channels", "u_pitch"),
+            (vec![ChannelConfig { from: Some("u_rol".into()), ..roll() }], "channels.0.from", "u_roll"),
+            (
+                vec![ChannelConfig { from: Some("pilot.yaw".into()), ..roll() }],
+                "channels.0.from",
+                "[bridge.pilot]",
+            ),
+            (vec![ChannelConfig { trim_us: 900.0, ..roll() }], "channels.0.trim_us", "limits"),
+            (vec![ChannelConfig { upper_us: f64::NAN, ..roll() }], "channels.0.upper_us", "2200"),
+            (
+                vec![ChannelConfig { rate_us_per_s: Some(0.0), ..roll() }],
+                "channels.0.rate_us_per_s",
+                "above 0",
+            ),
+        ] {
+            let error = Mapping::new(&channels, &inputs(), false).unwrap_err();
+            assert_eq!(error.path.join("."), key);
+            assert!(error.message.contains(word), "{error}");
+        }
+        let error = Mapping::new(&[], &["u_collective".into()], false).unwrap_err();
+        assert!(error.message.contains("u_collective"), "{error}");
+    }
+}

@@ -1,0 +1,444 @@
+//! The `[bridge]` table of a launch file: what each bridge can be told. `docs/bridges.md` is its manual.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::arming::ArmBy;
+
+/// The kinds of bridges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BridgeKind {
+    /// A MAVLink autopilot is the vehicle.
+    Mavlink,
+    /// A vehicle behind a CRSF radio link.
+    Crsf,
+    /// PX4 in the loop flies the bench's vehicle.
+    Px4Hil,
+    /// ArduPilot in the loop flies the bench's vehicle.
+    ArdupilotJson,
+    /// Betaflight in the loop flies the bench's vehicle.
+    BetaflightSitl,
+}
+
+impl BridgeKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] =
+        [Self::Mavlink, Self::Crsf, Self::Px4Hil, Self::ArdupilotJson, Self::BetaflightSitl];
+
+    /// The name in launch files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mavlink => "mavlink",
+            Self::Crsf => "crsf",
+            Self::Px4Hil => "px4-hil",
+            Self::ArdupilotJson => "ardupilot-json",
+            Self::BetaflightSitl => "betaflight-sitl",
+        }
+    }
+
+    /// Whether it takes the plant's place; otherwise that of estimator and controller.
+    pub fn is_vehicle(self) -> bool {
+        matches!(self, Self::Mavlink | Self::Crsf)
+    }
+}
+
+impl std::fmt::Display for BridgeKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A bridge and its options.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BridgeConfig {
+    /// Which bridge.
+    pub kind: BridgeKind,
+    /// The `[bridge]` table.
+    #[serde(default)]
+    pub options: BridgeOptions,
+}
+
+/// The `[bridge]` table: options of all bridges, of which the one in use takes its part, so that variants can
+/// change the bridge alone.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BridgeOptions {
+    /// Arming and what breaks it.
+    pub safety: SafetyConfig,
+    /// What each channel carries; empty: roll on 1, pitch on 2, the pilot's throttle on 3 and yaw on 4.
+    pub channels: Vec<ChannelConfig>,
+    /// The pilot's stick.
+    pub pilot: Option<PilotConfig>,
+    /// Signs, scales and trims of what is measured, by name of the bus.
+    pub measured: BTreeMap<String, Trim>,
+    /// `bridge = "mavlink"`.
+    pub mavlink: Option<MavlinkConfig>,
+    /// `bridge = "crsf"`.
+    pub crsf: Option<CrsfConfig>,
+}
+
+/// `[bridge.safety]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SafetyConfig {
+    /// What arms.
+    pub arm: ArmBy,
+    /// What the outputs do when something breaks.
+    pub on_failure: OnFailure,
+    /// Oldest attitude that is flown on, s.
+    pub stale_s: f64,
+    /// Longest silence of the vehicle's heartbeat, s.
+    pub link_timeout_s: f64,
+    /// Averaged normalised innovation squared, over its expectation, above which the estimator counts as diverged.
+    pub max_innovation: f64,
+    /// With `arm = "start"`: arms again after all was well for so long, s; never without it.
+    pub recover_after_s: Option<f64>,
+}
+
+impl Default for SafetyConfig {
+    fn default() -> Self {
+        Self {
+            arm: ArmBy::Switch,
+            on_failure: OnFailure::Neutral,
+            stale_s: 0.25,
+            link_timeout_s: 3.0,
+            max_innovation: 100.0,
+            recover_after_s: None,
+        }
+    }
+}
+
+/// What the outputs do when something breaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OnFailure {
+    /// Neutral.
+    Neutral,
+    /// Handed over to the vehicle's own pilot or failsafe: nothing more is sent, an override is taken back.
+    Release,
+}
+
+/// One channel, `[[bridge.channels]]`: us = `trim_us` + `span_us` times the input.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ChannelConfig {
+    /// Number, 1 to 16.
+    pub channel: usize,
+    /// An input of the vehicle, or `pilot.roll`, `pilot.pitch`, `pilot.throttle`, `pilot.yaw`, or `pilot.N` for the
+    /// pilot's channel N; absent: the channel is `trim_us` while armed.
+    #[serde(default)]
+    pub from: Option<String>,
+    /// Pulse width of input 0, us.
+    #[serde(default = "middle")]
+    pub trim_us: f64,
+    /// Change for input 1, us; negative turns the sign.
+    #[serde(default = "span")]
+    pub span_us: f64,
+    /// Least pulse width, us.
+    #[serde(default = "lowest")]
+    pub lower_us: f64,
+    /// Greatest pulse width, us.
+    #[serde(default = "highest")]
+    pub upper_us: f64,
+    /// Greatest change, us/s; absent: any.
+    #[serde(default)]
+    pub rate_us_per_s: Option<f64>,
+    /// Pulse width while nobody is in charge, us; absent: `trim_us`, or `lower_us` for the throttle.
+    #[serde(default)]
+    pub neutral_us: Option<f64>,
+}
+
+impl ChannelConfig {
+    /// A channel with the usual numbers.
+    pub fn new(channel: usize, from: Option<String>) -> Self {
+        Self {
+            channel,
+            from,
+            trim_us: middle(),
+            span_us: span(),
+            lower_us: lowest(),
+            upper_us: highest(),
+            rate_us_per_s: None,
+            neutral_us: None,
+        }
+    }
+}
+
+/// `[bridge.pilot]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PilotConfig {
+    /// Where the stick is.
+    pub source: PilotSource,
+    /// Serial port of an `sbus` or `crsf` receiver; name or part of the name of a gamepad.
+    #[serde(default)]
+    pub link: Option<String>,
+    /// Channel of the roll stick.
+    #[serde(default = "one")]
+    pub roll: usize,
+    /// Channel of the pitch stick.
+    #[serde(default = "two")]
+    pub pitch: usize,
+    /// Channel of the throttle.
+    #[serde(default = "three")]
+    pub throttle: usize,
+    /// Channel of the yaw stick.
+    #[serde(default = "four")]
+    pub yaw: usize,
+    /// Channel of the arm switch.
+    #[serde(default = "five")]
+    pub arm: usize,
+    /// Channel of the switch between manual (low) and automatic (high).
+    #[serde(default = "six")]
+    pub automatic: usize,
+    /// Sticks whose sign is turned: `roll`, `pitch`, `yaw`.
+    #[serde(default)]
+    pub reversed: Vec<String>,
+    /// Longest silence, s.
+    #[serde(default = "half")]
+    pub timeout_s: f64,
+}
+
+/// Where the pilot's stick is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PilotSource {
+    /// An SBUS receiver on a serial port.
+    Sbus,
+    /// A CRSF receiver on a serial port.
+    Crsf,
+    /// `RC_CHANNELS` of the autopilot: the receiver that the vehicle carries.
+    Mavlink,
+    /// A gamepad or joystick of this computer.
+    Gamepad,
+}
+
+/// Sign, scale and trim of a measured signal: `scale` times what is measured, plus `offset`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Trim {
+    /// Factor; -1 turns the sign.
+    pub scale: f64,
+    /// Added after scaling, SI.
+    pub offset: f64,
+}
+
+impl Default for Trim {
+    fn default() -> Self {
+        Self { scale: 1.0, offset: 0.0 }
+    }
+}
+
+/// `[bridge.mavlink]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MavlinkConfig {
+    /// Where the autopilot is, for example `serial:///dev/ttyACM0:921600` or `udpin://0.0.0.0:14550`.
+    pub link: String,
+    /// What is sent.
+    #[serde(default)]
+    pub output: Output,
+    /// Where `crsf` or `sbus` channels go: a serial port.
+    #[serde(default)]
+    pub output_link: Option<String>,
+    /// Most outputs in a second; absent: one for each command.
+    #[serde(default)]
+    pub output_rate_hz: Option<f64>,
+    /// Number of this system.
+    #[serde(default = "ground_station")]
+    pub system: u8,
+    /// Number of this component.
+    #[serde(default = "ground_component")]
+    pub component: u8,
+    /// Number of the vehicle; absent: the first autopilot that is heard.
+    #[serde(default)]
+    pub target_system: Option<u8>,
+    /// Rate of the attitude that is asked for, Hz; absent: that of the loop; 0: nothing is asked for.
+    #[serde(default)]
+    pub message_rate_hz: Option<f64>,
+    /// Which message carries the attitude.
+    #[serde(default)]
+    pub attitude: AttitudeMessage,
+    /// Which messages carry the angular rates.
+    #[serde(default)]
+    pub rates: RatesMessage,
+    /// Heading of the longitudinal axis, rad clockwise from north; absent: that of the vehicle at the start.
+    #[serde(default)]
+    pub heading: Option<f64>,
+    /// What paces the loop.
+    #[serde(default)]
+    pub pace: Pace,
+    /// What the inputs mean with `output = "attitude-target"`.
+    #[serde(default)]
+    pub attitude_target: AttitudeTarget,
+    /// File with the secret key of signed links: 32 bytes as 64 hexadecimal digits, or a passphrase.
+    #[serde(default)]
+    pub signing_key: Option<String>,
+    /// Where a ground station listens to the vehicle through this bridge, for example `udpout://127.0.0.1:14550`.
+    #[serde(default)]
+    pub forward: Option<String>,
+}
+
+/// What is sent to the vehicle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Output {
+    /// `RC_CHANNELS_OVERRIDE`.
+    #[default]
+    RcOverride,
+    /// `MANUAL_CONTROL`.
+    ManualControl,
+    /// `SET_ATTITUDE_TARGET`.
+    AttitudeTarget,
+    /// CRSF channels to a transmitter module on a serial port.
+    Crsf,
+    /// SBUS channels on a serial port.
+    Sbus,
+}
+
+/// The message of the attitude.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AttitudeMessage {
+    /// `ATTITUDE`.
+    #[default]
+    Euler,
+    /// `ATTITUDE_QUATERNION`.
+    Quaternion,
+}
+
+/// The messages of the angular rates.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RatesMessage {
+    /// That of the attitude.
+    #[default]
+    Attitude,
+    /// `HIGHRES_IMU`, or `SCALED_IMU` with its numbers 2 and 3.
+    Imu,
+}
+
+/// What paces the loop.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Pace {
+    /// This computer's clock, at the rate of the loop.
+    #[default]
+    Clock,
+    /// Each attitude as it comes, which must be at the rate of the loop; the clock where one is missing.
+    Telemetry,
+}
+
+/// What roll and pitch mean in `SET_ATTITUDE_TARGET`, for an input of 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AttitudeTarget {
+    /// Angles or rates.
+    pub kind: TargetKind,
+    /// Full roll and pitch, rad or rad/s.
+    pub full: f64,
+    /// Full yaw rate, rad/s.
+    pub full_yaw_rate: f64,
+}
+
+impl Default for AttitudeTarget {
+    fn default() -> Self {
+        Self { kind: TargetKind::Rates, full: 1.0, full_yaw_rate: 1.0 }
+    }
+}
+
+/// Angles or rates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TargetKind {
+    /// Body rates.
+    Rates,
+    /// Angles.
+    Angles,
+}
+
+/// `[bridge.crsf]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CrsfConfig {
+    /// Serial port of the transmitter module, for example `serial:///dev/ttyUSB0:420000`.
+    pub link: String,
+    /// Most frames of channels in a second; absent: one for each command.
+    #[serde(default)]
+    pub output_rate_hz: Option<f64>,
+    /// What paces the loop.
+    #[serde(default)]
+    pub pace: Pace,
+}
+
+fn middle() -> f64 {
+    1500.0
+}
+
+fn span() -> f64 {
+    500.0
+}
+
+fn lowest() -> f64 {
+    1000.0
+}
+
+fn highest() -> f64 {
+    2000.0
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+fn ground_station() -> u8 {
+    255
+}
+
+fn ground_component() -> u8 {
+    190
+}
+
+fn one() -> usize {
+    1
+}
+
+fn two() -> usize {
+    2
+}
+
+fn three() -> usize {
+    3
+}
+
+fn four() -> usize {
+    4
+}
+
+fn five() -> usize {
+    5
+}
+
+fn six() -> usize {
+    6
+}
+
+/// What is wrong in a `[bridge]` table.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("bridge.{}: {message}", path.join("."))]
+pub struct ConfigError {
+    /// Keys from `bridge` on; elements of lists are numbered from 0.
+    pub path: Vec<String>,
+    /// What is wrong, what was expected, what to do.
+    pub message: String,
+}
+
+impl ConfigError {
+    /// An error at a path.
+    pub fn new(path: &[&str], message: impl Into<String>) -> Self {
+        Self { path: path.iter().map(ToString::to_string).collect(), message: message.into() }
+    }
+}

@@ -1,0 +1,354 @@
+//! A MAVLink autopilot as the source of what is measured.
+
+use std::time::Duration;
+
+use super::clock::ns;
+use super::note::Notes;
+use super::output::euler;
+use super::requests::{Answer, Requests};
+use super::telemetry::{Group, Telemetry};
+use crate::config::{AttitudeMessage, MavlinkConfig, RatesMessage};
+use crate::mavlink::{Counts, Deframer, Encoder, Event, Header, MavMessage, Signing, dialect};
+use crate::pilot::Pilot;
+
+/// Between two of our heartbeats.
+const HEARTBEAT: Duration = Duration::from_secs(1);
+/// Between two exchanges of time, once the first ones are done.
+const TIMESYNC: Duration = Duration::from_secs(1);
+/// Between the first exchanges.
+const TIMESYNC_FIRST: Duration = Duration::from_millis(100);
+/// How many come first.
+const FIRST_EXCHANGES: u32 = 16;
+/// Bytes that should have held a message.
+const BAUD_DOUBT: u64 = 600;
+/// Stamps that differ by more belong to different clocks, ns.
+const OTHER_CLOCK_NS: i64 = 10_000_000_000;
+
+/// The other end of a MAVLink link.
+pub(super) struct Autopilot {
+    config: MavlinkConfig,
+    timeout: Duration,
+    deframer: Deframer,
+    encoder: Encoder,
+    requests: Requests,
+    target: Option<(u8, u8)>,
+    heartbeat_at: Option<Duration>,
+    armed: bool,
+    well: bool,
+    heading: Option<f64>,
+    origin: Option<[f64; 3]>,
+    next_heartbeat: Duration,
+    next_timesync: Duration,
+    exchanges: u32,
+    doubted: bool,
+}
+
+impl Autopilot {
+    pub(super) fn new(
+        config: &MavlinkConfig,
+        rate_hz: f64,
+        wants_odometry: bool,
+        wants_rc: bool,
+        timeout: Duration,
+        signing: Option<Signing>,
+    ) -> Self {
+        let encoder = Encoder::new(config.system, config.component);
+        let (deframer, encoder) = match signing {
+            Some(s) => (Deframer::with_signing(s.clone()), encoder.with_signing(s)),
+            None => (Deframer::new(), encoder),
+        };
+        let rate_hz = config.message_rate_hz.unwrap_or(rate_hz);
+        let attitude = match config.attitude {
+            AttitudeMessage::Euler => 30,
+            AttitudeMessage::Quaternion => 31,
+        };
+        let wanted = [
+            (true, attitude, rate_hz),
+            (config.rates == RatesMessage::Imu, 105, rate_hz),
+            (wants_odometry, 32, rate_hz),
+            (wants_rc, 65, rate_hz.min(50.0)),
+        ];
+        let wanted: Vec<_> =
+            wanted.iter().filter(|w| w.0 && rate_hz > 0.0).map(|(_, id, rate)| (*id, *rate)).collect();
+        Self {
+            heading: config.heading,
+            config: config.clone(),
+            timeout,
+            deframer,
+            encoder,
+            requests: Requests::new(&wanted),
+            target: None,
+            heartbeat_at: None,
+            armed: false,
+            well: true,
+            origin: None,
+            next_heartbeat: Duration::ZERO,
+            next_timesync: Duration::ZERO,
+            exchanges: 0,
+            doubted: false,
+        }
+    }
+
+    pub(super) fn counts(&self) -> &Counts {
+        self.deframer.counts()
+    }
+
+    /// The vehicle's system and component; before it was heard, all.
+    pub(super) fn target(&self) -> (u8, u8) {
+        self.target.unwrap_or((0, 0))
+    }
+
+    pub(super) fn is_known(&self) -> bool {
+        self.target.is_some()
+    }
+
+    pub(super) fn is_linked(&self, now: Duration) -> bool {
+        self.heartbeat_at.is_some_and(|at| now.saturating_sub(at) <= self.timeout)
+    }
+
+    pub(super) fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    pub(super) fn is_well(&self) -> bool {
+        self.well
+    }
+
+    /// Appends the frame of a message.
+    pub(super) fn send(&mut self, message: &MavMessage, now: Duration, out: &mut Vec<u8>) {
+        self.encoder.encode(message, now, out);
+    }
+
+    /// The connection was made anew, or the vehicle restarted: asks for everything again.
+    pub(super) fn begin_anew(&mut self) {
+        self.requests.restart();
+        (self.next_heartbeat, self.next_timesync) = (Duration::ZERO, Duration::ZERO);
+        self.exchanges = 0;
+        self.origin = None;
+        self.heading = self.config.heading;
+        let _ = self.deframer.end();
+    }
+
+    /// Takes in bytes; `end` says that no frame goes on behind them.
+    pub(super) fn receive(&mut self, bytes: &[u8], end: bool, now: Duration, heard: &mut Heard<'_>) {
+        self.deframer.push(bytes);
+        while let Some(event) = self.deframer.next(now) {
+            if let Event::Message(header, message) = event {
+                self.hear(header, &message, now, heard);
+            }
+        }
+        if end {
+            let _ = self.deframer.end();
+        }
+        let counts = self.deframer.counts();
+        if !self.doubted && counts.messages == 0 && counts.bytes > BAUD_DOUBT {
+            self.doubted = true;
+            heard.notes.warn(format!(
+                "{} bytes came in on {}, and none of them is MAVLink: is the baud rate right, and is this the telemetry \
+                 port?",
+                counts.bytes, self.config.link
+            ));
+        }
+    }
+
+    fn hear(&mut self, header: Header, message: &MavMessage, now: Duration, heard: &mut Heard<'_>) {
+        if let MavMessage::HEARTBEAT(beat) = message {
+            self.heartbeat(header, beat, now, heard.notes);
+        }
+        if self.target != Some((header.system, header.component)) {
+            return;
+        }
+        match message {
+            MavMessage::ATTITUDE(m) if self.config.attitude == AttitudeMessage::Euler => {
+                let stamp = Some(i64::from(m.time_boot_ms) * 1_000_000);
+                let taken = heard.take(Group::Attitude, [m.roll, m.pitch, m.yaw], stamp, now);
+                if taken && self.config.rates == RatesMessage::Attitude {
+                    heard.take(Group::Rates, [m.rollspeed, m.pitchspeed, m.yawspeed], stamp, now);
+                }
+            }
+            MavMessage::ATTITUDE_QUATERNION(m) if self.config.attitude == AttitudeMessage::Quaternion => {
+                let stamp = Some(i64::from(m.time_boot_ms) * 1_000_000);
+                let angles = euler([m.q1, m.q2, m.q3, m.q4].map(f64::from)).unwrap_or([f64::NAN; 3]);
+                let taken = heard.telemetry.take(Group::Attitude, angles, stamp, now).is_ok();
+                if taken && self.config.rates == RatesMessage::Attitude {
+                    heard.take(Group::Rates, [m.rollspeed, m.pitchspeed, m.yawspeed], stamp, now);
+                }
+            }
+            MavMessage::HIGHRES_IMU(m) if self.config.rates == RatesMessage::Imu && m.id == 0 => {
+                let stamp = i64::try_from(m.time_usec).ok().and_then(|us| us.checked_mul(1000));
+                // Some autopilots stamp this message with the time of day.
+                let same = |newest: i64| stamp.is_some_and(|s| s.abs_diff(newest) < OTHER_CLOCK_NS as u64);
+                let stamp = stamp.filter(|_| heard.telemetry.newest_ns().is_some_and(same));
+                heard.take(Group::Rates, [m.xgyro, m.ygyro, m.zgyro], stamp, now);
+            }
+            MavMessage::SCALED_IMU(m) => {
+                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, heard)
+            }
+            MavMessage::SCALED_IMU2(m) => {
+                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, heard)
+            }
+            MavMessage::SCALED_IMU3(m) => {
+                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, heard)
+            }
+            MavMessage::LOCAL_POSITION_NED(m) => self.position(m, now, heard),
+            MavMessage::RC_CHANNELS(m) => rc_channels(m, now, heard),
+            MavMessage::TIMESYNC(m) => self.timesync(m, now, heard),
+            MavMessage::COMMAND_ACK(ack) => match self.requests.hear(ack) {
+                Some(Answer::Refused(id, _)) => {
+                    heard
+                        .notes
+                        .warn(format!("the autopilot refuses to send message {id} at the rate asked for"));
+                }
+                Some(Answer::Accepted(_)) | None => {}
+            },
+            _ => {}
+        }
+    }
+
+    fn heartbeat(
+        &mut self,
+        header: Header,
+        beat: &dialect::HEARTBEAT_DATA,
+        now: Duration,
+        notes: &mut Notes,
+    ) {
+        let is_autopilot = beat.autopilot != dialect::MavAutopilot::MAV_AUTOPILOT_INVALID
+            && beat.mavtype != dialect::MavType::MAV_TYPE_GCS;
+        let wanted = self.config.target_system.is_none_or(|s| s == header.system);
+        if self.target.is_none() && is_autopilot && wanted {
+            self.target = Some((header.system, header.component));
+            notes.info(format!(
+                "heard the autopilot: system {}, component {}, MAVLink {}",
+                header.system,
+                header.component,
+                if header.v2 { 2 } else { 1 }
+            ));
+        }
+        if self.target != Some((header.system, header.component)) {
+            return;
+        }
+        self.heartbeat_at = Some(now);
+        self.armed = beat.base_mode.contains(dialect::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+        use dialect::MavState as State;
+        self.well = !matches!(
+            beat.system_status,
+            State::MAV_STATE_CRITICAL
+                | State::MAV_STATE_EMERGENCY
+                | State::MAV_STATE_POWEROFF
+                | State::MAV_STATE_FLIGHT_TERMINATION
+        );
+    }
+
+    fn scaled_imu(&self, gyro: [i16; 3], boot_ms: u32, now: Duration, heard: &mut Heard<'_>) {
+        if self.config.rates == RatesMessage::Imu {
+            let stamp = Some(i64::from(boot_ms) * 1_000_000);
+            heard.take(Group::Rates, gyro.map(|mrad| f32::from(mrad) * 1e-3), stamp, now);
+        }
+    }
+
+    /// North, east, down becomes forward, right, up, from where and whither the vehicle stood at first.
+    fn position(&mut self, m: &dialect::LOCAL_POSITION_NED_DATA, now: Duration, heard: &mut Heard<'_>) {
+        let yaw = heard.telemetry.values(Group::Attitude).map(|[_, _, yaw]| yaw);
+        let Some(heading) = self.heading.or(yaw) else { return };
+        let stamp = Some(i64::from(m.time_boot_ms) * 1_000_000);
+        let (sin, cos) = heading.sin_cos();
+        let turn = |[n, e, d]: [f64; 3]| [n * cos + e * sin, e * cos - n * sin, -d];
+        let (place, speed) = ([m.x, m.y, m.z].map(f64::from), [m.vx, m.vy, m.vz].map(f64::from));
+        if !place.iter().all(|v| v.is_finite()) {
+            // Counted as what it is; it must not become the origin.
+            let _ = heard.telemetry.take(Group::Position, place, stamp, now);
+            return;
+        }
+        self.heading = Some(heading);
+        let origin = *self.origin.get_or_insert(place);
+        let moved = [place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]];
+        let _ = heard.telemetry.take(Group::Position, turn(moved), stamp, now);
+        let _ = heard.telemetry.take(Group::Speed, turn(speed), stamp, now);
+    }
+
+    fn timesync(&mut self, m: &dialect::TIMESYNC_DATA, now: Duration, heard: &mut Heard<'_>) {
+        if m.tc1 == 0 {
+            let answer = dialect::TIMESYNC_DATA { tc1: ns(now), ts1: m.ts1, ..Default::default() };
+            self.encoder.encode(&MavMessage::TIMESYNC(answer), now, heard.reply);
+        } else if let Ok(sent) = u64::try_from(m.ts1) {
+            let sent = Duration::from_nanos(sent);
+            if sent <= now && now - sent < TIMESYNC {
+                heard.telemetry.clock().exchange(sent, m.tc1, now);
+                self.exchanges += 1;
+            }
+        }
+    }
+
+    /// Heartbeats, requests and exchanges of time that are due.
+    pub(super) fn poll(&mut self, now: Duration, notes: &mut Notes, out: &mut Vec<u8>) {
+        if now >= self.next_heartbeat {
+            self.next_heartbeat = now + HEARTBEAT;
+            let beat = dialect::HEARTBEAT_DATA {
+                mavtype: dialect::MavType::MAV_TYPE_GCS,
+                autopilot: dialect::MavAutopilot::MAV_AUTOPILOT_INVALID,
+                system_status: dialect::MavState::MAV_STATE_ACTIVE,
+                base_mode: dialect::MavModeFlag::empty(),
+                mavlink_version: 3,
+                ..Default::default()
+            };
+            self.encoder.encode(&MavMessage::HEARTBEAT(beat), now, out);
+        }
+        let Some(target) = self.target else { return };
+        if now >= self.next_timesync {
+            let wait = if self.exchanges < FIRST_EXCHANGES { TIMESYNC_FIRST } else { TIMESYNC };
+            self.next_timesync = now + wait;
+            let ask = dialect::TIMESYNC_DATA { tc1: 0, ts1: ns(now), ..Default::default() };
+            self.encoder.encode(&MavMessage::TIMESYNC(ask), now, out);
+        }
+        match self.requests.next(target, now) {
+            Ok(Some(message)) => self.encoder.encode(&message, now, out),
+            Ok(None) | Err(Answer::Accepted(_)) => {}
+            Err(Answer::Refused(id, _)) => notes.warn(format!(
+                "the autopilot does not answer the request to send message {id}: set its rate there"
+            )),
+        }
+    }
+
+    /// When something is due.
+    pub(super) fn wake_at(&self) -> Duration {
+        self.next_heartbeat.min(self.next_timesync)
+    }
+}
+
+/// Where what was heard goes.
+pub(super) struct Heard<'a> {
+    pub(super) telemetry: &'a mut Telemetry,
+    pub(super) pilot: Option<&'a mut Pilot>,
+    pub(super) notes: &'a mut Notes,
+    pub(super) reply: &'a mut Vec<u8>,
+}
+
+impl Heard<'_> {
+    fn take(&mut self, group: Group, values: [f32; 3], stamp: Option<i64>, now: Duration) -> bool {
+        self.telemetry.take(group, values.map(f64::from), stamp, now).is_ok()
+    }
+}
+
+fn rc_channels(m: &dialect::RC_CHANNELS_DATA, now: Duration, heard: &mut Heard<'_>) {
+    let Some(pilot) = &mut heard.pilot else { return };
+    let all = [
+        m.chan1_raw,
+        m.chan2_raw,
+        m.chan3_raw,
+        m.chan4_raw,
+        m.chan5_raw,
+        m.chan6_raw,
+        m.chan7_raw,
+        m.chan8_raw,
+        m.chan9_raw,
+        m.chan10_raw,
+        m.chan11_raw,
+        m.chan12_raw,
+        m.chan13_raw,
+        m.chan14_raw,
+        m.chan15_raw,
+        m.chan16_raw,
+    ];
+    let count = usize::from(m.chancount).min(all.len());
+    pilot.hear(&all[..count].iter().map(|us| f64::from(*us)).collect::<Vec<_>>(), false, now);
+}

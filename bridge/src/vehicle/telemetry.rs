@@ -1,0 +1,266 @@
+//! What the vehicle measures, in the fields and signs of the bus.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use whirlstand_msgs::{Imu, Message, Odometry, valid};
+
+use super::clock::PeerClock;
+use crate::config::{ConfigError, Trim};
+
+/// Fields of `Imu`, then of `Odometry`; three neighbours form a group.
+pub const FIELDS: [&str; 12] = [
+    "roll",
+    "pitch",
+    "yaw",
+    "roll_rate",
+    "pitch_rate",
+    "yaw_rate",
+    "longitudinal_position",
+    "lateral_position",
+    "height",
+    "longitudinal_speed",
+    "lateral_speed",
+    "vertical_speed",
+];
+
+/// A vehicle's clock that goes back by more than this began anew, ns, ...
+const RESTART_NS: i64 = 1_000_000_000;
+
+/// ... unless newer stamps came within this time: then it is an old message that was held back on the way.
+const SILENCE: Duration = Duration::from_millis(200);
+
+/// Measurements that come together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Group {
+    /// Roll, pitch, yaw, rad.
+    Attitude = 0,
+    /// Body rates about the forward, right and down axes, rad/s.
+    Rates = 1,
+    /// Forward, right, up, m.
+    Position = 2,
+    /// Forward, right, up, m/s.
+    Speed = 3,
+}
+
+/// Why a measurement was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refused {
+    /// A value is NaN or infinite.
+    NotFinite,
+    /// Its stamp is not after that of the last: repeated, or overtaken on the way.
+    Old,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Held {
+    values: [f64; 3],
+    stamp_ns: Option<i64>,
+    /// When it was measured, by our clock.
+    at: Option<Duration>,
+    fresh: bool,
+}
+
+/// Counts of what was not taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Refusals {
+    /// Measurements with a value that is not finite.
+    pub not_finite: u64,
+    /// Measurements that are not newer than the last.
+    pub old: u64,
+    /// Restarts of the vehicle's clock.
+    pub restarts: u64,
+}
+
+/// The newest measurements.
+#[derive(Debug, Clone)]
+pub struct Telemetry {
+    trims: [Trim; FIELDS.len()],
+    held: [Held; 4],
+    clock: PeerClock,
+    /// The newest stamp, and when it came.
+    newest: Option<(i64, Duration)>,
+    restarted: bool,
+    refusals: Refusals,
+}
+
+impl Telemetry {
+    /// Nothing measured yet.
+    ///
+    /// # Errors
+    /// For a trim of a field that the bus does not have, or that is not finite.
+    pub fn new(trims: &BTreeMap<String, Trim>) -> Result<Self, ConfigError> {
+        let mut table = [Trim::default(); FIELDS.len()];
+        for (name, trim) in trims {
+            let Some(i) = FIELDS.iter().position(|f| f == name) else {
+                let message = format!("there is no '{name}'; the bus has {}", FIELDS.join(", "));
+                return Err(ConfigError::new(&["measured", name], message));
+            };
+            if !trim.scale.is_finite() || !trim.offset.is_finite() || trim.scale == 0.0 {
+                let message = "a finite offset and a finite scale other than 0 are expected";
+                return Err(ConfigError::new(&["measured", name], message));
+            }
+            table[i] = *trim;
+        }
+        Ok(Self {
+            trims: table,
+            held: [Held::default(); 4],
+            clock: PeerClock::default(),
+            newest: None,
+            restarted: false,
+            refusals: Refusals::default(),
+        })
+    }
+
+    /// The vehicle's clock.
+    pub fn clock(&mut self) -> &mut PeerClock {
+        &mut self.clock
+    }
+
+    /// The newest stamp of the vehicle, ns.
+    pub fn newest_ns(&self) -> Option<i64> {
+        self.newest.map(|(stamp, _)| stamp)
+    }
+
+    /// What was not taken.
+    pub fn refusals(&self) -> Refusals {
+        self.refusals
+    }
+
+    /// Takes in a group with the vehicle's time stamp, ns; `None` for a protocol without stamps.
+    ///
+    /// # Errors
+    /// [`Refused`], counted; what was known stays.
+    pub fn take(
+        &mut self,
+        group: Group,
+        values: [f64; 3],
+        stamp_ns: Option<i64>,
+        now: Duration,
+    ) -> Result<(), Refused> {
+        if values.iter().any(|v| !v.is_finite()) {
+            self.refusals.not_finite += 1;
+            return Err(Refused::NotFinite);
+        }
+        if let Some(stamp) = stamp_ns {
+            let went_back = |(newest, at): (i64, Duration)| {
+                stamp < newest.saturating_sub(RESTART_NS) && now.saturating_sub(at) > SILENCE
+            };
+            if self.newest.is_some_and(went_back) {
+                self.restart();
+            }
+            if self.held[group as usize].stamp_ns.is_some_and(|last| stamp <= last) {
+                self.refusals.old += 1;
+                return Err(Refused::Old);
+            }
+            self.clock.arrival(stamp, now);
+            if self.newest.is_none_or(|(newest, _)| stamp > newest) {
+                self.newest = Some((stamp, now));
+            }
+        }
+        let at = stamp_ns.map_or(now, |stamp| self.clock.ours(stamp, now));
+        let trims = &self.trims[group as usize * 3..];
+        let mut trimmed = [0.0; 3];
+        for ((out, value), trim) in trimmed.iter_mut().zip(values).zip(trims) {
+            *out = trim.scale * value + trim.offset;
+        }
+        self.held[group as usize] = Held { values: trimmed, stamp_ns, at: Some(at), fresh: true };
+        Ok(())
+    }
+
+    /// The vehicle began anew; what it measured before is not its state.
+    pub fn restart(&mut self) {
+        self.held = [Held::default(); 4];
+        self.clock.reset();
+        self.newest = None;
+        self.restarted = true;
+        self.refusals.restarts += 1;
+    }
+
+    /// Whether the vehicle restarted since this was last asked.
+    pub fn take_restart(&mut self) -> bool {
+        std::mem::take(&mut self.restarted)
+    }
+
+    /// Age of a group; `None` before the first.
+    pub fn age(&self, group: Group, now: Duration) -> Option<Duration> {
+        self.held[group as usize].at.map(|at| now.saturating_sub(at))
+    }
+
+    /// The values of a group as they were last, trimmed.
+    pub fn values(&self, group: Group) -> Option<[f64; 3]> {
+        let held = &self.held[group as usize];
+        held.at.map(|_| held.values)
+    }
+
+    /// Whether a group came since the last [`Telemetry::measure`].
+    pub fn is_fresh(&self, group: Group) -> bool {
+        self.held[group as usize].fresh
+    }
+
+    /// The messages of a step; what came since the last call is marked as fresh. Heads are the caller's.
+    pub fn measure(&mut self) -> (Imu, Odometry) {
+        let (mut imu, mut odometry) = (Imu::zeroed(), Odometry::zeroed());
+        let [attitude, rates, position, speed] = self.held.map(|h| h.values);
+        [imu.roll, imu.pitch, imu.yaw] = attitude;
+        [imu.roll_rate, imu.pitch_rate, imu.yaw_rate] = rates;
+        [odometry.longitudinal_position, odometry.lateral_position, odometry.height] = position;
+        [odometry.longitudinal_speed, odometry.lateral_speed, odometry.vertical_speed] = speed;
+        let fresh = self.held.map(|h| u32::from(h.fresh));
+        imu.valid = fresh[0] * valid::FIRST | fresh[1] * valid::SECOND;
+        odometry.valid = fresh[2] * valid::FIRST | fresh[3] * valid::SECOND;
+        self.held.iter_mut().for_each(|h| h.fresh = false);
+        (imu, odometry)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn values_are_trimmed_and_fresh_once() {
+        let trims = BTreeMap::from([("pitch".into(), Trim { scale: -1.0, offset: 0.5 })]);
+        let mut t = Telemetry::new(&trims).unwrap();
+        t.take(Group::Attitude, [0.1, 0.2, 0.3], Some(1_000_000), ms(10)).unwrap();
+        let (imu, odometry) = t.measure();
+        assert_eq!((imu.roll, imu.pitch, imu.yaw), (0.1, 0.3, 0.3));
+        assert_eq!((imu.valid, odometry.valid), (valid::FIRST, 0));
+        assert_eq!(t.measure().0.valid, 0);
+    }
+
+    #[test]
+    fn what_is_old_repeated_or_no_number_is_refused_and_counted() {
+        let mut t = Telemetry::new(&BTreeMap::new()).unwrap();
+        let mut take = |value, stamp| t.take(Group::Attitude, [value; 3], Some(stamp), ms(10));
+        take(0.1, 20_000_000).unwrap();
+        assert_eq!(take(0.2, 20_000_000), Err(Refused::Old));
+        assert_eq!(take(0.2, 15_000_000), Err(Refused::Old));
+        assert_eq!(take(f64::NAN, 30_000_000), Err(Refused::NotFinite));
+        assert_eq!(t.refusals(), Refusals { not_finite: 1, old: 2, restarts: 0 });
+        assert_eq!(t.values(Group::Attitude), Some([0.1; 3]));
+    }
+
+    #[test]
+    fn a_clock_that_begins_anew_is_a_restart() {
+        let mut t = Telemetry::new(&BTreeMap::new()).unwrap();
+        t.take(Group::Attitude, [0.1; 3], Some(60_000_000_000), ms(10)).unwrap();
+        let late = t.take(Group::Attitude, [0.2; 3], Some(1_000_000), ms(20));
+        assert_eq!(late, Err(Refused::Old), "while the vehicle speaks it is only an old message");
+        t.take(Group::Attitude, [0.2; 3], Some(1_000_000), ms(220)).unwrap();
+        assert!(t.take_restart() && !t.take_restart());
+        assert_eq!(t.age(Group::Attitude, ms(225)), Some(ms(5)));
+        assert!(t.take(Group::Attitude, [0.3; 3], Some(2_000_000), ms(221)).is_ok());
+    }
+
+    #[test]
+    fn a_trim_of_an_unknown_field_is_refused_by_name() {
+        let trims = BTreeMap::from([("rol".to_string(), Trim::default())]);
+        let error = Telemetry::new(&trims).unwrap_err();
+        assert!(error.path.contains(&"rol".into()) && error.message.contains("roll_rate"), "{error}");
+    }
+}
