@@ -6,12 +6,12 @@ use super::ardupilot::{self, Ardupilot, ArdupilotOptions};
 use super::betaflight::{self, Betaflight, BetaflightOptions};
 use super::px4::{self, Px4, Px4Options};
 use super::{Autopilot, RcOptions};
+use crate::config::{BridgeConfig, BridgeKind};
 use crate::mixer::{FrameKind, MixerOptions};
 use crate::sensors::SensorOptions;
 
 /// The autopilots.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AutopilotKind {
     /// PX4, as software or hardware in the loop.
     Px4Hil,
@@ -73,18 +73,25 @@ pub struct AutopilotConfig {
 }
 
 impl AutopilotConfig {
-    /// An autopilot with everything at its default.
-    pub fn new(kind: AutopilotKind) -> Self {
-        Self {
+    /// What a bridge says of its autopilot; `None` for a bridge that takes the plant's place.
+    pub fn of(bridge: &BridgeConfig) -> Option<Self> {
+        let kind = match bridge.kind {
+            BridgeKind::Px4Hil => AutopilotKind::Px4Hil,
+            BridgeKind::ArdupilotJson => AutopilotKind::ArdupilotJson,
+            BridgeKind::BetaflightSitl => AutopilotKind::BetaflightSitl,
+            BridgeKind::Mavlink | BridgeKind::Crsf => return None,
+        };
+        let o = bridge.options.clone();
+        Some(Self {
             kind,
-            flight: FlightOptions::default(),
-            sensors: SensorOptions::default(),
-            mixer: MixerOptions::default(),
-            rc: RcOptions::default(),
-            px4: Px4Options::default(),
-            ardupilot: ArdupilotOptions::default(),
-            betaflight: BetaflightOptions::default(),
-        }
+            flight: o.flight,
+            sensors: o.sensors,
+            mixer: o.mixer,
+            rc: o.rc,
+            px4: o.px4,
+            ardupilot: o.ardupilot,
+            betaflight: o.betaflight,
+        })
     }
 
     /// The conversation with this autopilot, at one step a `period_ns`.

@@ -1,3 +1,5 @@
-//! Bridges: real hardware in the place of a node.
+//! Bridges: real hardware in a node's place. The codecs and state machines are those of `whirlstand-bridge`; here
+//! they meet links and the bus.
 
 pub mod hil;
+pub mod link;

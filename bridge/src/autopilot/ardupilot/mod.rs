@@ -34,8 +34,8 @@ const SILENCE: Duration = Duration::from_millis(500);
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ArdupilotOptions {
-    /// Address on which ArduPilot's packets are awaited.
-    pub bind: String,
+    /// Where ArduPilot's packets come in, `udpin://ADDRESS:PORT`; they are answered to their sender.
+    pub link: String,
     /// Pulse of a motor that stands still, or of a servo at -1, us.
     pub pwm_min: u16,
     /// Pulse of a motor at full thrust, or of a servo at 1, us.
@@ -44,7 +44,7 @@ pub struct ArdupilotOptions {
 
 impl Default for ArdupilotOptions {
     fn default() -> Self {
-        Self { bind: format!("127.0.0.1:{PORT}"), pwm_min: 1000, pwm_max: 2000 }
+        Self { link: format!("udpin://127.0.0.1:{PORT}"), pwm_min: 1000, pwm_max: 2000 }
     }
 }
 

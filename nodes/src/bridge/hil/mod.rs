@@ -104,7 +104,7 @@ impl Hil {
             .map_err(|e| wrong("bridge.mixer", e.to_string()))?;
         let rc = Rc::new(options.rc.clone()).map_err(|e| wrong("bridge.rc", e.to_string()))?;
         state::check(config, options)?;
-        let links = Links::open(options)?;
+        let links = Links::new(options)?;
         let period = Duration::from_nanos(config.period_ns);
         Ok(Self {
             imu: bus.subscriber(DEPTH)?,
@@ -155,8 +155,8 @@ impl Hil {
                 }
             }
         }
-        if self.links.take_lost() {
-            tracing::warn!("the link to {} is gone: neutral until it is armed again", self.name);
+        if let Some(why) = self.links.take_lost() {
+            tracing::warn!("{why}: neutral until {} is armed again", self.name);
             self.flight.forget();
         }
     }
@@ -395,7 +395,12 @@ impl Follower for Hil {
                 self.listen();
             }
         }
-        tracing::info!("the conversation with {} ends: {:?}", self.name, self.autopilot.counts());
+        tracing::info!(
+            unsent = self.links.unsent(),
+            "the conversation with {} ends: {:?}",
+            self.name,
+            self.autopilot.counts()
+        );
         self.count();
         self.peers.set_state(NodeState::Stopping);
         self.peers.publish(Instant::now())?;
