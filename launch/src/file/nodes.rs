@@ -59,6 +59,10 @@ impl Planner<'_> {
         if section.external && role(name) == Some(Role::Plant) {
             return fail("external", "the plant ends the run and must be started here".into());
         }
+        if section.bridge.is_some() && (section.exec.is_some() || section.external) {
+            let key = if section.external { "external" } else { "exec" };
+            return fail(key, "a bridge is a node of our own: it goes with neither exec nor external".into());
+        }
         let local = section.exec.is_some() || section.external;
         if local && file.transport == Transport::Inproc {
             return fail("", "with transport = \"inproc\" every node runs inside the launcher".into());

@@ -89,6 +89,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         setpoint: planner.changes("setpoint", &file.setpoint, true)?,
         stick: planner.changes("stick", &file.stick, false)?,
         realtime: realtime(&nodes),
+        bridge: planner.bridge(&file)?,
     };
     let expect = expect::read(document, &vehicle, &file.expect.keys().collect::<Vec<_>>())?;
     let name = file.name.unwrap_or_else(|| name.into());
@@ -121,7 +122,7 @@ impl NodeSection {
 /// A launch file with its vehicle, while it is being checked.
 pub(super) struct Planner<'a> {
     pub(super) document: &'a Document,
-    vehicle: &'a Vehicle,
+    pub(super) vehicle: &'a Vehicle,
 }
 
 impl Planner<'_> {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
+use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
 use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig};
 
@@ -54,6 +55,9 @@ pub(crate) struct LaunchFile {
     /// Options of single nodes, and programs that take their place or join them.
     #[serde(default)]
     pub nodes: BTreeMap<String, NodeSection>,
+    /// Options of the bridge that a node asks for.
+    #[serde(default)]
+    pub bridge: BridgeOptions,
     #[serde(default)]
     pub zenoh: ZenohSection,
     /// What must hold at the end; read by [`super::expect`].
@@ -119,6 +123,8 @@ impl Default for RecorderSection {
 pub(crate) struct NodeSection {
     /// Program and arguments that run instead of the built-in node, or as a node of a new name.
     pub exec: Option<Vec<String>>,
+    /// Real hardware that takes the node's place.
+    pub bridge: Option<BridgeKind>,
     /// More environment variables for `exec`.
     pub env: BTreeMap<String, String>,
     /// How the launcher learns that the node is ready.
@@ -151,6 +157,7 @@ impl Default for NodeSection {
     fn default() -> Self {
         Self {
             exec: None,
+            bridge: None,
             env: BTreeMap::new(),
             ready: Ready::Notify,
             external: false,
