@@ -110,6 +110,8 @@ pub struct SafetyConfig {
     pub on_failure: OnFailure,
     /// Oldest attitude that is flown on, s.
     pub stale_s: f64,
+    /// Longest time between two commands, s.
+    pub command_timeout_s: f64,
     /// Longest silence of the vehicle's heartbeat, s.
     pub link_timeout_s: f64,
     /// Averaged normalised innovation squared, over its expectation, above which the estimator counts as diverged.
@@ -124,6 +126,7 @@ impl Default for SafetyConfig {
             arm: ArmBy::Switch,
             on_failure: OnFailure::Neutral,
             stale_s: 0.25,
+            command_timeout_s: 0.25,
             link_timeout_s: 3.0,
             max_innovation: 100.0,
             recover_after_s: None,

@@ -1,14 +1,15 @@
 //! What a launch file can say of an autopilot that flies the bench.
 
 use serde::{Deserialize, Serialize};
+use whirlstand_vehicle::Vehicle;
 
 use super::ardupilot::{self, Ardupilot, ArdupilotOptions};
 use super::betaflight::{self, Betaflight, BetaflightOptions};
 use super::px4::{self, Px4, Px4Options};
-use super::{Autopilot, RcOptions};
-use crate::config::{BridgeConfig, BridgeKind};
-use crate::mixer::{FrameKind, MixerOptions};
-use crate::sensors::SensorOptions;
+use super::{Autopilot, Rc, RcOptions};
+use crate::config::{BridgeConfig, BridgeKind, ConfigError};
+use crate::mixer::{FrameKind, Mixer, MixerOptions};
+use crate::sensors::{SensorOptions, StateMap};
 
 /// The autopilots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +50,20 @@ impl Default for FlightOptions {
     fn default() -> Self {
         Self { begin: Begin::Armed, stale_s: 0.25, answer_timeout_s: 0.1 }
     }
+}
+
+/// Slowest loop that Betaflight's clock follows, Hz: it takes steps of 20 ms and more for a pause.
+const BETAFLIGHT_SLOWEST_HZ: f64 = 60.0;
+
+/// What flies one vehicle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parts {
+    /// Where its motion is.
+    pub states: StateMap,
+    /// From outputs to its inputs.
+    pub mixer: Mixer,
+    /// The pilot's channels.
+    pub rc: Rc,
 }
 
 /// Everything about an autopilot in a bench.
@@ -107,6 +122,61 @@ impl AutopilotConfig {
         }
     }
 
+    /// The parts that fly this vehicle, with every option checked.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for a vehicle without attitude, a mixer that does not fit, channels, times or pulses that cannot
+    /// be, and what the protocol does not allow.
+    pub fn parts(&self, vehicle: &Vehicle, lockstep: bool, rate_hz: f64) -> Result<Parts, ConfigError> {
+        let wrong = |path: &[&str], message: String| Err(ConfigError::new(path, message));
+        let names = vehicle.states.iter().map(|s| s.name.as_str());
+        let states = StateMap::new(names).map_err(|e| ConfigError::new(&[], e.to_string()))?;
+        let mixer = Mixer::new(&self.mixer, &self.native_order(), vehicle)?;
+        let rc = Rc::new(self.rc.clone())?;
+        for (key, value) in
+            [("stale_s", self.flight.stale_s), ("answer_timeout_s", self.flight.answer_timeout_s)]
+        {
+            if !(value > 0.0 && value <= 60.0) {
+                return wrong(
+                    &["flight", key],
+                    format!("a time above 0 and up to 60 s is expected, not {value}"),
+                );
+            }
+        }
+        let sensors = &self.sensors;
+        for (key, value) in [
+            ("gyro_noise", sensors.gyro_noise),
+            ("accel_noise", sensors.accel_noise),
+            ("mag_noise", sensors.mag_noise),
+            ("baro_noise", sensors.baro_noise),
+            ("gps_hz", sensors.gps_hz),
+        ] {
+            if !(0.0..=1e6).contains(&value) {
+                return wrong(&["sensors", key], format!("a number of at least 0 is expected, not {value}"));
+            }
+        }
+        let (low, high) = (self.ardupilot.pwm_min, self.ardupilot.pwm_max);
+        if low >= high {
+            return wrong(
+                &["ardupilot", "pwm_min"],
+                format!("it must be below pwm_max, {low} is not below {high}"),
+            );
+        }
+        if self.kind == AutopilotKind::BetaflightSitl {
+            if lockstep {
+                let message = "Betaflight waits for nobody: mode = \"realtime\" is expected";
+                return wrong(&["betaflight"], message.into());
+            }
+            if rate_hz < BETAFLIGHT_SLOWEST_HZ {
+                let message = format!(
+                    "Betaflight's clock follows no less than {BETAFLIGHT_SLOWEST_HZ} Hz: raise rate_hz"
+                );
+                return wrong(&["betaflight"], message);
+            }
+        }
+        Ok(Parts { states, mixer, rc })
+    }
+
     /// Output of each motor of a quad in the order of the mixer's frames.
     pub fn native_order(&self) -> [usize; 4] {
         match self.kind {
@@ -118,15 +188,6 @@ impl AutopilotConfig {
 }
 
 impl AutopilotKind {
-    /// The name in launch files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Px4Hil => "px4-hil",
-            Self::ArdupilotJson => "ardupilot-json",
-            Self::BetaflightSitl => "betaflight-sitl",
-        }
-    }
-
     /// The autopilot's own name.
     pub fn autopilot(self) -> &'static str {
         match self {

@@ -20,8 +20,8 @@ use std::time::Duration;
 use crate::mixer::MAX_OUTPUTS;
 use crate::sensors::Sensors;
 
-pub use config::{AutopilotConfig, AutopilotKind, Begin, FlightOptions};
-pub use rc::{RC_CHANNELS, Rc, RcError, RcOptions, Stage};
+pub use config::{AutopilotConfig, AutopilotKind, Begin, FlightOptions, Parts};
+pub use rc::{RC_CHANNELS, Rc, RcOptions, Stage};
 
 /// Takes what is to be sent: the port, and the bytes of one datagram or the next bytes of a stream.
 pub type Send<'s> = dyn FnMut(usize, &[u8]) + 's;

@@ -21,7 +21,7 @@ use crate::config::{
     BridgeConfig, BridgeKind, ConfigError, MavlinkConfig, OnFailure, Output, PilotSource, SafetyConfig,
 };
 use crate::crsf;
-use crate::mavlink::Signing;
+use crate::mavlink::{Deframer, Event, MavMessage, Signing};
 use crate::pilot::Pilot;
 use crate::sbus;
 use crate::watch::EstimateWatch;
@@ -58,8 +58,6 @@ pub struct Bench {
     pub rate_hz: f64,
     /// The vehicle file has positions or speeds.
     pub wants_odometry: bool,
-    /// Longest time between two commands.
-    pub command_timeout: Duration,
     /// The secret of a signed link, and the Unix time at the origin of `now`.
     pub signing: Option<Signing>,
 }
@@ -113,6 +111,8 @@ pub struct Vehicle {
     pilot_crsf: crsf::Parser,
     pilot_sbus: sbus::Parser,
     pilot_bytes_at: Duration,
+    ground: Deframer,
+    refused_controls: u64,
     inputs: Vec<f64>,
     command_at: Option<Duration>,
     command_timeout: Duration,
@@ -177,6 +177,7 @@ impl Vehicle {
             mapping: Mapping::new(&options.channels, &bench.inputs, pilot.is_some())?,
             arming: Arming::new(policy),
             watch: EstimateWatch::new(safety.max_innovation),
+            command_timeout: Duration::from_secs_f64(safety.command_timeout_s),
             safety,
             output,
             mavlink,
@@ -186,9 +187,10 @@ impl Vehicle {
             pilot_crsf: crsf::Parser::new(),
             pilot_sbus: sbus::Parser::new(),
             pilot_bytes_at: Duration::ZERO,
+            ground: Deframer::new(),
+            refused_controls: 0,
             inputs: vec![0.0; bench.inputs.len()],
             command_at: None,
-            command_timeout: bench.command_timeout,
             finite: true,
             out: Default::default(),
             sent_at: None,
@@ -205,7 +207,8 @@ impl Vehicle {
         match port {
             Port::Link => self.receive_link(bytes, end, now),
             Port::Pilot => self.receive_pilot(bytes, now),
-            Port::Output | Port::Ground => {}
+            Port::Ground => self.receive_ground(bytes, now),
+            Port::Output => {}
         }
         let fresh = self.telemetry.is_fresh(Group::Attitude);
         if self.telemetry.take_restart() {
@@ -255,7 +258,29 @@ impl Vehicle {
 
     /// Takes in an estimate: states, normalised innovation squared and its degrees of freedom.
     pub fn estimate(&mut self, states: &[f64], nis: f64, dof: u32, now: Duration) {
+        // While its commands are not obeyed the estimator expects what does not happen.
+        let dof = if self.arming.mode() == Mode::Automatic { dof } else { 0 };
         self.watch.hear(states, nis, dof, now);
+    }
+
+    /// Whether something broke, and nobody has armed again.
+    pub fn has_failed(&self) -> bool {
+        matches!(self.arming.mode(), Mode::Failed(_))
+    }
+
+    /// The bench ends: nobody is in charge any more, and an override is taken back.
+    pub fn end(&mut self, now: Duration) {
+        if let Some(mode) = self.arming.end() {
+            self.announce(mode);
+        }
+        self.mapping.reset();
+        self.send(now);
+        if let (Source::Mavlink(autopilot), Output::RcOverride) = (&mut self.source, self.output)
+            && autopilot.is_known()
+        {
+            let message = output::rc_override(None, self.mapping.in_use(), autopilot.target());
+            autopilot.send(&message, now, &mut self.out[Port::Link as usize]);
+        }
     }
 
     /// Does what time alone asks for: notices silence, keeps the outputs alive, says heartbeats. To be called at
@@ -318,7 +343,7 @@ impl Vehicle {
     pub fn figures(&mut self) -> Figures {
         let refusals = self.telemetry.refusals();
         let mut figures = Figures {
-            refused: refusals.not_finite + refusals.old,
+            refused: refusals.not_finite + refusals.old + self.refused_controls,
             outputs: self.outputs,
             clamped: self.mapping.clamped(),
             ..Figures::default()
@@ -339,6 +364,26 @@ impl Vehicle {
             (figures.clock_offset_ns, figures.round_trip_ns) = (Some(offset), trip);
         }
         figures
+    }
+
+    /// A ground station may ask and set, but not steer: what moves the vehicle passes the gate of the bridge alone.
+    fn receive_ground(&mut self, bytes: &[u8], now: Duration) {
+        self.ground.push(bytes);
+        while let Some(event) = self.ground.next(now) {
+            match event {
+                Event::Message(_, message) if steers(&message) => {
+                    self.refused_controls += 1;
+                    if self.refused_controls == 1 {
+                        self.notes.warn("the ground station tried to steer: only this bridge does");
+                    }
+                }
+                Event::Message(..) => {
+                    self.out[Port::Link as usize].extend_from_slice(self.ground.frame());
+                }
+                Event::Dropped(_) => {}
+            }
+        }
+        let _ = self.ground.end();
     }
 
     fn receive_link(&mut self, bytes: &[u8], end: bool, now: Duration) {
@@ -437,6 +482,9 @@ impl Vehicle {
     fn decide(&mut self, now: Duration) {
         let conditions = self.conditions(now);
         if let Some(mode) = self.arming.update(&conditions, now) {
+            if mode == Mode::Automatic {
+                self.watch.reset();
+            }
             self.announce(mode);
             self.send(now);
         }
@@ -512,6 +560,19 @@ impl Vehicle {
     }
 }
 
+/// Whether a message moves the vehicle.
+fn steers(message: &MavMessage) -> bool {
+    matches!(
+        message,
+        MavMessage::RC_CHANNELS_OVERRIDE(_)
+            | MavMessage::MANUAL_CONTROL(_)
+            | MavMessage::SET_ATTITUDE_TARGET(_)
+            | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
+            | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
+            | MavMessage::SET_ACTUATOR_CONTROL_TARGET(_)
+    )
+}
+
 fn missing(kind: BridgeKind) -> ConfigError {
     let message = format!("the table [bridge.{kind}] with the key 'link' is missing: add it");
     ConfigError::new(&[kind.name()], message)
@@ -521,6 +582,7 @@ fn check_safety(safety: &SafetyConfig, config: &BridgeConfig) -> Result<(), Conf
     let fail = |key: &str, message: &str| Err(ConfigError::new(&["safety", key], message));
     for (key, value) in [
         ("stale_s", Some(safety.stale_s)),
+        ("command_timeout_s", Some(safety.command_timeout_s)),
         ("link_timeout_s", Some(safety.link_timeout_s)),
         ("recover_after_s", safety.recover_after_s),
     ] {

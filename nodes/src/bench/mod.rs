@@ -199,5 +199,6 @@ fn config(name: &str, transport: Transport, mode: Mode, steps: u64) -> Result<No
         setpoint: Vec::new(),
         stick: Vec::new(),
         realtime: BTreeMap::new(),
+        bridge: None,
     })
 }

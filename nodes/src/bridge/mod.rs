@@ -3,3 +3,4 @@
 
 pub mod hil;
 pub mod link;
+pub mod vehicle;

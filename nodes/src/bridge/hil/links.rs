@@ -37,13 +37,12 @@ impl Links {
                 vec![from(raw), from(motors), to(state), to(channels)]
             }
         };
-        let open = |(field, address): (&str, String)| {
-            address.parse().map(Link::new).map_err(|e: crate::bridge::link::AddressError| NodeError::Config {
-                field: field.into(),
-                value: address,
-                reason: e.to_string(),
-            })
-        };
+        let open =
+            |(field, address): (&str, String)| {
+                address.parse().map(Link::new).map_err(|e: crate::bridge::link::AddressError| {
+                    NodeError::Config { field: field.into(), value: address, reason: e.to_string() }
+                })
+            };
         let links = addresses.into_iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let senders = links.iter().map(Link::sender).collect();
         Ok(Self { links, senders, lost: None, buffer: vec![0; BUFFER] })

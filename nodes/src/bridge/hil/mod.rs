@@ -17,14 +17,14 @@ mod state;
 
 use std::time::{Duration, Instant};
 
-use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Begin, Counts, Event, Rc, Stage};
+use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Begin, Counts, Event, Parts, Rc, Stage};
 use whirlstand_bridge::mixer::Mixer;
 use whirlstand_bridge::sensors::{Errors, Motion, SensorModel, Sensors, StateMap};
 use whirlstand_bus::{Bus, Publisher, Subscriber};
 use whirlstand_msgs::{Command, Health, Imu, Message, NodeState, Odometry, Setpoint, Truth};
 
 use crate::clock::{Clock, Turn};
-use crate::config::{NodeConfig, Role};
+use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
 use crate::gate::InputLimits;
 use crate::peers::Peers;
@@ -93,17 +93,14 @@ impl Hil {
         options: &AutopilotConfig,
     ) -> Result<Self, NodeError> {
         let vehicle = &setup.vehicle;
-        let wrong = |field: &str, reason: String| NodeError::Config {
-            field: field.into(),
-            value: options.kind.name().into(),
-            reason,
-        };
-        let states = StateMap::new(vehicle.states.iter().map(|s| s.name.as_str()))
-            .map_err(|e| NodeError::NotOnBus { vehicle: vehicle.name.clone(), reason: e.to_string() })?;
-        let mixer = Mixer::new(&options.mixer, &options.native_order(), vehicle)
-            .map_err(|e| wrong("bridge.mixer", e.to_string()))?;
-        let rc = Rc::new(options.rc.clone()).map_err(|e| wrong("bridge.rc", e.to_string()))?;
-        state::check(config, options)?;
+        let lockstep = config.mode == Mode::Lockstep;
+        let Parts { states, mixer, rc } = options
+            .parts(vehicle, lockstep, 1e9 / config.period_ns as f64)
+            .map_err(|e| NodeError::Config {
+                field: format!("bridge.{}", e.path.join(".")),
+                value: options.kind.autopilot().into(),
+                reason: e.message,
+            })?;
         let links = Links::new(options)?;
         let period = Duration::from_nanos(config.period_ns);
         Ok(Self {

@@ -2,18 +2,13 @@
 
 use std::time::Duration;
 
-use whirlstand_bridge::autopilot::{AutopilotConfig, AutopilotKind, Begin, FlightOptions, Outputs};
+use whirlstand_bridge::autopilot::{Begin, FlightOptions, Outputs};
 use whirlstand_bridge::mixer::{FrameKind, Mixer};
 
-use crate::config::{Mode, NodeConfig};
-use crate::error::NodeError;
 use crate::gate::InputLimits;
 
 /// A motor that turns at least so much is armed, where the protocol does not say it.
 const TURNING: f64 = 0.005;
-
-/// Slowest loop that Betaflight's clock follows, Hz: it takes steps of 20 ms and more for a pause.
-const BETAFLIGHT_SLOWEST_HZ: f64 = 60.0;
 
 /// Why there is no command, or a neutral one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -164,41 +159,6 @@ impl Flight {
     pub(super) fn take_change(&mut self) -> Option<Option<Fault>> {
         self.change.take()
     }
-}
-
-/// Checks what the autopilot's protocol does not allow.
-///
-/// # Errors
-/// [`NodeError::Config`].
-pub(super) fn check(config: &NodeConfig, options: &AutopilotConfig) -> Result<(), NodeError> {
-    let wrong = |field: &str, value: String, reason: String| {
-        Err(NodeError::Config { field: field.into(), value, reason })
-    };
-    let flight = &options.flight;
-    for (field, value) in [
-        ("bridge.flight.stale_s", flight.stale_s),
-        ("bridge.flight.answer_timeout_s", flight.answer_timeout_s),
-    ] {
-        if !(value > 0.0 && value <= 60.0) {
-            return wrong(field, value.to_string(), "a time above 0 and up to 60 s is expected".into());
-        }
-    }
-    if options.ardupilot.pwm_min >= options.ardupilot.pwm_max {
-        let value = options.ardupilot.pwm_min.to_string();
-        return wrong("bridge.ardupilot.pwm_min", value, "it must be below pwm_max".into());
-    }
-    if options.kind == AutopilotKind::BetaflightSitl {
-        if config.mode == Mode::Lockstep {
-            let reason = "Betaflight waits for nobody: only realtime is possible";
-            return wrong("mode", "lockstep".into(), reason.into());
-        }
-        let rate = 1e9 / config.period_ns as f64;
-        if rate < BETAFLIGHT_SLOWEST_HZ {
-            let reason = format!("Betaflight's clock does not follow less than {BETAFLIGHT_SLOWEST_HZ} Hz");
-            return wrong("rate_hz", rate.to_string(), reason);
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]
