@@ -27,7 +27,7 @@ use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::mixer::MAX_OUTPUTS;
 use crate::sensors::Sensors;
 
-pub use packet::{FDM_BYTES, PacketError, RC_BYTES, parse_motors, parse_raw};
+pub use packet::{FDM_BYTES, PacketError, RC_BYTES, parse_motors, parse_raw, raw_bytes};
 
 /// The ports by number: packets of pulses, packets of motors, state, channels.
 pub const PORTS: [u16; 4] = [9001, 9002, 9003, 9004];
