@@ -12,6 +12,7 @@
 //! failsafe, and the log says why.
 
 mod errors;
+mod inbox;
 mod links;
 mod state;
 
@@ -19,30 +20,27 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Begin, Counts, Event, Parts, Rc, Stage};
 use whirlstand_bridge::mixer::Mixer;
-use whirlstand_bridge::sensors::{Errors, Motion, SensorModel, Sensors, StateMap};
-use whirlstand_bus::{Bus, Publisher, Subscriber};
-use whirlstand_msgs::{Command, Health, Imu, Message, NodeState, Odometry, Setpoint, Truth};
+use whirlstand_bridge::sensors::{SensorModel, Sensors, StateMap};
+use whirlstand_bus::{Bus, Publisher};
+use whirlstand_msgs::{Command, Health, Message, NodeState, Setpoint};
 
 use crate::clock::{Clock, Turn};
 use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
 use crate::gate::InputLimits;
 use crate::peers::Peers;
-use crate::ports::receive;
 use crate::process::Follower;
 use crate::setup::Setup;
-use errors::ErrorMap;
+use inbox::{At, Inbox};
 use links::Links;
 use state::{Fault, Flight};
 
-/// Queue for what the plant publishes.
-const DEPTH: usize = 64;
+/// So much of nothing but what cannot be read is told as a wrong link.
+const GIBBERISH: u64 = 200;
 
 /// The node.
 pub struct Hil {
-    imu: Subscriber<Imu>,
-    odometry: Subscriber<Odometry>,
-    truth: Subscriber<Truth>,
+    inbox: Inbox,
     commands: Publisher<Command>,
     setpoints: Publisher<Setpoint>,
     peers: Peers,
@@ -51,7 +49,6 @@ pub struct Hil {
     links: Links,
     model: SensorModel,
     states: StateMap,
-    errors: ErrorMap,
     mixer: Mixer,
     limits: InputLimits,
     rc: Rc,
@@ -61,24 +58,14 @@ pub struct Hil {
     period: Duration,
     /// What the vehicle did last, as the sensors saw it.
     at: Option<At>,
-    /// The newest of each, until the two of a step are together.
-    newest_imu: Option<Imu>,
-    newest_odometry: Option<Odometry>,
-    newest_truth: Option<Truth>,
     /// When the standing vehicle is to be sensed again.
     stand_due: Instant,
+    /// When sensors were sent last.
+    sensed_at: Instant,
     last: Option<Command>,
     origin: Instant,
     steps: u64,
-    refused: u64,
     told: Counts,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct At {
-    step: u64,
-    motion: Motion,
-    errors: Errors,
 }
 
 impl Hil {
@@ -104,9 +91,7 @@ impl Hil {
         let links = Links::new(options)?;
         let period = Duration::from_nanos(config.period_ns);
         Ok(Self {
-            imu: bus.subscriber(DEPTH)?,
-            odometry: bus.subscriber(DEPTH)?,
-            truth: bus.subscriber(DEPTH)?,
+            inbox: Inbox::open(bus, vehicle)?,
             commands: bus.publisher()?,
             setpoints: bus.publisher()?,
             peers: Peers::open(bus, Role::Controller, vec![])?,
@@ -115,7 +100,6 @@ impl Hil {
             links,
             model: SensorModel::new(options.sensors.clone(), config.period_ns, config.seed),
             states,
-            errors: ErrorMap::new(vehicle),
             limits: setup.limits,
             flight: Flight::new(&options.flight, options.mixer.frame),
             mixer,
@@ -123,14 +107,11 @@ impl Hil {
             patience: Duration::from_secs_f64(options.flight.answer_timeout_s),
             period,
             at: None,
-            newest_imu: None,
-            newest_odometry: None,
-            newest_truth: None,
             stand_due: Instant::now(),
+            sensed_at: Instant::now(),
             last: None,
             origin: Instant::now(),
             steps: 0,
-            refused: 0,
             told: Counts::default(),
         })
     }
@@ -158,61 +139,18 @@ impl Hil {
         }
     }
 
-    /// The next step for which measurement and truth are both here; the sensors see every step on the way to it.
+    /// Sees every step that has come; the newest one's number, if there is one.
     fn next_step(&mut self) -> Result<Option<u64>, NodeError> {
-        let mut found = None;
-        loop {
-            if self.newest_imu.is_none() {
-                self.newest_imu = receive(&mut self.imu, &mut self.refused)?;
+        let before = self.at.map(|at| at.step);
+        let seen = self.inbox.drain(&self.states)?;
+        if let Some(at) = seen {
+            if before.is_some_and(|before| at.step < before) {
+                tracing::warn!(step = at.step, "the plant began a new run");
+                self.model.rewind();
             }
-            let Some(imu) = self.newest_imu else { return Ok(found) };
-            while self.newest_truth.is_none_or(|t| t.head.step < imu.head.step) {
-                match receive(&mut self.truth, &mut self.refused)? {
-                    Some(truth) => self.newest_truth = Some(truth),
-                    None => break,
-                }
-            }
-            while let Some(odometry) = receive(&mut self.odometry, &mut self.refused)? {
-                self.newest_odometry = Some(odometry);
-            }
-            match self.newest_truth {
-                Some(truth) if truth.head.step == imu.head.step => {
-                    self.newest_imu = None;
-                    found = Some(imu.head.step);
-                    self.see(&imu, &truth);
-                }
-                // The truth of a step that was overtaken never comes; a restarted plant counts from zero again.
-                Some(truth)
-                    if truth.head.step > imu.head.step && self.at.is_some_and(|a| imu.head.step > a.step) =>
-                {
-                    self.newest_imu = None;
-                }
-                Some(truth) if truth.head.step > imu.head.step => {
-                    match receive(&mut self.truth, &mut self.refused)? {
-                        Some(truth) => self.newest_truth = Some(truth),
-                        None => return Ok(found),
-                    }
-                }
-                _ => return Ok(found),
-            }
+            self.at = Some(at);
         }
-    }
-
-    fn see(&mut self, imu: &Imu, truth: &Truth) {
-        let step = imu.head.step;
-        let states = truth.x.get(..truth.states as usize).unwrap_or_default();
-        if states.iter().any(|x| !x.is_finite()) {
-            self.refused += 1;
-            return;
-        }
-        let odometry = self.newest_odometry.filter(|o| o.head.step == step);
-        let motion = self.states.motion(states);
-        let errors = self.errors.of(imu, odometry.as_ref(), &motion);
-        if self.at.is_some_and(|at| step < at.step) {
-            tracing::warn!(step, "the plant began a new run");
-            self.model.rewind();
-        }
-        self.at = Some(At { step, motion, errors });
+        Ok(seen.map(|at| at.step))
     }
 
     /// Reads the sensors `periods` after the last time and sends them.
@@ -235,6 +173,7 @@ impl Hil {
                 Stage::Flying => tracing::info!("throttle up"),
             }
         }
+        self.sensed_at = Instant::now();
         let links = &mut self.links;
         self.autopilot.sense(sensors, &self.rc, now, &mut |port, bytes| links.send(port, bytes));
     }
@@ -264,10 +203,9 @@ impl Hil {
             // No burst after a pause.
             self.stand_due =
                 if now >= self.stand_due + self.period { now } else { self.stand_due } + self.period;
-            if !self.autopilot.is_lockstep()
-                || self.autopilot.is_answered()
-                || now >= self.stand_due + self.patience
-            {
+            // One that waits gets its next sensors when it has answered, or when its answer seems lost.
+            let patience = if self.autopilot.is_lockstep() { self.patience } else { Duration::ZERO };
+            if self.autopilot.is_answered() || now >= self.sensed_at + patience {
                 self.sense(1);
             }
         }
@@ -347,10 +285,18 @@ impl Hil {
         let report = &mut self.peers.report;
         report.head.step = self.last.map_or(0, |l| l.head.step);
         report.steps = self.steps;
-        report.lost = self.imu.lost() + self.truth.lost() + counts.lost + counts.skipped;
-        report.rejected = self.refused + counts.dropped() + self.flight.refused();
+        report.lost = self.inbox.lost() + counts.lost + counts.skipped;
+        report.rejected = self.inbox.refused() + counts.dropped() + self.flight.refused();
         if counts.dropped() > 0 && self.told.dropped() == 0 {
             tracing::warn!("{} sent what its protocol does not know: {counts:?}", self.name);
+        }
+        let nothing_else = |c: &Counts| c.outputs == 0 && c.malformed > GIBBERISH;
+        if nothing_else(&counts) && !nothing_else(&self.told) {
+            tracing::warn!(
+                "{} bytes or packets came, and none is of {}: on a serial line, is the baud rate right?",
+                counts.malformed,
+                self.name
+            );
         }
         self.told = counts;
     }
