@@ -83,7 +83,7 @@ fn node(role: Role, config: &NodeConfig) -> Result<Words, NodeError> {
     let setup = Setup::new(config)?;
     let bus = Bus::open(&Setup::bus_config(config, role))?;
     let mut plant = Plant::open(&bus, config, &setup)?;
-    get_ready(role, config, &bus)?;
+    get_ready(role, config, &bus, &[])?;
     let health = run_plant(&bus, &mut plant, &stop)?;
     let latencies = plant.latencies();
     let quantile = |q| latencies.value_at_quantile(q);

@@ -4,6 +4,7 @@
 //! Every process of a measurement is this same executable, started again with [`Options::member`] and a
 //! [`Member`] as JSON on standard input; [`run_member`] is what it then does.
 
+mod bridge;
 mod cyclictest;
 mod fleet;
 mod member;
@@ -23,7 +24,8 @@ use crate::config::{
 pub use member::{Member, run_member};
 
 /// The measurements, in the order in which they run.
-pub const MEASUREMENTS: [&str; 6] = ["plant", "inproc", "lockstep", "recorded", "zenoh", "realtime"];
+pub const MEASUREMENTS: [&str; 7] =
+    ["plant", "inproc", "lockstep", "recorded", "zenoh", "bridge", "realtime"];
 
 /// What to measure, and how.
 #[derive(Debug, Clone)]
@@ -134,6 +136,7 @@ pub fn run(options: &Options, mut progress: impl FnMut(&Figure)) -> Result<Repor
             "lockstep" => throughput::lockstep(options)?,
             "recorded" => throughput::recorded(options)?,
             "zenoh" => throughput::zenoh(options)?,
+            "bridge" => bridge::bridges(options)?,
             _ => realtime::realtime(options)?,
         };
         new.iter().for_each(&mut progress);
