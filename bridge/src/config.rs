@@ -5,6 +5,12 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::arming::ArmBy;
+use crate::autopilot::ardupilot::ArdupilotOptions;
+use crate::autopilot::betaflight::BetaflightOptions;
+use crate::autopilot::px4::Px4Options;
+use crate::autopilot::{FlightOptions, RcOptions};
+use crate::mixer::MixerOptions;
+use crate::sensors::SensorOptions;
 
 /// The kinds of bridges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,6 +84,20 @@ pub struct BridgeOptions {
     pub mavlink: Option<MavlinkConfig>,
     /// `bridge = "crsf"`.
     pub crsf: Option<CrsfConfig>,
+    /// When an autopilot in the loop begins to fly, and what breaks the flight.
+    pub flight: FlightOptions,
+    /// The sensors of an autopilot in the loop.
+    pub sensors: SensorOptions,
+    /// From the outputs of an autopilot in the loop to the vehicle's inputs.
+    pub mixer: MixerOptions,
+    /// The pilot's channels of an autopilot in the loop.
+    pub rc: RcOptions,
+    /// `bridge = "px4-hil"`.
+    pub px4: Px4Options,
+    /// `bridge = "ardupilot-json"`.
+    pub ardupilot: ArdupilotOptions,
+    /// `bridge = "betaflight-sitl"`.
+    pub betaflight: BetaflightOptions,
 }
 
 /// `[bridge.safety]`.

@@ -2,9 +2,11 @@
 
 use std::time::{Duration, Instant};
 
+use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bus::Bus;
 use whirlstand_msgs::Health;
 
+use crate::bridge::hil::Hil;
 use crate::bridge::vehicle::run_vehicle;
 use crate::clock::{Clock, Turn};
 use crate::config::{Mode, NodeConfig, Role};
@@ -47,11 +49,18 @@ pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Resul
             get_ready(role, config, &bus, &[])?;
             run_follower(&bus, node, stop)
         }
-        Role::Controller => {
-            let node = Controller::open(&bus, config, &setup)?;
-            get_ready(role, config, &bus, &[])?;
-            run_follower(&bus, node, stop)
-        }
+        Role::Controller => match config.bridge.as_ref().and_then(AutopilotConfig::of) {
+            Some(autopilot) => {
+                let node = Hil::open(&bus, config, &setup, &autopilot)?;
+                get_ready(role, config, &bus, &[])?;
+                run_follower(&bus, node, stop)
+            }
+            None => {
+                let node = Controller::open(&bus, config, &setup)?;
+                get_ready(role, config, &bus, &[])?;
+                run_follower(&bus, node, stop)
+            }
+        },
         Role::Recorder => {
             let node = Recorder::open(&bus, config, &setup)?;
             get_ready(role, config, &bus, &[])?;

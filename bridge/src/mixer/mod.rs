@@ -18,6 +18,7 @@ use whirlstand_vehicle::Vehicle;
 
 pub use frame::{Demand, Frame, FrameKind};
 
+use crate::config::ConfigError;
 use crate::quantity;
 
 /// Most actuator outputs of an autopilot.
@@ -61,46 +62,6 @@ pub struct AxisOptions {
     pub trim: f64,
 }
 
-/// Why a mixer does not fit its vehicle.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MixerError {
-    /// The vehicle has no such input.
-    #[error("{key}: the vehicle {vehicle} has no input \"{input}\"; it has {known}")]
-    NoInput {
-        /// Key, below the mixer.
-        key: String,
-        /// Vehicle name.
-        vehicle: String,
-        /// The input that was looked for.
-        input: String,
-        /// The inputs that there are.
-        known: String,
-    },
-    /// Nothing says how large the input is.
-    #[error(
-        "{key}: the input {input} of the vehicle {vehicle} has no finite limit or does not act on {state}, so that its size \
-         and sign are unknown; give {key}.scale"
-    )]
-    NoScale {
-        /// Key, below the mixer.
-        key: String,
-        /// Vehicle name.
-        vehicle: String,
-        /// The input.
-        input: String,
-        /// The state that it should act on.
-        state: &'static str,
-    },
-    /// The actuators are impossible.
-    #[error("{key}: {reason}")]
-    Frame {
-        /// Key, below the mixer.
-        key: &'static str,
-        /// What is wrong and what is expected.
-        reason: String,
-    },
-}
-
 /// Turns outputs into inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mixer {
@@ -125,10 +86,10 @@ impl Mixer {
     /// A mixer for a vehicle; `native` is the order of the autopilot's outputs, from 1, as [`MixerOptions::outputs`].
     ///
     /// # Errors
-    /// [`MixerError`] when an input is missing or its size unknown, or the actuators are impossible.
-    pub fn new(options: &MixerOptions, native: &[usize], vehicle: &Vehicle) -> Result<Self, MixerError> {
+    /// [`ConfigError`] when an input is missing or its size unknown, or the actuators are impossible.
+    pub fn new(options: &MixerOptions, native: &[usize], vehicle: &Vehicle) -> Result<Self, ConfigError> {
         let frame = Frame::new(options.frame, options.azimuths.as_deref())?;
-        let wrong = |key, reason| Err(MixerError::Frame { key, reason });
+        let wrong = |key: &str, message: String| Err(ConfigError::new(&["mixer", key], message));
         let outputs =
             options.outputs.clone().unwrap_or_else(|| native.iter().copied().take(frame.count()).collect());
         if outputs.len() != frame.count() {
@@ -178,6 +139,11 @@ impl Mixer {
         &self.neutral
     }
 
+    /// The outputs that it uses.
+    pub fn used<'o>(&'o self, outputs: &'o [f64]) -> impl Iterator<Item = f64> + 'o {
+        self.outputs.iter().filter_map(|o| outputs.get(o - 1).copied())
+    }
+
     /// What the outputs ask for about an axis, as a share of the most that they can.
     pub fn demand(&self, demand: Demand, outputs: &[f64]) -> f64 {
         let value = |i: usize| {
@@ -207,27 +173,29 @@ fn axis(
     options: &AxisOptions,
     required: bool,
     vehicle: &Vehicle,
-) -> Result<Option<Axis>, MixerError> {
-    let key = demand.name().to_string();
+) -> Result<Option<Axis>, ConfigError> {
+    let wrong = |key: &str, message: String| Err(ConfigError::new(&["mixer", demand.name(), key], message));
     let name = options.input.clone().unwrap_or_else(|| format!("u_{}", demand.name()));
     let Some(input) = vehicle.input_index(&name) else {
         if !required && options.input.is_none() {
             return Ok(None);
         }
         let known = vehicle.inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>().join(", ");
-        return Err(MixerError::NoInput { key, vehicle: vehicle.name.clone(), input: name, known });
+        let message = format!("the vehicle {} has no input \"{name}\"; it has {known}", vehicle.name);
+        return wrong("input", message);
     };
-    let scale = match options.scale {
+    let scale = match options.scale.or_else(|| default_scale(demand, input, vehicle)) {
         Some(scale) if scale.is_finite() => scale,
-        Some(_) => {
-            return Err(MixerError::Frame { key: "scale", reason: "a finite number is expected".into() });
+        Some(_) => return wrong("scale", "a finite number is expected".into()),
+        None => {
+            let message = format!(
+                "the input {name} of the vehicle {} has no finite limit or does not act on {}, so that its size and sign \
+                 are unknown: give a scale",
+                vehicle.name,
+                demand.state()
+            );
+            return wrong("scale", message);
         }
-        None => default_scale(demand, input, vehicle).ok_or_else(|| MixerError::NoScale {
-            key,
-            vehicle: vehicle.name.clone(),
-            input: name,
-            state: demand.state(),
-        })?,
     };
     Ok(Some(Axis { demand, input, scale, trim: options.trim }))
 }

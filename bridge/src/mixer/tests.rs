@@ -75,14 +75,14 @@ fn a_mixer_that_does_not_fit_is_refused_with_its_key() {
         Mixer::new(&options, &NATIVE, &vehicle()).unwrap_err().to_string()
     };
     for (error, words) in [
-        (refuse(|o| o.roll.input = Some("u_rol".into())), ["roll", "u_roll, u_pitch"]),
+        (refuse(|o| o.roll.input = Some("u_rol".into())), ["mixer.roll.input", "u_roll, u_pitch"]),
         (refuse(|o| o.outputs = Some(vec![1, 2])), ["outputs", "4 outputs"]),
         (refuse(|o| o.outputs = Some(vec![0, 1, 2, 3])), ["outputs", "from 1"]),
         (refuse(|o| o.azimuths = Some(vec![0.0; 3])), ["azimuths", "ccpm"]),
         (refuse(|o| (o.frame, o.azimuths) = (FrameKind::Ccpm, Some(vec![0.0; 3]))), ["azimuths", "line"]),
         (refuse(|o| o.yaw.input = Some("u_yaw".into())), ["yaw", "no input"]),
         (refuse(|o| o.hover = Some(f64::NAN)), ["hover", "share"]),
-        (refuse(|o| o.yaw.input = Some("u_roll".into())), ["yaw", "scale"]),
+        (refuse(|o| o.yaw.input = Some("u_roll".into())), ["mixer.yaw.scale", "give a scale"]),
     ] {
         assert!(words.iter().all(|w| error.contains(w)), "{error}");
     }

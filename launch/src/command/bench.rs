@@ -24,7 +24,7 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
         .map_err(|e| Failure::Run(format!("this program cannot find itself, to start it again: {e}")))?;
     let mut what = args.what.clone();
     if args.bridge {
-        what.push("bridge".into());
+        what.extend(["vehicles".into(), "autopilots".into()]);
     }
     let options = Options {
         what,

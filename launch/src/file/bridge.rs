@@ -1,5 +1,6 @@
 //! Bridges in a launch file: which node asks for one, and whether its options can be.
 
+use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, ConfigError};
 use whirlstand_bridge::vehicle::{Bench, Vehicle};
 use whirlstand_bus::Transport;
@@ -40,6 +41,15 @@ impl Planner<'_> {
                 return Err(self.document.error_at(at!["mode"], message));
             }
             self.check_vehicle_bridge(file, &config)?;
+        }
+        if let Some(autopilot) = AutopilotConfig::of(&config) {
+            autopilot
+                .parts(self.vehicle, file.mode == Mode::Lockstep, file.rate_hz)
+                .map_err(|e| self.bridge_error(&e))?;
+            for (key, link) in [("px4", &autopilot.px4.link), ("ardupilot", &autopilot.ardupilot.link)] {
+                link.parse::<Address>()
+                    .map_err(|e| self.bridge_error(&ConfigError::new(&[key, "link"], e.to_string())))?;
+            }
         }
         Ok(Some(config))
     }

@@ -68,6 +68,13 @@ pub(crate) struct LaunchFile {
     pub variants: Vec<VariantSection>,
 }
 
+impl LaunchFile {
+    /// Whether an autopilot takes the place of estimator and controller.
+    pub fn has_autopilot(&self) -> bool {
+        self.nodes.values().filter_map(|n| n.bridge).any(|bridge| !bridge.is_vehicle())
+    }
+}
+
 /// `[plant]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -82,8 +89,9 @@ pub(crate) struct PlantSection {
     pub lockstep_timeout_s: Seconds,
     /// Longest wall-clock wait for the recorder in lockstep.
     pub recorder_timeout_s: Seconds,
-    /// Longest wall-clock wait for the other nodes before step 0.
-    pub start_timeout_s: Seconds,
+    /// Longest wall-clock wait for the other nodes before step 0; 10 s, or 120 s for an autopilot, which has to start
+    /// and to be armed.
+    pub start_timeout_s: Option<Seconds>,
     /// Take disturbances from topic `inject`.
     pub inject: bool,
 }
@@ -97,7 +105,7 @@ impl Default for PlantSection {
             misses_to_failsafe: node.misses_to_failsafe,
             lockstep_timeout_s: Seconds(node.lockstep_timeout_s),
             recorder_timeout_s: Seconds(node.recorder_timeout_s),
-            start_timeout_s: Seconds(10.0),
+            start_timeout_s: None,
             inject: node.inject,
         }
     }

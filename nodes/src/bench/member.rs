@@ -36,6 +36,11 @@ pub enum Member {
         /// CPUs that it may use; empty: all.
         cpus: Vec<usize>,
     },
+    /// Sends every datagram back.
+    Echo {
+        /// Port on the loopback.
+        port: u16,
+    },
 }
 
 /// What a member says at its end, as JSON on standard output.
@@ -66,6 +71,10 @@ pub fn run_member(member: &Member) -> Result<String, BenchError> {
             let ring = Ring { bus: bus.as_ref().clone(), bare: *bare, laps: *laps };
             let seconds = ring.run(*position)?.map_or(0.0, |t| t.as_secs_f64());
             Words { count: *laps, seconds, ..Words::default() }
+        }
+        Member::Echo { port } => {
+            super::autopilot::run_echo(*port)?;
+            Words::default()
         }
     };
     serde_json::to_string(&words)

@@ -2,5 +2,6 @@
 //! they meet links and the bus.
 
 pub mod check;
+pub mod hil;
 pub mod link;
 pub mod vehicle;
