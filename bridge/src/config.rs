@@ -144,7 +144,7 @@ pub enum OnFailure {
     Release,
 }
 
-/// One channel, `[[bridge.channels]]`: us = `trim_us` + `span_us` times the input.
+/// One channel, `[[bridge.channels]]`: us = `trim_us` + `span_us` times the input over `full`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChannelConfig {
@@ -157,9 +157,12 @@ pub struct ChannelConfig {
     /// Pulse width of input 0, us.
     #[serde(default = "middle")]
     pub trim_us: f64,
-    /// Change for input 1, us; negative turns the sign.
+    /// Change for an input of `full`, us; negative turns the sign.
     #[serde(default = "span")]
     pub span_us: f64,
+    /// The input that moves the channel by `span_us`; absent: the input's greatest limit in the vehicle file.
+    #[serde(default)]
+    pub full: Option<f64>,
     /// Least pulse width, us.
     #[serde(default = "lowest")]
     pub lower_us: f64,
@@ -182,6 +185,7 @@ impl ChannelConfig {
             from,
             trim_us: middle(),
             span_us: span(),
+            full: None,
             lower_us: lowest(),
             upper_us: highest(),
             rate_us_per_s: None,
@@ -355,7 +359,7 @@ pub enum Pace {
     Telemetry,
 }
 
-/// What roll and pitch mean in `SET_ATTITUDE_TARGET`, for an input of 1.
+/// What roll and pitch mean in `SET_ATTITUDE_TARGET`, for a channel at 1000 or 2000 us.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AttitudeTarget {

@@ -5,6 +5,7 @@ use whirlstand_bridge::config::{BridgeConfig, BridgeKind, ConfigError};
 use whirlstand_bridge::vehicle::{Bench, Vehicle};
 use whirlstand_bus::Transport;
 use whirlstand_nodes::bridge::link::Address;
+use whirlstand_nodes::bridge::vehicle::inputs_of;
 use whirlstand_nodes::config::{Mode, Role};
 
 use super::document::{LaunchError, Step, at};
@@ -55,7 +56,7 @@ impl Planner<'_> {
 
     fn check_vehicle_bridge(&self, file: &LaunchFile, config: &BridgeConfig) -> Result<(), LaunchError> {
         let bench = Bench {
-            inputs: self.vehicle.inputs.iter().map(|i| i.name.clone()).collect(),
+            inputs: inputs_of(self.vehicle),
             rate_hz: file.rate_hz,
             wants_odometry: false,
             signing: None,

@@ -5,6 +5,7 @@
 //! [`Member`] as JSON on standard input; [`run_member`] is what it then does.
 
 mod autopilot;
+mod bridge;
 mod cyclictest;
 mod fleet;
 mod member;
@@ -24,8 +25,8 @@ use crate::config::{
 pub use member::{Member, run_member};
 
 /// The measurements, in the order in which they run.
-pub const MEASUREMENTS: [&str; 7] =
-    ["plant", "inproc", "lockstep", "recorded", "zenoh", "realtime", "autopilots"];
+pub const MEASUREMENTS: [&str; 8] =
+    ["plant", "inproc", "lockstep", "recorded", "zenoh", "realtime", "vehicles", "autopilots"];
 
 /// What to measure, and how.
 #[derive(Debug, Clone)]
@@ -137,6 +138,7 @@ pub fn run(options: &Options, mut progress: impl FnMut(&Figure)) -> Result<Repor
             "recorded" => throughput::recorded(options)?,
             "zenoh" => throughput::zenoh(options)?,
             "realtime" => realtime::realtime(options)?,
+            "vehicles" => bridge::bridges(options)?,
             _ => autopilot::autopilots(options)?,
         };
         new.iter().for_each(&mut progress);

@@ -9,13 +9,12 @@
 mod commands;
 #[cfg(feature = "gamepad")]
 mod gamepad;
-mod wires;
+pub(super) mod wires;
 
-use std::os::fd::AsFd;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use whirlstand_bridge::channels::Input;
 use whirlstand_bridge::config::{BridgeConfig, Pace};
 use whirlstand_bridge::mavlink::{Key, Signing};
 use whirlstand_bridge::vehicle::{Bench, Figures, Group, Vehicle};
@@ -30,7 +29,7 @@ use crate::peers::Peers;
 use crate::process::get_ready;
 use crate::setup::Setup;
 use commands::Commands;
-use wires::{Core, PORT_COUNT, Wires, lock};
+use wires::{Core, Wires, lock};
 
 /// Longest sleep: a request to end that comes just before the sleep is noticed after it.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
@@ -131,6 +130,15 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
     Ok(node.peers.report)
 }
 
+/// The inputs of a vehicle, as a bridge wants them.
+pub fn inputs_of(vehicle: &whirlstand_vehicle::Vehicle) -> Vec<Input> {
+    let input = |i: &whirlstand_vehicle::Input| Input {
+        name: i.name.clone(),
+        full: i.upper.abs().max(i.lower.abs()),
+    };
+    vehicle.inputs.iter().map(input).collect()
+}
+
 /// The state machine for a bench.
 ///
 /// # Errors
@@ -144,7 +152,7 @@ pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -
         None => None,
     };
     let bench = Bench {
-        inputs: setup.vehicle.inputs.iter().map(|i| i.name.clone()).collect(),
+        inputs: inputs_of(&setup.vehicle),
         rate_hz: 1e9 / config.period_ns as f64,
         wants_odometry: setup.map.has_odometry(),
         signing,
@@ -300,31 +308,20 @@ impl VehicleNode {
     fn sleep(&self) {
         let now = Instant::now();
         let mut until = now + LONGEST_SLEEP;
-        {
+        let waits = {
             let core = lock(&self.core);
             let at = core.now();
             until = until.min(now + core.vehicle.wake_at(at).saturating_sub(at));
-        }
+            core.vehicle.has_attitude()
+        };
         until = until.min(self.peers.due());
         if self.phase == Phase::Looping {
             until = until.min(match self.pace {
                 Pace::Clock => self.due,
-                Pace::Telemetry => self.stepped + self.period.mul_f64(LATEST),
+                Pace::Telemetry => self.stepped + self.period.mul_f64(if waits { SOONEST } else { LATEST }),
             });
         }
-        for (_, link) in &self.wires.links {
-            if let Some(retry) = link.retry_at() {
-                until = until.min(retry.max(now));
-            }
-        }
-        let left = until.saturating_duration_since(now);
-        let timeout = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
-        let mut fds = Vec::with_capacity(PORT_COUNT);
-        fds.extend(self.wires.links.iter().filter_map(|(_, link)| link.fd()));
-        let mut polled: Vec<_> =
-            fds.iter().map(|fd| PollFd::from_borrowed_fd(fd.as_fd(), PollFlags::IN)).collect();
-        // All outcomes, a signal among them, mean the same: look again.
-        let _ = poll(&mut polled, Some(&timeout));
+        self.wires.wait(until.saturating_duration_since(now));
     }
 
     fn report(&mut self, now: Instant) -> Result<(), NodeError> {

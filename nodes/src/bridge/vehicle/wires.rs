@@ -3,6 +3,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, PilotSource};
 use whirlstand_bridge::vehicle::{Port, Vehicle};
 
@@ -13,11 +14,8 @@ use crate::gate::Gate;
 /// Longest datagram, and most of a stream taken at once.
 const BUFFER: usize = 4096;
 
-/// Every port that a bridge can have.
-const PORTS: [Port; 4] = [Port::Link, Port::Output, Port::Pilot, Port::Ground];
-
 /// The vehicle, the gate in front of it, and the way out.
-pub(super) struct Core {
+pub(in crate::bridge) struct Core {
     pub vehicle: Vehicle,
     pub gate: Gate,
     /// The step whose command counts; `None` before step 0.
@@ -54,12 +52,12 @@ impl Core {
 }
 
 /// The vehicle behind its lock; a thread that panicked has ended the process.
-pub(super) fn lock(core: &Mutex<Core>) -> MutexGuard<'_, Core> {
+pub(in crate::bridge) fn lock(core: &Mutex<Core>) -> MutexGuard<'_, Core> {
     core.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The links, on the thread that receives.
-pub(super) struct Wires {
+pub(in crate::bridge) struct Wires {
     pub links: Vec<(Port, Link)>,
     buffer: Vec<u8>,
 }
@@ -118,6 +116,18 @@ impl Wires {
         Core { vehicle, gate, awaited: None, published: origin, latency: None, senders, origin }
     }
 
+    /// Waits for bytes, for at most `limit`, or until a link that is down is to be tried again.
+    pub fn wait(&self, limit: Duration) {
+        let now = Instant::now();
+        let retry = self.links.iter().filter_map(|(_, link)| link.retry_at());
+        let left = retry.fold(limit, |left, at| left.min(at.saturating_duration_since(now)));
+        let timeout = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
+        let fds: Vec<_> = self.links.iter().filter_map(|(_, link)| link.fd()).collect();
+        let mut polled: Vec<_> = fds.iter().map(|fd| PollFd::new(fd, PollFlags::IN)).collect();
+        // All outcomes, a signal among them, mean the same: look again.
+        let _ = poll(&mut polled, Some(&timeout));
+    }
+
     /// Opens what is down, and takes in what came. Returns whether a new attitude came.
     pub fn turn(&mut self, core: &Mutex<Core>) -> bool {
         let mut fresh = false;
@@ -147,9 +157,6 @@ impl Wires {
         fresh
     }
 }
-
-/// The number of ports, for sizing.
-pub(super) const PORT_COUNT: usize = PORTS.len();
 
 fn tell(port: Port, event: &LinkEvent) {
     let what = match port {
