@@ -133,7 +133,10 @@ impl Flight {
         u: &mut [f64],
     ) -> Result<(), Fault> {
         let verdict = match self.fresh(now) {
-            None => Err(Fault::Silent),
+            None => {
+                self.lost |= self.begun;
+                Err(Fault::Silent)
+            }
             Some(outputs) if !self.is_armed(&outputs, mixer) => {
                 u.copy_from_slice(mixer.neutral());
                 Err(Fault::Disarmed)
