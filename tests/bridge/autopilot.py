@@ -37,6 +37,7 @@ class Autopilot:
         self.start = time.monotonic()
         self.armed_at = None
         self.first_override = None
+        self.first_beat = None
         self.u = [0.0, 0.0]
         self.seen = {}
         self.faults = []
@@ -102,6 +103,7 @@ class Autopilot:
                 self.fault(f"{kind} was not expected")
 
     def on_heartbeat(self, m):
+        self.first_beat = self.first_beat or self.now()
         if m.type != mav.MAV_TYPE_GCS or m.autopilot != mav.MAV_AUTOPILOT_INVALID:
             self.fault("the heartbeat is not that of a ground station")
 
@@ -259,7 +261,8 @@ def fly_alone(autopilot, ended):
         autopilot.beat()
         autopilot.arm_when_due()
         if autopilot.options.hand:
-            autopilot.attitude(*hand(autopilot.options.hand.split(","), t))
+            waited = t - autopilot.first_beat if autopilot.first_beat else 0.0
+            autopilot.attitude(*hand(autopilot.options.hand.split(","), waited))
             continue
         autopilot.attitude(0.02 * math.sin(t), 0.02 * math.cos(t), 0.5, 0.02 * math.cos(t), -0.02 * math.sin(t), 0.0)
 

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use bolero::check;
-use whirlstand_bridge::arming::{ArmBy, Mode};
+use whirlstand_bridge::arming::Mode;
 use whirlstand_bridge::channels::Input;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, BridgeOptions};
 use whirlstand_bridge::mavlink::{Deframer, Event};
@@ -81,10 +81,14 @@ fn fuzz_sbus_parser() {
 /// is in charge, at neutral.
 #[test]
 fn fuzz_vehicle() {
-    let mut options = BridgeOptions::default();
-    options.safety.arm = ArmBy::Autopilot;
-    options.mavlink = serde_json::from_str(r#"{"link": "x", "forward": "y"}"#).unwrap();
-    options.pilot = serde_json::from_str(r#"{"source": "sbus", "link": "z"}"#).unwrap();
+    let options: BridgeOptions = serde_json::from_str(
+        r#"{
+            "safety": {"arm": "autopilot"},
+            "mavlink": {"link": "x", "forward": "y"},
+            "pilot": {"source": "sbus", "link": "z"}
+        }"#,
+    )
+    .unwrap();
     let config = BridgeConfig { kind: BridgeKind::Mavlink, options };
     let inputs = ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: 1.0 }).to_vec();
     check!().for_each(|bytes: &[u8]| {

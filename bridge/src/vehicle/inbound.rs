@@ -36,6 +36,9 @@ impl Vehicle {
     pub(super) fn receive_link(&mut self, bytes: &[u8], end: bool, now: Duration) {
         match &mut self.source {
             Source::Mavlink(autopilot) => {
+                if self.mavlink.as_ref().is_some_and(|m| m.forward.is_some()) {
+                    self.out[Port::Ground as usize].extend_from_slice(bytes);
+                }
                 let pilot = match self.pilot_source {
                     Some(PilotSource::Mavlink) => self.pilot.as_mut(),
                     _ => None,

@@ -55,11 +55,11 @@ pub(super) fn bridges(options: &Options) -> Result<Vec<Figure>, BenchError> {
 fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
     let echo = udp_echo(count)?;
     let place = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).map_err(failed("find a port"))?;
-    let mut options = BridgeOptions::default();
-    options.mavlink = serde_json::from_value(serde_json::json!({
+    let mavlink = serde_json::from_value(serde_json::json!({
         "link": format!("udpin://{place}"), "pace": "telemetry", "message_rate_hz": 0.0
     }))
     .map_err(|e| BenchError::Member { who: "the bridge".into(), why: e.to_string() })?;
+    let options = BridgeOptions { mavlink: Some(mavlink), ..BridgeOptions::default() };
     let wire = UdpSocket::bind("127.0.0.1:0").map_err(failed("open a socket"))?;
     wire.connect(place).map_err(failed("open a socket"))?;
     wire.set_read_timeout(Some(PATIENCE)).map_err(failed("open a socket"))?;
@@ -101,9 +101,9 @@ fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
 fn crsf_line(count: u32) -> Result<Vec<Figure>, BenchError> {
     let echo = pty_echo(count)?;
     let (wire, path) = pty()?;
-    let mut options = BridgeOptions::default();
     let link = format!("serial://{path}:{}", crsf::BAUD);
-    options.crsf = Some(CrsfConfig { link, output_rate_hz: None, pace: Pace::Telemetry });
+    let own = CrsfConfig { link, output_rate_hz: None, pace: Pace::Telemetry };
+    let options = BridgeOptions { crsf: Some(own), ..BridgeOptions::default() };
     let mut parser = crsf::Parser::new();
     let mut exchange = |i: u32| {
         let (roll, us) = asked(i);

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bridge::vehicle::Group;
+use whirlstand_msgs::valid;
 
 use super::vehicle::open_vehicle;
 use super::vehicle::wires::{Core, Wires, lock};
@@ -136,7 +137,7 @@ impl Check<'_> {
         let second = Duration::from_secs(1);
         let _: Option<()> = self.until(second, |core| {
             let (imu, _) = core.vehicle.measure();
-            attitudes += imu.valid & 1;
+            attitudes += u32::from(imu.valid & valid::FIRST != 0);
             None
         });
         let after = lock(&self.core).vehicle.figures();

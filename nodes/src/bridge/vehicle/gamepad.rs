@@ -1,5 +1,6 @@
 //! A gamepad of this computer as the pilot's stick.
 
+use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -25,29 +26,45 @@ pub(super) fn listen(bridge: &BridgeConfig, core: Arc<Mutex<Core>>) -> Result<()
         action: "listen to gamepads",
         source: std::io::Error::other(reason),
     };
-    let mut gamepads = Gilrs::new().map_err(|e| system(e.to_string()))?;
+    // The library's handle stays on the thread that made it.
+    let (ready, opened) = sync_channel(1);
     std::thread::Builder::new()
         .name("gamepad".into())
-        .spawn(move || {
-            let mut known = None;
-            loop {
-                while gamepads.next_event_blocking(Some(REPORT)).is_some() {}
-                // A gamepad that is gone is silent, and the pilot counts as lost.
-                let found = gamepads.gamepads().find(|(_, g)| g.name().contains(&wanted));
-                if let Some((_, gamepad)) = found {
-                    if known.as_deref() != Some(gamepad.name()) {
-                        tracing::info!("the pilot's stick is the gamepad \"{}\"", gamepad.name());
-                        known = Some(gamepad.name().to_string());
-                    }
-                    let us = channels(&gamepad);
-                    let mut core = lock(&core);
-                    let now = core.now();
-                    core.vehicle.stick(&us, now);
-                }
+        .spawn(move || match Gilrs::new() {
+            Ok(gamepads) => {
+                // Nobody waits any more when the starting thread has failed.
+                let _ = ready.send(None);
+                follow(gamepads, &wanted, &core);
+            }
+            Err(e) => {
+                let _ = ready.send(Some(e.to_string()));
             }
         })
-        .map(drop)
-        .map_err(|e| system(e.to_string()))
+        .map_err(|e| system(e.to_string()))?;
+    match opened.recv() {
+        Ok(None) => Ok(()),
+        Ok(Some(reason)) => Err(system(reason)),
+        Err(e) => Err(system(e.to_string())),
+    }
+}
+
+/// Tells the sticks for as long as the process lives. A gamepad that is gone is silent, and the pilot counts as lost.
+fn follow(mut gamepads: Gilrs, wanted: &str, core: &Mutex<Core>) {
+    let mut known = None;
+    loop {
+        while gamepads.next_event_blocking(Some(REPORT)).is_some() {}
+        let Some((_, gamepad)) = gamepads.gamepads().find(|(_, g)| g.name().contains(wanted)) else {
+            continue;
+        };
+        if known.as_deref() != Some(gamepad.name()) {
+            tracing::info!("the pilot's stick is the gamepad \"{}\"", gamepad.name());
+            known = Some(gamepad.name().to_string());
+        }
+        let us = channels(&gamepad);
+        let mut core = lock(core);
+        let now = core.now();
+        core.vehicle.stick(&us, now);
+    }
 }
 
 /// Right stick: roll and pitch (back is nose up); left stick: throttle and yaw; shoulder buttons are held switches on

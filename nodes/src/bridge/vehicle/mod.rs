@@ -9,14 +9,15 @@
 mod commands;
 #[cfg(feature = "gamepad")]
 mod gamepad;
+mod needs;
 pub(super) mod wires;
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use whirlstand_bridge::channels::Input;
-use whirlstand_bridge::config::{BridgeConfig, Pace};
-use whirlstand_bridge::mavlink::{Key, Signing};
+use whirlstand_bridge::config::{BridgeConfig, BridgeKind, Pace};
+use whirlstand_bridge::mavlink::Signing;
 use whirlstand_bridge::vehicle::{Bench, Figures, Group, Vehicle};
 use whirlstand_bus::{Bus, Publisher};
 use whirlstand_msgs::{Head, Health, Imu, NodeState, Odometry};
@@ -29,6 +30,7 @@ use crate::peers::Peers;
 use crate::process::get_ready;
 use crate::setup::Setup;
 use commands::Commands;
+use needs::read_key;
 use wires::{Core, Wires, lock};
 
 /// Longest sleep: a request to end that comes just before the sleep is noticed after it.
@@ -93,7 +95,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
     #[cfg(feature = "gamepad")]
     gamepad::listen(bridge, core.clone())?;
     #[cfg(not(feature = "gamepad"))]
-    refuse_gamepad(bridge)?;
+    needs::refuse_gamepad(bridge)?;
     let commands = Commands::start(config, core.clone(), stop.clone())?;
     let bus = Bus::open(&Setup::bus_config(config, Role::Plant))?;
     let imu = bus.publisher()?;
@@ -365,38 +367,10 @@ fn tell_figures(f: &Figures, dropped: u64) {
 }
 
 fn pace(bridge: &BridgeConfig) -> Pace {
-    match (&bridge.options.mavlink, &bridge.options.crsf) {
-        (Some(own), _) if bridge.kind == whirlstand_bridge::config::BridgeKind::Mavlink => own.pace,
-        (_, Some(own)) => own.pace,
-        _ => Pace::Clock,
-    }
-}
-
-fn read_key(path: &str) -> Result<Key, NodeError> {
-    let fail = |reason: String| NodeError::Config {
-        field: "bridge.mavlink.signing_key".into(),
-        value: path.into(),
-        reason,
+    let options = &bridge.options;
+    let asked = match bridge.kind {
+        BridgeKind::Crsf => options.crsf.as_ref().map(|own| own.pace),
+        _ => options.mavlink.as_ref().map(|own| own.pace),
     };
-    let text = std::fs::read_to_string(path).map_err(|e| fail(format!("the file cannot be read: {e}")))?;
-    let text = text.trim();
-    if text.is_empty() {
-        return Err(fail("the file is empty: 64 hexadecimal digits or a passphrase are expected".into()));
-    }
-    Ok(Key::from_text(text))
-}
-
-#[cfg(not(feature = "gamepad"))]
-fn refuse_gamepad(bridge: &BridgeConfig) -> Result<(), NodeError> {
-    use whirlstand_bridge::config::PilotSource;
-    match &bridge.options.pilot {
-        Some(pilot) if pilot.source == PilotSource::Gamepad => Err(NodeError::Config {
-            field: "bridge.pilot.source".into(),
-            value: "gamepad".into(),
-            reason: "this program was built without gamepads: install libudev-dev and build it with \
-                     --features gamepad"
-                .into(),
-        }),
-        _ => Ok(()),
-    }
+    asked.unwrap_or_default()
 }

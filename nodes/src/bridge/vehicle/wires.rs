@@ -14,6 +14,9 @@ use crate::gate::Gate;
 /// Longest datagram, and most of a stream taken at once.
 const BUFFER: usize = 4096;
 
+/// Pieces taken from one link before the others and the steps have their turn: a flood must not hold them up.
+const AT_ONCE: usize = 64;
+
 /// The vehicle, the gate in front of it, and the way out.
 pub(in crate::bridge) struct Core {
     pub vehicle: Vehicle,
@@ -138,7 +141,7 @@ impl Wires {
                     lock(core).vehicle.connected(*port);
                 }
             }
-            loop {
+            for _ in 0..AT_ONCE {
                 let (bytes, end) = match link.receive(&mut self.buffer) {
                     Ok(Received::Nothing) => break,
                     Ok(Received::Stream(length)) => (&self.buffer[..length], false),
