@@ -141,6 +141,7 @@ fn refused(record: &str, vehicle: &str, more: &[&str], words: &[&str]) {
     std::fs::write(&log, record).unwrap();
     std::fs::write(&file, vehicle).unwrap();
     let out = dir.path().join("out.toml");
+    let (page, answer) = (dir.path().join("page"), dir.path().join("answer.json"));
     let args = [
         "identify",
         log.to_str().unwrap(),
@@ -148,13 +149,18 @@ fn refused(record: &str, vehicle: &str, more: &[&str], words: &[&str]) {
         file.to_str().unwrap(),
         "--output",
         out.to_str().unwrap(),
+        "--out",
+        page.to_str().unwrap(),
+        "--json",
+        answer.to_str().unwrap(),
     ];
     let result = run(args.iter().copied().chain(more.iter().copied()));
     assert_eq!(result.code(), 2, "{}\n{}", result.stdout, result.stderr);
     for word in words {
         assert!(result.stderr.contains(word), "{word:?} is missing in:\n{}", result.stderr);
     }
-    assert!(!result.stderr.contains("panicked") && !out.exists());
+    assert!(!result.stderr.contains("panicked"), "{}", result.stderr);
+    assert!(!out.exists() && !page.exists() && !answer.exists(), "nothing is written");
 }
 
 fn cart(free: &str) -> String {

@@ -72,6 +72,8 @@ pub struct Controller {
     predicted: Vec<Block>,
     error: Vec<f64>,
     wanted: Vec<Block>,
+    /// Test input, added to what the law wants.
+    added: Vec<f64>,
     command: Vec<f64>,
     refusals: u32,
 }
@@ -145,6 +147,7 @@ impl Controller {
             predicted: vec![[0.0; 4]; blocks(n)],
             error: vec![0.0; n],
             wanted: vec![[0.0; 4]; blocks(m)],
+            added: vec![0.0; m],
             command: neutral.clone(),
             refusals: 0,
             lower,
@@ -159,6 +162,7 @@ impl Controller {
     pub fn reset(&mut self) {
         self.in_force.copy_from_slice(&self.neutral);
         self.integrals.fill(0.0);
+        self.added.fill(0.0);
         self.reference.fill(0.0);
         self.target.track(0);
         self.refusals = 0;
@@ -172,6 +176,14 @@ impl Controller {
     pub fn set_command_in_force(&mut self, u: &[f64]) {
         if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
             self.in_force.copy_from_slice(u);
+        }
+    }
+
+    /// A test input that is added to what the law wants, before the limits, until it is told otherwise: how a vehicle
+    /// is excited while the loop stays closed. Refused when it is not finite or not as long as the plant has inputs.
+    pub fn set_test_input(&mut self, u: &[f64]) {
+        if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
+            self.added.copy_from_slice(u);
         }
     }
 
@@ -204,6 +216,7 @@ impl Controller {
         } else {
             self.predict(estimate);
             self.law();
+            self.wanted.as_flattened_mut().iter_mut().zip(&self.added).for_each(|(w, a)| *w += a);
             outcome.saturated = self.limit();
             if self.command.iter().all(|v| v.is_finite()) {
                 self.refusals = 0;

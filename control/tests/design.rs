@@ -324,3 +324,34 @@ fn options_refuse_what_they_do_not_know_and_say_so() {
         assert!(message.contains(wanted), "{text:?} gives {message:?}");
     }
 }
+
+#[test]
+fn a_test_input_is_added_within_the_limits_and_known_to_the_prediction() {
+    let plant = plant("quadrotor");
+    let design = Design::new(&plant, &LawOptions::named("lqr").expect("a law")).expect("controllable");
+    let (n, m) = (plant.state_count(), plant.input_count());
+    let (x, zero) = (vec![0.01; n], vec![0.0; n]);
+    let step = |controller: &mut Controller| {
+        let mut u = vec![0.0; m];
+        let outcome = controller.step(&x, &zero, 0, &mut u);
+        (u, outcome.saturated)
+    };
+    let mut alone = Controller::new(&design);
+    let mut tested = Controller::new(&design);
+    tested.set_test_input(&vec![0.05; m]);
+    let ((u, _), (v, _)) = (step(&mut alone), step(&mut tested));
+    assert!(u.iter().zip(&v).all(|(u, v)| (v - u - 0.05).abs() < 1e-12), "{u:?} {v:?}");
+    // The next command knows that the one in force was greater.
+    step(&mut alone);
+    step(&mut tested);
+    assert_ne!(alone.predicted(), tested.predicted());
+    tested.set_test_input(&vec![1e6; m]);
+    let (v, saturated) = step(&mut tested);
+    assert!(saturated && v.iter().zip(plant.inputs()).all(|(v, limit)| *v == limit.upper), "{v:?}");
+    // What is not usable is refused; a reset ends the test.
+    tested.set_test_input(&vec![f64::NAN; m]);
+    tested.set_test_input(&[0.1]);
+    assert!(step(&mut tested).1);
+    tested.reset();
+    assert!(!step(&mut tested).1);
+}

@@ -1,5 +1,6 @@
 //! What data says: compare, identify, diagnose and report.
 
+pub mod blind;
 pub mod compare;
 pub mod excite;
 pub mod identify;

@@ -99,7 +99,7 @@ fn prediction_error_finds_the_true_optimum() {
 
 #[test]
 fn the_genetic_algorithm_finds_the_true_optimum() {
-    let trials = trials(5);
+    let trials = trials(8);
     let structure = Vehicle::builtin("quadrotor-structure").unwrap();
     let mut failed = Vec::new();
     let mut evaluations = 0;
@@ -126,6 +126,6 @@ fn the_genetic_algorithm_finds_the_true_optimum() {
         failed.len(),
         evaluations as u64 / trials
     );
-    // Of 200 seeds 31 ended elsewhere, most of them in a side valley that two runs agreed upon: docs/identify.md.
-    assert!(failed.len() as u64 * 4 <= trials, "{failed:?}");
+    // At least 95 %; of the few seeds that are run by default, none may fail.
+    assert!(failed.len() as u64 * 20 <= trials, "{failed:?}");
 }

@@ -84,22 +84,20 @@ fn silverbox_reaches_the_linear_baseline() {
 }
 
 #[test]
-fn dryer_finds_the_dead_time() {
+fn dryer_reaches_the_linear_baseline_and_finds_the_dead_time() {
     let Some(path) = data("dryer") else { return };
     let vehicle = vehicle("dryer");
     let record = read(path.join("dryer.csv"), &[] as &[Mapping]).unwrap();
     let (fitted, held) = ([part(&record, &vehicle, 0.0, 39.95)], [part(&record, &vehicle, 39.96, 80.0)]);
-    let options = Options { nuisance: offsets(), noise: Some(Noise::White), ..Options::default() };
+    // The baseline is about the means of the first half too. Without a dead time it reaches 77.3 %, with three samples,
+    // which are two samples and the hold, 85.8 %.
+    let options = Options { detrend: true, noise: Some(Noise::White), ..Options::default() };
     let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
     tell(&answer);
-    let control = answer.outputs["temperature"].control.unwrap();
-    // Two samples are 0.16 s, three 0.24 s; without a dead time 77.3 % are reached.
     let delay = answer.parameters.iter().find(|p| p.name.starts_with("input_delay")).unwrap();
-    assert!(delay.value > 0.15 && delay.value < 0.25, "{delay:?}");
-    assert!(
-        control.free_run_fit.unwrap() > 85.0 && control.free_run_fit_bias_removed.unwrap() > 90.0,
-        "{control:?}"
-    );
+    assert!(delay.value > 0.12 && delay.value < 0.2, "{delay:?}");
+    let control = answer.outputs["temperature"].control.unwrap();
+    assert!(control.free_run_fit.unwrap() >= 85.8, "{control:?}");
 }
 
 #[test]
@@ -129,7 +127,7 @@ fn cd_arm_needs_its_cross_coupling() {
     let options = Options { nuisance: offsets(), noise: Some(Noise::Coloured), ..Options::default() };
     let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
     tell(&answer);
-    // An ARX model of order 10 reaches 89.3 % without and 93.8 % with the cross input; 93.1 % were reached here.
+    // An ARX model of order 10 reaches 89.3 % without and 93.8 % with the cross input.
     let one_step = answer.outputs["track_2"].control.unwrap().one_step_fit.unwrap();
-    assert!(one_step > 92.8, "{one_step}");
+    assert!(one_step >= 93.8, "{one_step}");
 }

@@ -39,6 +39,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Simulate(args) => command::simulate::simulate(args),
         Command::Compare(args) => command::compare::compare(args),
         Command::Identify(args) => command::identify::identify(args),
+        Command::Blind(args) => command::blind::blind(args),
         Command::Excite(args) => command::excite::excite(args),
         Command::Log(command) => command::log::log(command),
         Command::Vehicle(command) => command::vehicles::vehicles(command),

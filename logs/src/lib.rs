@@ -37,7 +37,7 @@ pub use offset::{OffsetError, TimeOffset, time_offset};
 pub use read::{AnyReadError, Exported, Kind, export, kind, read};
 pub use record::{MissingSignal, Record, RecordError, Signal};
 pub use resample::{Clock, ClockError, resample};
-pub use sampling::{Gap, Sampling, unbroken};
+pub use sampling::{Gap, Sampling, pauses, unbroken};
 pub use segment::{AttachedFile, Damage, Ending, Topic};
 pub use series::Series;
 pub use stream::{LogStream, RawMessage, ReadError, segments};

@@ -169,6 +169,12 @@ impl Record {
         })
     }
 
+    /// Puts other values into a signal; there are as many as points in time.
+    pub(crate) fn replace(&mut self, signal: usize, values: Vec<f64>) {
+        debug_assert_eq!(values.len(), self.time.len());
+        self.signals[signal].values = values;
+    }
+
     /// Takes signals out; the order is that of the record.
     pub fn into_signals(self) -> (Vec<f64>, Vec<Signal>) {
         (self.time, self.signals)

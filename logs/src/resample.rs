@@ -7,13 +7,14 @@
 //! - Control signals are held from sample to sample; onto a slower clock, each new value is the mean over its
 //!   interval, which moves the vehicle as far.
 //!
-//! Where a signal pauses for more than a few of its intervals, there is NaN, not an invention.
+//! Where a signal pauses for more than a few of its intervals, there is NaN, not an invention; a control signal that
+//! is only sent when it changes is held, however long.
 
 use std::f64::consts::PI;
 use std::ops::Range;
 
 use crate::record::{Record, RecordError};
-use crate::sampling::Sampling;
+use crate::sampling::{Sampling, pauses};
 use crate::series::Series;
 
 /// Longest pause that is interpolated, in median intervals.
@@ -153,6 +154,32 @@ impl Record {
     }
 }
 
+impl Record {
+    /// The record with some signals moved in time: what `name` shows at t is what it showed at t plus its delay. Where
+    /// that lies beyond the record, there is NaN.
+    pub fn without_delays(mut self, delays: &[(String, f64)]) -> Self {
+        let series = self.to_series();
+        for (name, delay) in delays {
+            let Some(at) = self.signals().iter().position(|s| s.name == *name) else { continue };
+            let (own, values) = (series[at].time(), series[at].values());
+            let median = Sampling::of(own).period.unwrap_or(0.0);
+            let moved: Vec<f64> = self
+                .time
+                .iter()
+                .map(|t| {
+                    let t = t + delay;
+                    let after = own.partition_point(|s| *s <= t);
+                    let near =
+                        after > 0 && after < own.len() && own[after] - own[after - 1] <= BRIDGE * median;
+                    if near { interpolate(own, values, t) } else { f64::NAN }
+                })
+                .collect();
+            self.replace(at, moved);
+        }
+        self
+    }
+}
+
 /// The values of a series at the points of a clock; NaN where it has none.
 pub fn onto(series: &Series, clock: &Clock, held: bool) -> Vec<f64> {
     let mut out = vec![f64::NAN; clock.points];
@@ -160,6 +187,10 @@ pub fn onto(series: &Series, clock: &Clock, held: bool) -> Vec<f64> {
     let median = Sampling::of(time).period.unwrap_or(clock.period);
     if held {
         hold(time, values, median, clock, &mut out);
+        for (from, to) in pauses(time, BRIDGE) {
+            // The points after the last period that a value holds, and before the next value.
+            out[clock.within(from + median, to - TOLERANCE * clock.period)].fill(f64::NAN);
+        }
         return out;
     }
     for part in parts(time, BRIDGE * median) {
@@ -340,6 +371,17 @@ mod tests {
         let out = onto(&s, &Clock::over(0.0, 0.99, 0.01).unwrap(), false);
         assert_eq!((out[21], out[49], out[60]), (1.0, 1.0, 1.0));
         assert!(out[50..60].iter().all(|v| v.is_nan()));
+    }
+
+    #[test]
+    fn a_held_signal_that_is_regular_pauses_too() {
+        let samples = (0..100).filter(|k| !(50..60).contains(k));
+        let s = Series::new("x", "", samples.map(|k| (f64::from(k) * 0.01, 1.0)).collect());
+        let out = onto(&s, &Clock::over(0.0, 0.99, 0.01).unwrap(), true);
+        assert!(out[50..60].iter().all(|v| v.is_nan()), "{:?}", &out[48..62]);
+        assert!(out[..50].iter().chain(&out[60..]).all(|v| *v == 1.0));
+        let changes = Series::new("x", "", vec![(0.0, 1.0), (0.01, 2.0), (0.6, 3.0), (0.99, 4.0)]);
+        assert!(onto(&changes, &Clock::over(0.0, 0.99, 0.01).unwrap(), true).iter().all(|v| v.is_finite()));
     }
 
     #[test]

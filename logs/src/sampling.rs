@@ -98,6 +98,18 @@ fn median(values: &[f64]) -> Option<f64> {
     (!sorted.is_empty()).then(|| *sorted.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
+/// Pauses of a signal that is otherwise regular: from the last time before to the first after. A signal of which fewer
+/// than nine in ten intervals are usual has events, not samples, and no pauses.
+pub fn pauses(time: &[f64], longest: f64) -> Vec<(f64, f64)> {
+    let intervals: Vec<f64> = time.windows(2).map(|t| t[1] - t[0]).collect();
+    let Some(median) = median(&intervals) else { return Vec::new() };
+    let usual = intervals.iter().filter(|dt| **dt <= GAP * median).count();
+    if 10 * usual < 9 * intervals.len() {
+        return Vec::new();
+    }
+    time.windows(2).filter(|t| t[1] - t[0] > longest * median).map(|t| (t[0], t[1])).collect()
+}
+
 /// The parts of a record in which all of `signals` have values and time has no gap, as ranges of its points.
 ///
 /// # Errors
@@ -144,6 +156,15 @@ mod tests {
         assert_eq!(s.gaps.len(), 1);
         assert_eq!((s.gaps[0].after, s.gaps[0].missing), (49, 4));
         assert!((s.longest.unwrap() - 0.05).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_regular_signal_pauses_and_events_do_not() {
+        let mut time: Vec<f64> = (0..100).map(|k| f64::from(k) * 0.01).collect();
+        time.extend((0..100).map(|k| 3.0 + f64::from(k) * 0.01));
+        assert_eq!(pauses(&time, 3.5), [(0.99, 3.0)]);
+        let events: Vec<f64> = (0..40).map(|k| f64::from(k * k) * 0.1).collect();
+        assert!(pauses(&events, 3.5).is_empty() && pauses(&[1.0], 3.5).is_empty());
     }
 
     #[test]

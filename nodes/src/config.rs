@@ -62,7 +62,7 @@ pub struct NodeConfig {
     /// Steps of the reference, in time order.
     #[serde(default)]
     pub setpoint: Vec<SignalChange>,
-    /// Steps of the stick, in time order, by input name; flown by the law `manual`.
+    /// Steps of the stick, in time order, by input name; flown by the law `manual`, and by the others under `add_stick`.
     #[serde(default)]
     pub stick: Vec<SignalChange>,
     /// Operating-system options by role; a role left out runs as an ordinary process.
@@ -180,6 +180,9 @@ pub struct ControllerConfig {
     /// What integrators do at the input limits.
     #[serde(default)]
     pub anti_windup: AntiWindup,
+    /// Add the stick to the command of the law, within its limits: a test input while the loop stays closed.
+    #[serde(default)]
+    pub add_stick: bool,
     /// Listen on topic `pilot` for setpoints from outside; the newest one replaces the profile.
     #[serde(default)]
     pub pilot: bool,
@@ -265,6 +268,7 @@ impl ControllerConfig {
             integral: Vec::new(),
             integral_q: None,
             anti_windup: AntiWindup::default(),
+            add_stick: false,
             pilot: false,
         }
     }

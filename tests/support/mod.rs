@@ -3,6 +3,7 @@
 // Every test file compiles this module for itself and uses its own part of it.
 #![allow(dead_code, reason = "shared by test files that each use a part")]
 
+pub mod foreign;
 pub mod relay;
 
 use std::io::{BufRead, BufReader, Read};

@@ -2,14 +2,15 @@
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use whirlstand_vehicle::{Effect, Kind, Simulator, SimulatorError, Vehicle};
+use whirlstand_vehicle::{Effect, Kind, SimulatorError, Vehicle};
 
-use super::{ExpectedEffect, ExpectedParameter, Flight};
-use crate::identify::Nuisance;
+use super::{ClosedLoop, ExpectedEffect, ExpectedParameter, Flight, Flown, fly};
 use crate::identify::data::Segment;
-use crate::identify::normal::{Normal, pseudo_inverse};
+use crate::identify::normal::{Normal, Sums, pseudo_inverse};
+use crate::identify::predictor::{Gains, NoiseStructure, Pattern};
 use crate::identify::problem::{Problem, Sweep};
 use crate::identify::spread::undetermined;
+use crate::identify::{Nuisance, filter_error};
 
 /// Detectability that a test needs.
 const NEEDED: f64 = 12.0;
@@ -40,30 +41,102 @@ const OUTPUT: &[Row] = &[
     (Kind::SensorLag, &[("time_constant_s", 0.0)], "time_constant_s", 0.02, false),
 ];
 
-/// The flight as data without measured values.
-fn segment(vehicle: &Vehicle, flight: &Flight) -> Segment {
-    let (m, p) = (vehicle.inputs.len(), vehicle.outputs.len());
-    let steps = flight.inputs.first().map_or(0, Vec::len);
-    let mut outputs = vec![f64::NAN; steps * p];
-    for (i, output) in vehicle.outputs.iter().enumerate() {
-        (0..steps).step_by(output.every as usize).for_each(|k| outputs[k * p + i] = 0.0);
+/// The flight as data: its inputs, and its outputs at the steps at which they are fresh.
+fn segment(vehicle: &Vehicle, period_s: f64, flown: Flown) -> Segment {
+    let p = vehicle.outputs.len();
+    let steps = flown.outputs.len() / p.max(1);
+    let mut outputs = flown.outputs;
+    for (at, value) in outputs.iter_mut().enumerate() {
+        if !(at / p).is_multiple_of(vehicle.outputs[at % p].every as usize) {
+            *value = f64::NAN;
+        }
     }
-    Segment {
-        origin: "designed flight".into(),
-        start_s: 0.0,
-        period_s: flight.period_s,
-        inputs: (0..steps * m).map(|at| flight.inputs[at % m][at / m]).collect(),
-        outputs,
-        steps,
+    Segment { origin: "designed flight".into(), start_s: 0.0, period_s, inputs: flown.inputs, outputs, steps }
+}
+
+/// What looks at a flight: the simulation that a fit of an open loop runs, or the predictor that one of a closed loop
+/// runs.
+struct Observer<'a> {
+    problem: &'a Problem,
+    noise: &'a [f64],
+    kind: Form<'a>,
+}
+
+enum Form<'a> {
+    Simulation(Box<dyn Sweep + 'a>),
+    Predictor(Gains, Vec<f64>),
+}
+
+impl<'a> Observer<'a> {
+    fn new(problem: &'a Problem, noise: &'a [f64], data: &Segment, closed: bool) -> Option<Self> {
+        let theta: Vec<f64> =
+            problem.parameters.iter().map(|p| problem.vehicle.free_value(&p.target)).collect();
+        let kind = if closed {
+            let structure = NoiseStructure::new(problem);
+            // Nothing but the sensors is noisy; what drives the states only keeps the filter from closing its eyes.
+            let least = noise.iter().copied().filter(|n| *n > 0.0).fold(f64::INFINITY, f64::min);
+            let driving = (1e-3 * least / problem.period_s.sqrt()).ln();
+            let measuring = structure.outputs.iter().map(|i| noise[*i].ln());
+            let noises: Vec<f64> = structure.states.iter().map(|_| driving).chain(measuring).collect();
+            let pattern = Pattern::of(data, problem.p());
+            // With fixed gains, so that what an effect leaves in the innovations does not enter the sensitivities.
+            Form::Predictor(Gains::new(problem, &structure, &pattern, &theta, &noises, false)?, theta)
+        } else {
+            Form::Simulation(problem.simulation(&theta)?)
+        };
+        Some(Self { problem, noise, kind })
+    }
+
+    /// Normal equations of parameters and initial state over `data`, whitened; the residual is what `data` show
+    /// beside `nominal`, or what the predictor does not expect of them.
+    fn sums(&self, data: &Segment, nominal: &Segment) -> Option<Sums> {
+        match &self.kind {
+            Form::Predictor(gains, theta) => {
+                let sums = filter_error::sums(self.problem, gains, data, theta)?;
+                // The noises are taken as known.
+                let keep: Vec<usize> = (0..sums.right.len())
+                    .filter(|i| !(theta.len()..theta.len() + gains.noise_parameters).contains(i))
+                    .collect();
+                Some(Sums {
+                    information: sums.information.select_rows(&keep).select_columns(&keep),
+                    right: sums.right.select_rows(&keep),
+                    ..sums
+                })
+            }
+            Form::Simulation(simulation) => {
+                let (p, columns) = (self.noise.len(), simulation.columns());
+                let mut normal = Normal::new(columns);
+                let mut row = vec![0.0; columns];
+                let nuisance = vec![0.0; self.problem.nuisances()];
+                let fine = simulation.sweep(nominal, &nuisance, &mut |step| {
+                    for (i, std) in self.noise.iter().enumerate() {
+                        let at = step.k * p + i;
+                        if *std > 0.0 && nominal.outputs[at].is_finite() {
+                            let slopes = &step.slopes[i * columns..(i + 1) * columns];
+                            row.iter_mut().zip(slopes).for_each(|(r, s)| *r = s / std);
+                            normal.add(&row, (data.outputs[at] - nominal.outputs[at]) / std);
+                        }
+                    }
+                });
+                fine.then(|| normal.finish())
+            }
+        }
     }
 }
 
 /// Fills in parameters and effects.
-pub fn judge(vehicle: &Vehicle, flight: &mut Flight) -> Result<(), SimulatorError> {
-    let data = [segment(vehicle, flight)];
+pub fn judge(
+    vehicle: &Vehicle,
+    flight: &mut Flight,
+    closed: Option<&ClosedLoop>,
+) -> Result<(), SimulatorError> {
+    let flown = |vehicle: &Vehicle| -> Result<Segment, SimulatorError> {
+        Ok(segment(vehicle, flight.period_s, fly(vehicle, flight.period_s, &flight.signals, closed)?))
+    };
+    let data = [flown(vehicle)?];
     let nuisance = Nuisance { initial_state: true, output_offsets: false };
     let mut base = vehicle.clone();
-    let Ok(problem) = Problem::new(vehicle, &data, nuisance) else {
+    let Ok(mut problem) = Problem::new(vehicle, &data, nuisance) else {
         flight
             .remarks
             .push("The vehicle file frees no parameter, so that no standard error can be expected.".into());
@@ -77,18 +150,23 @@ pub fn judge(vehicle: &Vehicle, flight: &mut Flight) -> Result<(), SimulatorErro
         return Ok(());
     }
     base.free.clear();
-    let theta: Vec<f64> = problem.parameters.iter().map(|p| vehicle.free_value(&p.target)).collect();
-    let Some(simulation) = problem.simulation(&theta) else { return Ok(()) };
-    let Some(information) =
-        sums(&*simulation, &data[0], &noise, problem.nuisances(), None).map(|s| s.information)
-    else {
-        return Ok(());
-    };
-    let np = theta.len();
-    let reduced = crate::identify::spread::marginal(&information, np);
+    problem.weights.iter_mut().zip(&noise).for_each(|(w, n)| *w = if *n > 0.0 { *w } else { 0.0 });
+    let [data] = data;
+    let Some(observer) = Observer::new(&problem, &noise, &data, closed.is_some()) else { return Ok(()) };
+    let Some(information) = observer.sums(&data, &data).map(|s| s.information) else { return Ok(()) };
+    flight.parameters = parameters(&problem, &information);
+    let effects = effects(&base, &data, flight, &observer, &flown)?;
+    flight.effects = effects;
+    Ok(())
+}
+
+/// Least standard errors. Parameters that the flight does not determine are left out one after the other, as in a fit.
+fn parameters(problem: &Problem, information: &DMatrix<f64>) -> Vec<ExpectedParameter> {
+    let np = problem.parameters.len();
+    let reduced = crate::identify::spread::marginal(information, np);
     let mut left = problem.parameters.clone();
     let mut known: Vec<usize> = (0..np).collect();
-    // Parameters that the flight does not determine are left out one after the other, as in a fit.
+    let mut errors = vec![None; np];
     while let Some(f) = reduced.as_ref().map(|f| f.select_rows(&known).select_columns(&known)) {
         let Some(covariance) = pseudo_inverse(&f) else { break };
         match undetermined(&f, &covariance, &left) {
@@ -97,69 +175,30 @@ pub fn judge(vehicle: &Vehicle, flight: &mut Flight) -> Result<(), SimulatorErro
                 known.remove(u.index);
             }
             _ => {
-                let error = |i: usize| {
-                    known.iter().position(|k| *k == i).map(|at| covariance[(at, at)].max(0.0).sqrt())
-                };
-                flight.parameters = problem
-                    .parameters
-                    .iter()
-                    .enumerate()
-                    .map(|(i, p)| ExpectedParameter {
-                        name: p.name.clone(),
-                        value: theta[i] / p.factor,
-                        standard_error: error(i).map(|e| e / p.factor),
-                    })
-                    .collect();
+                for (at, i) in known.iter().enumerate() {
+                    errors[*i] = Some(covariance[(at, at)].max(0.0).sqrt());
+                }
                 break;
             }
         }
     }
-    flight.effects = effects(&base, &data[0], flight, &*simulation, &information, &noise)?;
-    Ok(())
-}
-
-/// Normal equations of the flight, whitened by the noise, with `change` (steps x outputs) as the residual.
-fn sums(
-    simulation: &dyn Sweep,
-    data: &Segment,
-    noise: &[f64],
-    nuisances: usize,
-    change: Option<&[f64]>,
-) -> Option<crate::identify::normal::Sums> {
-    let (p, columns) = (noise.len(), simulation.columns());
-    let mut normal = Normal::new(columns);
-    let mut row = vec![0.0; columns];
-    let nuisance = vec![0.0; nuisances];
-    let fine = simulation.sweep(data, &nuisance, &mut |step| {
-        for (i, std) in noise.iter().enumerate() {
-            if *std > 0.0 && data.outputs[step.k * p + i].is_finite() {
-                let slopes = &step.slopes[i * columns..(i + 1) * columns];
-                row.iter_mut().zip(slopes).for_each(|(r, s)| *r = s / std);
-                normal.add(&row, change.map_or(0.0, |c| c[step.k * p + i] / std));
-            }
-        }
-    });
-    fine.then(|| normal.finish())
-}
-
-/// The outputs of the vehicle over the flight, steps x outputs.
-fn outputs(vehicle: &Vehicle, data: &Segment) -> Result<Vec<f64>, SimulatorError> {
-    let mut simulator = Simulator::expected(vehicle, data.period_s)?;
-    let mut all = vec![0.0; data.outputs.len()];
-    simulator.run(&data.inputs, &mut all);
-    Ok(all)
+    let all = problem.parameters.iter().zip(errors);
+    all.map(|(p, error)| ExpectedParameter {
+        name: p.name.clone(),
+        value: problem.vehicle.free_value(&p.target) / p.factor,
+        standard_error: error.map(|e| e / p.factor),
+    })
+    .collect()
 }
 
 fn effects(
     vehicle: &Vehicle,
     data: &Segment,
     flight: &Flight,
-    simulation: &dyn Sweep,
-    information: &DMatrix<f64>,
-    noise: &[f64],
+    observer: &Observer<'_>,
+    flown: &(dyn Fn(&Vehicle) -> Result<Segment, SimulatorError> + Sync),
 ) -> Result<Vec<ExpectedEffect>, SimulatorError> {
-    let nominal = outputs(vehicle, data)?;
-    let amplitude = |name: &str| flight.amplitudes.iter().find(|(n, _)| n == name).map_or(1.0, |(_, v)| *v);
+    let amplitude = |name: &str| flight.commands.iter().find(|(n, _)| n == name).map_or(1.0, |(_, v)| *v);
     let peak = |name: &str| flight.peaks.iter().find(|(n, ..)| n == name).map_or(1.0, |(.., v)| *v);
     let mut candidates: Vec<(Effect, &str, f64, f64)> = Vec::new();
     let mut add = |row: &Row, place: &str, scale: f64| {
@@ -182,15 +221,12 @@ fn effects(
     for output in &vehicle.outputs {
         OUTPUT.iter().for_each(|row| add(row, &output.name, peak(&output.name)));
     }
-    let inverse = pseudo_inverse(information);
     let judged = candidates.par_iter().map(|(effect, parameter, size, distance)| {
         let mut extended = vehicle.clone();
         extended.add_effect(effect.clone()).ok()?;
-        let changed = outputs(&extended, data).ok()?;
-        let change: Vec<f64> = changed.iter().zip(&nominal).map(|(a, b)| a - b).collect();
-        let sums = sums(simulation, data, noise, vehicle.states.len(), Some(&change))?;
+        let sums = observer.sums(&flown(&extended).ok()?, data)?;
         let right: &DVector<f64> = &sums.right;
-        let imitated = right.dot(&(inverse.as_ref()? * right));
+        let imitated = right.dot(&(pseudo_inverse(&sums.information)? * right));
         let detectability = (sums.square - imitated).max(0.0);
         Some(ExpectedEffect {
             effect: effect.kind().name().into(),

@@ -1,28 +1,33 @@
 //! Test flights: inputs that tell parameters apart, within limits, and what they will tell.
 
+mod closed_loop;
 mod judge;
 pub mod signals;
 mod words;
 
 use serde::{Deserialize, Serialize};
-use whirlstand_vehicle::{Simulator, SimulatorError, Vehicle};
+use whirlstand_vehicle::{SimulatorError, Vehicle};
 
+pub use closed_loop::{ClosedLoop, Flown, Through, fly};
 pub use signals::{Kind, Shape};
 
 /// Schema of [`Flight`].
 pub const EXCITATION_SCHEMA: &str = "whirlstand.excitation.v1";
 
 /// What is asked of a test flight.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Options {
     /// Shape of the inputs.
     pub shape: Shape,
-    /// Largest input, as a share of its limits where it has some, else in its unit.
+    /// Largest input, as a share of its limits where it has some, else in its unit; largest setpoint, as a share of
+    /// the limit of the output that shows it.
     pub amplitude: f64,
     /// Largest predicted outputs: name and value, SI; for outputs that are angles and not named, `angle_limit`.
     pub limits: Vec<(String, f64)>,
     /// Largest predicted angle, rad.
     pub angle_limit: f64,
+    /// The controller that stays on, if one does.
+    pub closed: Option<ClosedLoop>,
 }
 
 /// A test flight and what it is expected to tell.
@@ -38,8 +43,14 @@ pub struct Flight {
     pub period_s: f64,
     /// Length, s.
     pub duration_s: f64,
-    /// Greatest value of each input: name and value, SI.
+    /// Law of the controller that stays on; `None` for an open loop.
+    pub controller: Option<String>,
+    /// Where the test signals enter: `stick` (as inputs, or added to the controller's command) or `setpoint`.
+    pub through: String,
+    /// Greatest value of each test signal: name and value, SI.
     pub amplitudes: Vec<(String, f64)>,
+    /// Greatest value of each input in force: name and value, SI.
+    pub commands: Vec<(String, f64)>,
     /// Greatest predicted output: name, unit and value, SI.
     pub peaks: Vec<(String, String, f64)>,
     /// Free parameters: what a record of this flight will tell of each.
@@ -48,9 +59,9 @@ pub struct Flight {
     pub effects: Vec<ExpectedEffect>,
     /// Remarks.
     pub remarks: Vec<String>,
-    /// Inputs, one vector each, SI.
+    /// Test signals, one vector each, SI.
     #[serde(skip)]
-    pub inputs: Vec<Vec<f64>>,
+    pub signals: Vec<Vec<f64>>,
 }
 
 /// What is expected of a parameter, in the units of the vehicle file.
@@ -112,10 +123,18 @@ pub enum ExciteError {
     },
     /// Even a thousandth of the amplitude breaks a limit.
     #[error(
-        "the model leaves the limit of {name} under inputs a thousand times smaller than asked for: it is unstable; fly with a controller in the loop, or for a shorter time"
+        "the model leaves the limit of {name} under inputs a thousand times smaller than asked for: it is unstable; fly with a controller in the loop (--controller lqr), or for a shorter time"
     )]
     Unstable {
         /// The output.
+        name: String,
+    },
+    /// Nothing says how far a setpoint may move.
+    #[error(
+        "nothing says how far the setpoint of {name} may move: give the greatest value of the output that shows it, as in --limit {name}=2"
+    )]
+    NoRange {
+        /// The state.
         name: String,
     },
     /// The vehicle cannot be simulated.
@@ -148,33 +167,29 @@ pub fn design(vehicle: &Vehicle, options: &Options) -> Result<Flight, ExciteErro
             known: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
         });
     }
-    let unit = signals::signals(shape, vehicle.inputs.len());
-    let mut inputs: Vec<Vec<f64>> = unit
-        .iter()
-        .zip(&vehicle.inputs)
-        .map(|(signal, input)| {
-            let room = input.upper.min(-input.lower);
-            let top = options.amplitude * if room.is_finite() && room > 0.0 { room } else { 1.0 };
-            signal.iter().map(|v| top * v).collect()
-        })
-        .collect();
     let limits = limits(vehicle, options);
-    let mut peaks = peaks(vehicle, &inputs, shape)?;
+    let tops = tops(vehicle, options, &limits)?;
+    let unit = signals::signals(shape, tops.len());
+    let mut signals: Vec<Vec<f64>> =
+        unit.iter().zip(&tops).map(|(signal, (_, top))| signal.iter().map(|v| top * v).collect()).collect();
+    let closed = options.closed.as_ref();
+    let mut flown = fly(vehicle, shape.period_s, &signals, closed)?;
     let mut shrunk = 1.0;
     // A linear vehicle needs one step, one with thresholds a few.
     for _ in 0..40 {
+        let peaks = peaks(&flown, vehicle.outputs.len());
         let worst = peaks.iter().zip(&limits).map(|(p, l)| p / l).fold(0.0, f64::max);
         if worst <= 1.0 {
             break;
         }
         let factor = if worst.is_finite() { (0.99 / worst).max(0.1) } else { 0.1 };
         shrunk *= factor;
-        inputs.iter_mut().flatten().for_each(|v| *v *= factor);
-        peaks = self::peaks(vehicle, &inputs, shape)?;
         if shrunk < 1e-3 {
             let name = peaks.iter().zip(&limits).position(|(p, l)| p > l).unwrap_or(0);
             return Err(ExciteError::Unstable { name: vehicle.outputs[name].name.clone() });
         }
+        signals.iter_mut().flatten().for_each(|v| *v *= factor);
+        flown = fly(vehicle, shape.period_s, &signals, closed)?;
     }
     let greatest = |v: &Vec<f64>| v.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let mut flight = Flight {
@@ -183,25 +198,36 @@ pub fn design(vehicle: &Vehicle, options: &Options) -> Result<Flight, ExciteErro
         kind: shape.kind,
         period_s: shape.period_s,
         duration_s,
-        amplitudes: vehicle.inputs.iter().zip(&inputs).map(|(i, v)| (i.name.clone(), greatest(v))).collect(),
+        controller: closed.map(|c| c.law.clone()),
+        through: match closed.map(|c| &c.through) {
+            Some(Through::Setpoint(_)) => "setpoint".into(),
+            _ => "stick".into(),
+        },
+        amplitudes: tops.iter().zip(&signals).map(|((name, _), v)| (name.clone(), greatest(v))).collect(),
+        commands: vehicle
+            .inputs
+            .iter()
+            .zip(greatest_of(&flown.inputs, vehicle.inputs.len()))
+            .map(|(i, v)| (i.name.clone(), v))
+            .collect(),
         peaks: vehicle
             .outputs
             .iter()
-            .zip(&peaks)
-            .map(|(o, p)| (o.name.clone(), o.unit.si_symbol(), *p))
+            .zip(peaks(&flown, vehicle.outputs.len()))
+            .map(|(o, p)| (o.name.clone(), o.unit.si_symbol(), p))
             .collect(),
         parameters: Vec::new(),
         effects: Vec::new(),
         remarks: Vec::new(),
-        inputs,
+        signals,
     };
     if shrunk < 1.0 {
         flight.remarks.push(format!(
-            "The inputs were made smaller by a factor of {:.2}, so that the predicted outputs stay within their limits.",
+            "The test signals were made smaller by a factor of {:.2}, so that the predicted outputs stay within their limits.",
             1.0 / shrunk
         ));
     }
-    judge::judge(vehicle, &mut flight)?;
+    judge::judge(vehicle, &mut flight, closed)?;
     Ok(flight)
 }
 
@@ -217,16 +243,44 @@ fn limits(vehicle: &Vehicle, options: &Options) -> Vec<f64> {
         .collect()
 }
 
-/// Greatest predicted values of the outputs.
-fn peaks(vehicle: &Vehicle, inputs: &[Vec<f64>], shape: &Shape) -> Result<Vec<f64>, SimulatorError> {
-    let mut simulator = Simulator::expected(vehicle, shape.period_s)?;
-    let mut peaks = vec![0.0f64; vehicle.outputs.len()];
-    let mut u = vec![0.0; inputs.len()];
-    for k in 0..shape.steps {
-        u.iter_mut().zip(inputs).for_each(|(u, v)| *u = v[k]);
-        simulator.apply(&u);
-        peaks.iter_mut().zip(simulator.measure()).for_each(|(p, y)| *p = p.max(y.abs()));
-        simulator.advance();
+/// Name and greatest value of each test signal.
+fn tops(vehicle: &Vehicle, options: &Options, limits: &[f64]) -> Result<Vec<(String, f64)>, ExciteError> {
+    if let Some(ClosedLoop { through: Through::Setpoint(states), .. }) = &options.closed {
+        return states
+            .iter()
+            .map(|&j| {
+                let name = vehicle.states[j].name.clone();
+                let shown = (0..limits.len()).find(|i| {
+                    vehicle.c[(*i, j)] != 0.0 && vehicle.c.row(*i).iter().filter(|c| **c != 0.0).count() == 1
+                });
+                match shown.map(|i| limits[i] / vehicle.c[(i, j)].abs()) {
+                    Some(range) if range.is_finite() => Ok((name, options.amplitude * range)),
+                    _ => Err(ExciteError::NoRange { name }),
+                }
+            })
+            .collect();
     }
-    Ok(if simulator.diverged() { vec![f64::INFINITY; peaks.len()] } else { peaks })
+    Ok(vehicle
+        .inputs
+        .iter()
+        .map(|input| {
+            let room = input.upper.min(-input.lower);
+            let room = if room.is_finite() && room > 0.0 { room } else { 1.0 };
+            (input.name.clone(), options.amplitude * room)
+        })
+        .collect())
+}
+
+/// Greatest predicted values of the outputs.
+fn peaks(flown: &Flown, outputs: usize) -> Vec<f64> {
+    if flown.diverged { vec![f64::INFINITY; outputs] } else { greatest_of(&flown.outputs, outputs) }
+}
+
+/// Greatest absolute value of each column.
+fn greatest_of(rows: &[f64], columns: usize) -> Vec<f64> {
+    let mut greatest = vec![0.0f64; columns];
+    for row in rows.chunks_exact(columns.max(1)) {
+        greatest.iter_mut().zip(row).for_each(|(g, v)| *g = g.max(v.abs()));
+    }
+    greatest
 }

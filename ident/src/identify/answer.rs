@@ -46,6 +46,10 @@ pub struct Identification {
     pub poles: Vec<Pole>,
     /// Figures of the outputs, by name.
     pub outputs: BTreeMap<String, OutputAnswer>,
+    /// False when what is left of a record beside the model makes standard errors too small.
+    pub standard_errors_hold: bool,
+    /// Stretches of the identification data where something acts that the model does not have.
+    pub disturbed: Vec<Disturbed>,
     /// What else should be known.
     pub remarks: Vec<String>,
     /// The fitted vehicle file, if it was written.
@@ -184,8 +188,21 @@ pub struct Quality {
     pub one_step_fit: Option<f64>,
 }
 
+/// A stretch where one-step residuals are far greater than elsewhere: a gust, a fault.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Disturbed {
+    /// Start, s of the record's clock.
+    pub from_s: f64,
+    /// End, s.
+    pub until_s: f64,
+    /// The output that shows it most.
+    pub output: String,
+    /// Root mean square of its residuals there, over their usual size.
+    pub ratio: f64,
+}
+
 /// Ljung and Box's test on the one-step residuals.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Whiteness {
     /// Lags in the test.
     pub lags: usize,
@@ -195,6 +212,10 @@ pub struct Whiteness {
     pub greatest: f64,
     /// True when the residuals pass at 1 %.
     pub white: bool,
+    /// Autocorrelation at the lags from 1 on.
+    pub autocorrelation: Vec<f64>,
+    /// White noise stays within this at 99 % of the lags.
+    pub bound: f64,
 }
 
 /// The signals of one part of the data.

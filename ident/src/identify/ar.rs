@@ -1,5 +1,7 @@
 //! Autoregressive models of coloured residuals.
 
+use multiversion::multiversion;
+
 /// e_k = r_k + a_1 r_(k-1) + ... + a_q r_(k-q), e white with variance `variance`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ar {
@@ -124,8 +126,7 @@ impl RowFilter {
         for (i, a) in self.coefficients.iter().enumerate() {
             let at = (self.newest + q - i) % q;
             let past = &self.ring[at * self.width..(at + 1) * self.width];
-            let a = sign * a;
-            self.out.iter_mut().zip(past).for_each(|(o, p)| *o += a * p);
+            accumulate(&mut self.out, past, sign * a);
         }
         self.newest = (self.newest + 1) % q;
         let at = self.newest * self.width..(self.newest + 1) * self.width;
@@ -134,6 +135,11 @@ impl RowFilter {
         self.filled += 1;
         ready.then_some(&self.out[..])
     }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn accumulate(out: &mut [f64], past: &[f64], a: f64) {
+    out.iter_mut().zip(past).for_each(|(o, p)| *o += a * p);
 }
 
 #[cfg(test)]

@@ -1,15 +1,16 @@
 //! Many simulations at once, for costs alone: what a genetic algorithm needs.
 //!
-//! Eight models run side by side in one loop, so that their arithmetic fills the machine's vectors instead of waiting
+//! Sixteen models run side by side in one loop, so that their arithmetic fills the machine's vectors instead of waiting
 //! for one recursion.
 
+use multiversion::multiversion;
 use whirlstand_vehicle::{Simulator, discretise};
 
 use super::data::Segment;
 use super::problem::Problem;
 
 /// Models that run side by side.
-pub const LANES: usize = 8;
+pub const LANES: usize = 16;
 type Lane = [f64; LANES];
 /// Beyond this a simulation has left all bounds.
 const LARGEST: f64 = 1e9;
@@ -21,6 +22,10 @@ pub struct Batch<'p> {
     segments: &'p [Segment],
     /// Weight over (number of values times their variance), for each output.
     scale: Vec<f64>,
+    /// States that an output shows: state, output, gain.
+    shown: Vec<(usize, usize, f64)>,
+    /// Steps after which the states that are shown start anew from the record.
+    horizon: usize,
 }
 
 impl<'p> Batch<'p> {
@@ -35,7 +40,26 @@ impl<'p> Batch<'p> {
             let sum: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
             if problem.weights[i] > 0.0 && sum > 0.0 { problem.weights[i] / (total * sum) } else { 0.0 }
         });
-        Self { scale: scale.collect(), problem, segments }
+        let shown = super::start::shown(&problem.vehicle, &problem.weights);
+        let shown = shown.into_iter().enumerate().filter_map(|(j, s)| s.map(|(i, gain)| (j, i, gain)));
+        let horizon = usize::MAX;
+        Self { scale: scale.collect(), problem, segments, shown: shown.collect(), horizon }
+    }
+
+    /// The same with simulations that run freely for `steps` only: after that, the states that an output shows start
+    /// anew from the record. The shorter, the smoother the cost is as a function of the parameters, the more it is
+    /// that of an equation error, and the more noise matters (Ribeiro et al., Automatica 121, 2020).
+    pub fn with_horizon(&self, steps: usize) -> Self {
+        Self { horizon: steps.max(1), ..self.clone() }
+    }
+
+    /// True when some state can start anew from the record.
+    pub fn restarts(&self) -> bool {
+        !self.shown.is_empty()
+    }
+
+    fn starts_anew(&self, k: usize) -> bool {
+        k > 0 && k.is_multiple_of(self.horizon)
     }
 
     /// Number of unknowns: parameters, then the nuisances of every segment.
@@ -61,86 +85,18 @@ impl<'p> Batch<'p> {
     }
 
     fn plain(&self, points: &[&[f64]]) -> Lane {
-        let (n, m, p) = (self.problem.n(), self.problem.m(), self.problem.p());
-        let w = n + m;
-        let mut motion: Vec<Lane> = vec![[0.0; LANES]; n * w];
-        let mut sensing: Vec<Lane> = vec![[0.0; LANES]; p * w];
+        let p = self.problem.p();
         let mut cost = [f64::INFINITY; LANES];
-        let mut used = vec![false; p * w];
-        for (lane, point) in points.iter().enumerate() {
-            let vehicle = self.problem.vehicle_at(&point[..self.problem.parameters.len()]);
-            let Ok((phi, gamma)) = discretise(&vehicle.a, &vehicle.b, self.problem.period_s) else {
-                continue;
-            };
-            cost[lane] = 0.0;
-            for i in 0..n {
-                (0..n).for_each(|j| motion[i * w + j][lane] = phi[(i, j)]);
-                (0..m).for_each(|j| motion[i * w + n + j][lane] = gamma[(i, j)]);
-            }
-            for i in 0..p {
-                (0..n).for_each(|j| sensing[i * w + j][lane] = vehicle.c[(i, j)]);
-                (0..m).for_each(|j| sensing[i * w + n + j][lane] = vehicle.d[(i, j)]);
-            }
-        }
-        for (used, lanes) in used.iter_mut().zip(&sensing) {
-            *used = lanes.iter().any(|v| *v != 0.0);
-        }
-        // Output, weight, and the columns of [x; u] that it shows.
-        let rows: Vec<(usize, Vec<usize>)> = (0..p)
-            .filter(|i| self.scale[*i] > 0.0)
-            .map(|i| (i, (0..w).filter(|j| used[i * w + j]).collect()))
-            .collect();
+        let models = Models::new(self.problem, points, &mut cost);
         for (s, segment) in self.segments.iter().enumerate() {
-            let mut z: Vec<Lane> = vec![[0.0; LANES]; w];
-            let mut x: Vec<Lane> = vec![[0.0; LANES]; n];
+            let mut z: Vec<Lane> = vec![[0.0; LANES]; models.width];
             let mut offset: Vec<Lane> = vec![[0.0; LANES]; p];
             for (lane, point) in points.iter().enumerate() {
                 let (initial, offsets) = self.nuisance(point, s);
                 initial.iter().enumerate().for_each(|(i, v)| z[i][lane] = *v);
                 offsets.iter().enumerate().for_each(|(i, v)| offset[i][lane] = *v);
             }
-            let mut squares: Vec<Lane> = vec![[0.0; LANES]; p];
-            for k in 0..segment.steps {
-                for (z, u) in z[n..].iter_mut().zip(&segment.inputs[k * m..(k + 1) * m]) {
-                    *z = [*u; LANES];
-                }
-                for (i, columns) in &rows {
-                    let y = segment.outputs[k * p + i];
-                    if y.is_nan() {
-                        continue;
-                    }
-                    let mut e: Lane = offset[*i].map(|o| y - o);
-                    for j in columns {
-                        let (c, z) = (&sensing[i * w + j], &z[*j]);
-                        (0..LANES).for_each(|l| e[l] -= c[l] * z[l]);
-                    }
-                    let sum = &mut squares[*i];
-                    (0..LANES).for_each(|l| sum[l] += e[l] * e[l]);
-                }
-                for (x, row) in x.iter_mut().zip(motion.chunks_exact(w)) {
-                    let mut sum = [0.0; LANES];
-                    for (a, z) in row.iter().zip(&z) {
-                        (0..LANES).for_each(|l| sum[l] += a[l] * z[l]);
-                    }
-                    *x = sum;
-                }
-                z[..n].copy_from_slice(&x);
-                // A lane that grows without end would soon drag infinities through the others' vectors.
-                if k % 64 == 63 {
-                    for l in 0..LANES {
-                        if !(0..n).all(|i| z[i][l].abs() < LARGEST) {
-                            cost[l] = f64::INFINITY;
-                            (0..n).for_each(|i| z[i][l] = 0.0);
-                        }
-                    }
-                    if cost.iter().all(|c| c.is_infinite()) {
-                        return cost;
-                    }
-                }
-            }
-            for (i, sum) in squares.iter().enumerate().filter(|(i, _)| self.scale[*i] > 0.0) {
-                (0..LANES).for_each(|l| cost[l] += self.scale[i] * sum[l]);
-            }
+            sweep(self, &models, segment, z, &offset, &mut cost);
         }
         cost.map(|c| if c.is_finite() { c } else { f64::INFINITY })
     }
@@ -159,6 +115,16 @@ impl<'p> Batch<'p> {
                 simulator.set_state(initial);
             }
             for k in 0..segment.steps {
+                if self.starts_anew(k) {
+                    let mut state = simulator.state().to_vec();
+                    for &(j, i, gain) in &self.shown {
+                        let y = segment.outputs[k * p + i] - offsets.get(i).unwrap_or(&0.0);
+                        if y.is_finite() {
+                            state[j] = y / gain;
+                        }
+                    }
+                    simulator.set_state(&state);
+                }
                 simulator.apply(&segment.inputs[k * m..(k + 1) * m]);
                 let y = simulator.measure();
                 let measured = &segment.outputs[k * p..(k + 1) * p];
@@ -175,5 +141,141 @@ impl<'p> Batch<'p> {
             }
         }
         if cost.is_finite() { cost } else { f64::INFINITY }
+    }
+}
+
+/// Models side by side.
+struct Models {
+    states: usize,
+    /// States and inputs.
+    width: usize,
+    /// [Phi Gamma], row after row.
+    motion: Vec<Lane>,
+    /// For every output with weight: its number, and what it shows of [x; u].
+    sensing: Vec<(usize, Vec<(usize, Lane)>)>,
+}
+
+impl Models {
+    /// The models at `points`; the cost of those that have no finite step is left as it is, that of others set to 0.
+    fn new(problem: &Problem, points: &[&[f64]], cost: &mut Lane) -> Self {
+        let (n, m, p) = (problem.n(), problem.m(), problem.p());
+        let w = n + m;
+        let mut motion: Vec<Lane> = vec![[0.0; LANES]; n * w];
+        let mut sensing: Vec<Lane> = vec![[0.0; LANES]; p * w];
+        for (lane, point) in points.iter().enumerate() {
+            let [a, b, c, d] = problem.matrices_at(&point[..problem.parameters.len()]);
+            let Ok((phi, gamma)) = discretise(&a, &b, problem.period_s) else { continue };
+            cost[lane] = 0.0;
+            for i in 0..n {
+                (0..n).for_each(|j| motion[i * w + j][lane] = phi[(i, j)]);
+                (0..m).for_each(|j| motion[i * w + n + j][lane] = gamma[(i, j)]);
+            }
+            for i in 0..p {
+                (0..n).for_each(|j| sensing[i * w + j][lane] = c[(i, j)]);
+                (0..m).for_each(|j| sensing[i * w + n + j][lane] = d[(i, j)]);
+            }
+        }
+        let row = |i: usize| {
+            let entries = (0..w).map(|j| (j, sensing[i * w + j]));
+            (i, entries.filter(|(_, lanes)| *lanes != [0.0; LANES]).collect())
+        };
+        let fitted = (0..p).filter(|i| problem.weights[*i] > 0.0);
+        Self { states: n, width: w, sensing: fitted.map(row).collect(), motion }
+    }
+}
+
+/// Runs the models over a segment, from the initial states in `z`, and adds to their costs; infinity for those that
+/// leave all bounds.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn sweep(
+    batch: &Batch<'_>,
+    models: &Models,
+    segment: &Segment,
+    mut z: Vec<Lane>,
+    offset: &[Lane],
+    cost: &mut Lane,
+) {
+    let (n, w, p) = (models.states, models.width, offset.len());
+    let mut next = z.clone();
+    let mut squares: Vec<Lane> = vec![[0.0; LANES]; p];
+    let mut until_anew = batch.horizon;
+    for k in 0..segment.steps {
+        let measured = &segment.outputs[k * p..(k + 1) * p];
+        for (z, u) in z[n..].iter_mut().zip(&segment.inputs[k * (w - n)..(k + 1) * (w - n)]) {
+            *z = [*u; LANES];
+        }
+        if until_anew == 0 {
+            until_anew = batch.horizon;
+            for &(j, i, gain) in batch.shown.iter().filter(|(_, i, _)| measured[*i].is_finite()) {
+                z[j] = offset[i].map(|o| (measured[i] - o) / gain);
+            }
+        }
+        until_anew -= 1;
+        for (i, terms) in &models.sensing {
+            let y = measured[*i];
+            if y.is_nan() {
+                continue;
+            }
+            let mut e: Lane = offset[*i].map(|o| y - o);
+            for (j, c) in terms {
+                let z = &z[*j];
+                (0..LANES).for_each(|l| e[l] -= c[l] * z[l]);
+            }
+            let sum = &mut squares[*i];
+            (0..LANES).for_each(|l| sum[l] += e[l] * e[l]);
+        }
+        for (next, row) in next.iter_mut().zip(models.motion.chunks_exact(w)) {
+            let mut sum = [0.0; LANES];
+            for (a, z) in row.iter().zip(z.iter()) {
+                (0..LANES).for_each(|l| sum[l] += a[l] * z[l]);
+            }
+            *next = sum;
+        }
+        std::mem::swap(&mut z, &mut next);
+        // A lane that grows without end would soon drag infinities through the others' vectors.
+        if k % 64 == 63 {
+            for l in 0..LANES {
+                if !(0..n).all(|i| z[i][l].abs() < LARGEST) {
+                    cost[l] = f64::INFINITY;
+                    (0..n).for_each(|i| z[i][l] = 0.0);
+                }
+            }
+            if cost.iter().all(|c| c.is_infinite()) {
+                return;
+            }
+        }
+    }
+    for (sum, scale) in squares.iter().zip(&batch.scale).filter(|(_, scale)| **scale > 0.0) {
+        (0..LANES).for_each(|l| cost[l] += scale * sum[l]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::problem::Nuisance;
+    use super::super::tests::{pilot, record};
+    use super::*;
+    use whirlstand_vehicle::Vehicle;
+
+    #[test]
+    fn with_a_horizon_an_unstable_model_costs_something_finite_and_the_truth_stays_the_best() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let structure = Vehicle::builtin("quadrotor-structure").unwrap();
+        let segments = [record(&vehicle, &pilot(2000, 2, 0.03, 10.0, 3), 0.03, 3)];
+        let problem = Problem::new(&structure, &segments, Nuisance::default()).unwrap();
+        let batch = Batch::new(&problem, &segments);
+        let mut truth: Vec<f64> = problem.parameters.iter().map(|p| vehicle.free_value(&p.target)).collect();
+        truth.resize(batch.unknowns(), 0.0);
+        let (mut near, mut unstable) = (truth.clone(), truth.clone());
+        near[0] *= 1.3;
+        unstable[1] = 3.0;
+        let points: [&[f64]; 3] = [&truth, &near, &unstable];
+        let free = batch.costs(&points);
+        assert!(free[0] < free[1] && free[2].is_infinite(), "{free:?}");
+        for steps in [16, 100] {
+            let costs = batch.with_horizon(steps).costs(&points);
+            assert!(costs[0] < costs[1] && costs[1] < costs[2] && costs[2].is_finite(), "{steps} {costs:?}");
+        }
+        assert_eq!(batch.with_horizon(5000).costs(&points), free);
     }
 }

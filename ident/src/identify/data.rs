@@ -1,11 +1,14 @@
 //! The data of an identification: stretches of records on an even grid, with the vehicle's signals.
 
-use whirlstand_logs::Record;
+use whirlstand_logs::{Record, pauses};
 use whirlstand_vehicle::Vehicle;
 
 use super::IdentifyError;
 use crate::compare::grid::grid;
 use crate::compare::{CompareError, CompareOptions};
+
+/// Longest pause of an input across which it is held, in its usual intervals.
+const LONGEST_PAUSE: f64 = 3.5;
 
 /// A stretch of a record.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,6 +81,46 @@ impl Segment {
             outputs,
             steps,
         })
+    }
+
+    /// The same, cut where the inputs pause for more than a few of their intervals: across such a gap nothing is known
+    /// of what moved the vehicle. Pieces too short to tell anything are left out.
+    ///
+    /// # Errors
+    /// As [`Segment::new`].
+    pub fn unbroken(
+        record: &Record,
+        vehicle: &Vehicle,
+        period_s: Option<f64>,
+        (from_s, until_s): (Option<f64>, Option<f64>),
+    ) -> Result<Vec<Self>, IdentifyError> {
+        let mut gaps: Vec<(f64, f64)> = Vec::new();
+        for input in &vehicle.inputs {
+            let signal = record.signal(&input.name).map_err(CompareError::from)?;
+            let known = record.time.iter().zip(&signal.values).filter(|(_, v)| v.is_finite());
+            gaps.extend(pauses(&known.map(|(t, _)| *t).collect::<Vec<_>>(), LONGEST_PAUSE));
+        }
+        let (from, until) = (from_s.unwrap_or(f64::NEG_INFINITY), until_s.unwrap_or(f64::INFINITY));
+        gaps.retain(|(a, b)| *b > from && *a < until);
+        if gaps.is_empty() || record.time_unit != "s" {
+            return Ok(vec![Self::new(record, vehicle, period_s, (from_s, until_s))?]);
+        }
+        gaps.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut pieces = Vec::new();
+        let mut start = from_s;
+        for (a, b) in gaps.into_iter().chain([(until, f64::INFINITY)]) {
+            let end = if a.is_finite() { Some(a) } else { None };
+            match Self::new(record, vehicle, period_s, (start, end)) {
+                Ok(piece) => pieces.push(piece),
+                Err(IdentifyError::Record(CompareError::TooShort { .. })) => {}
+                Err(error) => return Err(error),
+            }
+            start = Some(start.unwrap_or(b).max(b));
+        }
+        if pieces.is_empty() {
+            return Ok(vec![Self::new(record, vehicle, period_s, (from_s, until_s))?]);
+        }
+        Ok(pieces)
     }
 
     /// Measured values of output `i`, one a step.

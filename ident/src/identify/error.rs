@@ -66,14 +66,14 @@ pub enum IdentifyError {
         /// How many starts were tried.
         tried: usize,
     },
-    /// The Kalman predictor is for linear models.
+    /// Levels were to be taken off although an effect depends on them.
     #[error(
-        "--noise kalman is for models without effects, but '{vehicle}' has {effect}: use --noise coloured, which takes every effect"
+        "--detrend is for models that are linear about a level, but '{vehicle}' has {effect}, which depends on where zero is: use --offsets instead"
     )]
-    EffectsInPredictor {
+    Level {
         /// The vehicle.
         vehicle: String,
-        /// The first effect.
+        /// The effect and its place.
         effect: String,
     },
     /// The vehicle cannot be simulated.

@@ -8,11 +8,10 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::data::Segment;
-use super::linear::Linear;
-use super::normal::Normal;
+use super::normal::{Normal, Sums};
 use super::output_error::eliminate;
 use super::predictor::{Gains, NoiseStructure, Pattern};
-use super::problem::{Problem, Sweep};
+use super::problem::Problem;
 use super::search::Point;
 
 /// The likelihood at one value of the unknowns.
@@ -107,12 +106,23 @@ pub fn evaluate(
         evaluation.coupling.push(reduced.coupling);
         add_covariance(&mut evaluation, &gains[*w], &part)?;
     }
+    // A noise that becomes too small to matter leaves next to no information about its logarithm, and the step of
+    // Fisher's scoring would be endless: at most about a factor of e at once.
+    for i in np..nu {
+        evaluation.information[(i, i)] = evaluation.information[(i, i)].max(evaluation.right[i].abs());
+    }
     evaluation.cost.is_finite().then_some(evaluation)
+}
+
+/// Normal equations of a segment under given gains, whitened by the innovations' covariance: information about
+/// parameters, noises and nuisances, and the innovations as the right side.
+pub fn sums(problem: &Problem, gains: &Gains, segment: &Segment, theta: &[f64]) -> Option<Sums> {
+    part(problem, gains, segment, theta, &vec![0.0; problem.nuisances()]).map(|part| part.sums)
 }
 
 /// What one segment adds.
 struct Part {
-    sums: super::normal::Sums,
+    sums: Sums,
     /// For every phase: number of innovations and the sum of their outer products.
     phases: Vec<(usize, DMatrix<f64>)>,
 }
@@ -125,7 +135,7 @@ fn part(
     nuisance: &[f64],
 ) -> Option<Part> {
     let p = problem.p();
-    let model = Linear::new(problem, theta, Some(gains))?;
+    let model = problem.predictor(theta, gains)?;
     let columns = model.columns();
     let whiten: Vec<DMatrix<f64>> = (0..gains.phases())
         .map(|f| {
@@ -219,7 +229,7 @@ pub fn predict(
         .zip(nuisances)
         .zip(&which)
         .map(|((segment, nuisance), w)| {
-            let model = Linear::new(&fixed, &[], Some(&gains[*w]))?;
+            let model = fixed.predictor(&[], &gains[*w])?;
             let mut outputs = Vec::with_capacity(segment.outputs.len());
             let fine = model.sweep(segment, nuisance, &mut |s| outputs.extend_from_slice(s.predicted));
             fine.then_some(outputs)

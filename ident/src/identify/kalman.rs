@@ -68,6 +68,8 @@ pub fn kalman(
     let unknowns: Vec<f64> = theta.iter().chain(&noise).copied().collect();
     let first =
         filter_error::evaluate(problem, &structure, segments, &unknowns, &no_nuisances(problem, segments))?;
+    // Again from the best initial states: before, their transients pass for innovations and turn the gradient.
+    let first = filter_error::evaluate(problem, &structure, segments, &unknowns, &first.nuisances)?;
     let at = |from: &filter_error::Evaluation, unknowns: &[f64], step: &DVector<f64>| {
         let follow = |(old, coupling): (&Vec<f64>, &DMatrix<f64>)| -> Vec<f64> {
             let moved = coupling * step;

@@ -4,6 +4,7 @@
 //! S = dx/d(theta, x0) obeys the derivative of the same recursion; dPhi and dGamma come from the Frechet derivative
 //! of the matrix exponential, so that nothing is differenced. No step allocates.
 
+use multiversion::multiversion;
 use nalgebra::DMatrix;
 use whirlstand_vehicle::Matrix;
 
@@ -14,8 +15,9 @@ use super::sensitivity::exponential_with_derivatives;
 
 /// Beyond this a signal has lost all meaning.
 const LARGEST: f64 = 1e9;
-/// Columns are padded to whole vectors.
-const LANES: usize = 4;
+/// Sensitivities are moved so many columns at a time.
+const LANES: usize = 8;
+type Lane = [f64; LANES];
 
 /// A linear model at one value of the parameters.
 #[derive(Debug)]
@@ -24,8 +26,8 @@ pub struct Linear<'p> {
     gains: Option<&'p Gains>,
     /// [Phi Gamma], row after row.
     motion: Vec<f64>,
-    /// d[Phi Gamma] by the parameters: (row, column of [x; u]) x padded columns, row after row.
-    motion_slopes: Vec<f64>,
+    /// How sensitivities of the state move on.
+    flow: Flow,
     /// [C D], row after row.
     sensing: Vec<f64>,
     /// Parameters in C and D: parameter, output, index in [x; u].
@@ -41,7 +43,7 @@ impl<'p> Linear<'p> {
     pub fn new(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Self> {
         let (n, m, p) = (problem.n(), problem.m(), problem.p());
         let w = n + m;
-        let vehicle = problem.vehicle_at(theta);
+        let [a, b, c, d] = problem.matrices_at(theta);
         let block = |a: &DMatrix<f64>, b: &DMatrix<f64>| {
             let mut block = DMatrix::zeros(w, w);
             block.view_mut((0, 0), (n, n)).copy_from(a);
@@ -68,31 +70,31 @@ impl<'p> Linear<'p> {
             }
             of.push(parameter);
         }
-        let (value, derivatives) = exponential_with_derivatives(&block(&vehicle.a, &vehicle.b), &directions)?;
+        let (value, derivatives) = exponential_with_derivatives(&block(&a, &b), &directions)?;
         let parameters = problem.parameters.len() + gains.map_or(0, |g| g.noise_parameters);
         let states = if problem.nuisance.initial_state { n } else { 0 };
         // An offset of an output moves a prediction's state, but not that of a simulation.
         let moved = if gains.is_some() { problem.nuisances() } else { states };
         let padded = (parameters + moved).next_multiple_of(LANES);
-        let mut motion_slopes = vec![0.0; n * w * padded];
+        let mut forces = vec![[0.0; LANES]; n * w * padded / LANES];
         for (derivative, parameter) in derivatives.iter().zip(of) {
-            for i in 0..n {
-                for j in 0..w {
-                    motion_slopes[(i * w + j) * padded + parameter] = derivative[(i, j)];
-                }
+            for (i, j) in (0..n).flat_map(|i| (0..w).map(move |j| (i, j))) {
+                let chunk = (i * w + j) * padded + parameter;
+                forces[chunk / LANES][parameter % LANES] = derivative[(i, j)];
             }
         }
+        let flow = Flow::new(&value, &forces, n, padded);
         let rows = |m: &DMatrix<f64>, count: usize| -> Vec<f64> {
             (0..count).flat_map(|i| (0..w).map(move |j| (i, j))).map(|at| m[at]).collect()
         };
         let mut sensing = DMatrix::zeros(p, w);
-        sensing.view_mut((0, 0), (p, n)).copy_from(&vehicle.c);
-        sensing.view_mut((0, n), (p, m)).copy_from(&vehicle.d);
+        sensing.view_mut((0, 0), (p, n)).copy_from(&c);
+        sensing.view_mut((0, n), (p, m)).copy_from(&d);
         Some(Self {
             problem,
             gains,
             motion: rows(&value, n),
-            motion_slopes,
+            flow,
             sensing: rows(&sensing, p),
             sensing_slopes,
             parameters,
@@ -110,7 +112,6 @@ impl Sweep for Linear<'_> {
         let (n, m, p) = (self.problem.n(), self.problem.m(), self.problem.p());
         let (w, q, columns) = (n + m, self.padded, self.columns());
         let (initial, offsets) = split(self.problem, nuisance);
-        let parameters = self.parameters.next_multiple_of(LANES).min(q);
         let first_offset = self.parameters + initial.len();
         let mut z = vec![0.0; w];
         z[..initial.len()].copy_from_slice(initial);
@@ -148,21 +149,10 @@ impl Sweep for Linear<'_> {
             }
             visit(Step { k, predicted: &predicted, slopes: &slopes });
 
-            for i in 0..n {
-                let row = &self.motion[i * w..(i + 1) * w];
-                x[i] = row.iter().zip(&z).map(|(a, z)| a * z).sum();
-                let out = &mut next[i * q..(i + 1) * q];
-                out.fill(0.0);
-                for (a, s) in row[..n].iter().zip(s.chunks_exact(q)) {
-                    if *a != 0.0 {
-                        out.iter_mut().zip(s).for_each(|(o, s)| *o += a * s);
-                    }
-                }
-                for (j, z) in z.iter().enumerate() {
-                    let slope = &self.motion_slopes[(i * w + j) * q..][..parameters];
-                    out[..parameters].iter_mut().zip(slope).for_each(|(o, d)| *o += z * d);
-                }
+            for (x, row) in x.iter_mut().zip(self.motion.chunks_exact(w)) {
+                *x = row.iter().zip(&z).map(|(a, z)| a * z).sum();
             }
+            advance(&self.flow, &z, &s, &mut next);
             if let Some(gains) = self.gains {
                 let measured = &segment.outputs[k * p..(k + 1) * p];
                 gains.correct(k, measured, &predicted, &slopes, columns, &mut x, &mut next, q);
@@ -174,5 +164,58 @@ impl Sweep for Linear<'_> {
             }
         }
         true
+    }
+}
+
+/// S+ = Phi S + sum over j of z_j dPhi_j, with z = [x; u]: without the zeros, of which a model in blocks or modes has
+/// many.
+#[derive(Debug)]
+struct Flow {
+    padded: usize,
+    /// For every row of S+: its entries of Phi.
+    rows: Vec<Vec<(usize, f64)>>,
+    /// What is added to some columns of a row: where, and by which of z times what.
+    forces: Vec<(usize, Vec<(usize, Lane)>)>,
+}
+
+impl Flow {
+    /// `value` is [Phi Gamma; 0 I]; `forces` are its derivatives: (row, column of [x; u]) x padded columns.
+    fn new(value: &DMatrix<f64>, forces: &[Lane], n: usize, padded: usize) -> Self {
+        let (w, chunks) = (value.nrows(), padded / LANES);
+        let entries = |i: usize| (0..n).map(move |j| (j, value[(i, j)])).filter(|(_, a)| *a != 0.0).collect();
+        let force = |(i, c): (usize, usize)| {
+            let parts = (0..w).map(|j| (j, forces[(i * w + j) * chunks + c]));
+            (i * padded + c * LANES, parts.filter(|(_, lane)| *lane != [0.0; LANES]).collect::<Vec<_>>())
+        };
+        let all = (0..n).flat_map(|i| (0..chunks).map(move |c| (i, c)));
+        Self {
+            padded,
+            rows: (0..n).map(entries).collect(),
+            forces: all.map(force).filter(|(_, parts)| !parts.is_empty()).collect(),
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn advance(flow: &Flow, z: &[f64], s: &[f64], next: &mut [f64]) {
+    let q = flow.padded;
+    for (row, next) in flow.rows.iter().zip(next.chunks_exact_mut(q)) {
+        for (c, next) in next.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+            let mut sum = [0.0; LANES];
+            for (j, a) in row {
+                if let Some(s) = s[j * q + c * LANES..].first_chunk::<LANES>() {
+                    sum.iter_mut().zip(s).for_each(|(sum, s)| *sum += a * s);
+                }
+            }
+            *next = sum;
+        }
+    }
+    for (at, parts) in &flow.forces {
+        if let Some(next) = next[*at..].first_chunk_mut::<LANES>() {
+            for (j, lane) in parts {
+                let z = z[*j];
+                next.iter_mut().zip(lane).for_each(|(next, lane)| *next += z * lane);
+            }
+        }
     }
 }

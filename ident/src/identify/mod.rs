@@ -4,10 +4,12 @@
 //! - [`output_error`] and [`filter_error`]: the costs; [`search`]: Levenberg-Marquardt on either; [`start`]: starts
 //!   from the data alone; [`pem`]: all of it together. [`spread`]: what the data determine, and how well.
 
+pub mod align;
 pub mod answer;
 pub mod ar;
 pub mod batch;
 pub mod data;
+mod disturbed;
 mod error;
 pub mod filter_error;
 pub mod ga;
@@ -18,6 +20,7 @@ pub mod options;
 pub mod output_error;
 pub mod pem;
 pub mod predictor;
+mod prepare;
 pub mod problem;
 pub mod quality;
 pub mod response;

@@ -1,62 +1,53 @@
 //! Normal equations, gathered row by row.
 
+use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
 
 /// Sums of products of the columns of a least-squares problem, the last column being the residual.
 ///
-/// Rows come one at a time and are added four at a time, so that the sums are read and written once for four rows.
+/// Rows come one at a time and are added in blocks, tile by tile, so that a tile of the sums stays in registers while
+/// the rows pass. Columns that are zero throughout a block (modes that an output does not show) cost nothing.
 #[derive(Debug, Clone)]
 pub struct Normal {
     width: usize,
+    /// The width in whole tiles.
+    padded: usize,
     sums: Vec<f64>,
     pending: Vec<f64>,
+    waiting: usize,
     rows: usize,
 }
 
-const BLOCK: usize = 4;
+/// Rows of a block.
+const BLOCK: usize = 16;
+/// Columns of a tile; it has half as many rows.
+const TILE: usize = 8;
 
 impl Normal {
     /// For `columns` unknowns.
     pub fn new(columns: usize) -> Self {
         let width = columns + 1;
-        Self { width, sums: vec![0.0; width * width], pending: Vec::with_capacity(BLOCK * width), rows: 0 }
+        let padded = width.next_multiple_of(TILE);
+        let (sums, pending) = (vec![0.0; padded * padded], vec![0.0; BLOCK * padded]);
+        Self { width, padded, sums, pending, waiting: 0, rows: 0 }
     }
 
     /// Adds a row: derivatives of the prediction by the unknowns, and measured minus predicted.
     #[inline]
     pub fn add(&mut self, slopes: &[f64], residual: f64) {
-        self.pending.extend_from_slice(slopes);
-        self.pending.push(residual);
+        let row = &mut self.pending[self.waiting * self.padded..][..self.width];
+        row[..slopes.len()].copy_from_slice(slopes);
+        row[slopes.len()] = residual;
+        self.waiting += 1;
         self.rows += 1;
-        if self.pending.len() == BLOCK * self.width {
+        if self.waiting == BLOCK {
             self.flush();
         }
     }
 
     fn flush(&mut self) {
-        let w = self.width;
-        if self.pending.len() == BLOCK * w {
-            let (r0, rest) = self.pending.split_at(w);
-            let (r1, rest) = rest.split_at(w);
-            let (r2, r3) = rest.split_at(w);
-            for a in 0..w {
-                let (s0, s1, s2, s3) = (r0[a], r1[a], r2[a], r3[a]);
-                let sums = &mut self.sums[a * w + a..(a + 1) * w];
-                let columns = r0[a..].iter().zip(&r1[a..]).zip(r2[a..].iter().zip(&r3[a..]));
-                for (sum, ((x0, x1), (x2, x3))) in sums.iter_mut().zip(columns) {
-                    *sum += s0 * x0 + s1 * x1 + s2 * x2 + s3 * x3;
-                }
-            }
-        } else {
-            for row in self.pending.chunks_exact(w) {
-                for a in 0..w {
-                    let s = row[a];
-                    let sums = &mut self.sums[a * w + a..(a + 1) * w];
-                    sums.iter_mut().zip(&row[a..]).for_each(|(sum, x)| *sum += s * x);
-                }
-            }
-        }
-        self.pending.clear();
+        gather(&mut self.sums, &self.pending[..self.waiting * self.padded], self.padded);
+        self.waiting = 0;
     }
 
     /// Number of rows.
@@ -67,13 +58,42 @@ impl Normal {
     /// Ends the gathering: information matrix J'J, J'r and r'r.
     pub fn finish(mut self) -> Sums {
         self.flush();
-        let (w, q) = (self.width, self.width - 1);
-        let at = |a: usize, b: usize| self.sums[a.min(b) * w + a.max(b)];
+        let q = self.width - 1;
+        let at = |a: usize, b: usize| self.sums[a.min(b) * self.padded + a.max(b)];
         Sums {
             information: DMatrix::from_fn(q, q, at),
             right: DVector::from_fn(q, |a, _| at(a, q)),
             square: at(q, q),
             rows: self.rows,
+        }
+    }
+}
+
+/// Adds the products of the columns of `rows`; of every tile at or right of the diagonal.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn gather(sums: &mut [f64], rows: &[f64], padded: usize) {
+    const HALF: usize = TILE / 2;
+    let empty = |tile: usize| rows.chunks_exact(padded).all(|row| row[tile..tile + TILE] == [0.0; TILE]);
+    for b in (0..padded).step_by(TILE) {
+        if empty(b) {
+            continue;
+        }
+        for a in (0..b + TILE).step_by(HALF) {
+            let mut tile = [[0.0; TILE]; HALF];
+            for row in rows.chunks_exact(padded) {
+                let (Some(left), Some(right)) =
+                    (row[a..].first_chunk::<HALF>(), row[b..].first_chunk::<TILE>())
+                else {
+                    continue;
+                };
+                for (sum, l) in tile.iter_mut().zip(left) {
+                    sum.iter_mut().zip(right).for_each(|(sum, r)| *sum += l * r);
+                }
+            }
+            for (i, tile) in tile.iter().enumerate() {
+                let sums = &mut sums[(a + i) * padded + b..][..TILE];
+                sums.iter_mut().zip(tile).for_each(|(sum, t)| *sum += t);
+            }
         }
     }
 }
@@ -143,7 +163,7 @@ mod tests {
 
     #[test]
     fn sums_are_those_of_the_whole_matrix_whatever_the_number_of_rows() {
-        for rows in [3usize, 4, 9] {
+        for rows in [3usize, 16, 41] {
             let j = DMatrix::from_fn(rows, 3, |i, k| ((5 * i + 3 * k) as f64).cos());
             let r = DVector::from_fn(rows, |i, _| (i as f64).sin());
             let mut normal = Normal::new(3);

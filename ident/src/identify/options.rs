@@ -36,12 +36,14 @@ pub struct Options {
     /// How the cost is minimised.
     pub method: Method,
     /// How residuals are modelled; `None` chooses: Kalman's form for closed loops and for models that are not
-    /// stable, autoregressive where effects keep the Kalman predictor out, white otherwise.
+    /// stable, white otherwise.
     pub noise: Option<Noise>,
     /// The record was taken with a controller in the loop.
     pub closed_loop: bool,
     /// What is estimated for each part of the data alone.
     pub nuisance: Nuisance,
+    /// Take the means over the fitted data off every input and output of all data.
+    pub detrend: bool,
     /// Seed of everything random.
     pub seed: u64,
     /// Most simulations of the genetic algorithm.
@@ -57,6 +59,7 @@ impl Default for Options {
             noise: None,
             closed_loop: false,
             nuisance: Nuisance::default(),
+            detrend: false,
             seed: 1,
             budget: 400_000,
             stagnation: 100,

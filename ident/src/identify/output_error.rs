@@ -65,7 +65,7 @@ const LARGEST_GROWTH: f64 = 5.0;
 
 fn grows(problem: &Problem, segments: &[Segment], theta: &[f64]) -> bool {
     let longest = segments.iter().map(|s| s.steps).max().unwrap_or(0) as f64 * problem.period_s;
-    let poles = problem.vehicle_at(theta).a.complex_eigenvalues();
+    let poles = problem.matrices_at(theta)[0].complex_eigenvalues();
     poles.iter().any(|p| p.re.is_nan() || p.re * longest >= LARGEST_GROWTH)
 }
 

@@ -220,7 +220,7 @@ fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
 /// elsewhere (a genetic algorithm); without any, the data give them.
 ///
 /// # Errors
-/// [`IdentifyError::UnstableStart`], [`IdentifyError::EffectsInPredictor`].
+/// [`IdentifyError::UnstableStart`].
 pub fn fit(
     problem: &Problem,
     segments: &[Segment],
@@ -228,10 +228,6 @@ pub fn fit(
     extra: &[Vec<f64>],
     observe: &(dyn Fn(Progress) + Sync),
 ) -> Result<Fit, IdentifyError> {
-    if noise == Noise::Kalman && !problem.is_plain() {
-        let effect = problem.vehicle.effects.first().map_or(String::new(), |e| e.kind().to_string());
-        return Err(IdentifyError::EffectsInPredictor { vehicle: problem.vehicle.name.clone(), effect });
-    }
     let mut problem = problem.clone();
     let mut fixed = Vec::new();
     let tried = IdentifyError::UnstableStart { tried: 1 };
@@ -318,12 +314,14 @@ fn outputs(
     observe: &(dyn Fn(Progress) + Sync),
 ) -> Option<(Fit, DMatrix<f64>)> {
     let mut whitening = white(problem);
-    let limits = Limits::default();
+    // Where the noise model changes too, no round is worth an end that the next one moves.
+    let coloured = noise == Noise::Coloured;
+    let limits = Limits { iterations: if coloured { 15 } else { 100 }, ..Limits::default() };
     let (mut found, mut outcome) =
         output_error(problem, segments, &whitening, theta, nuisances, limits, observe)?;
-    if noise == Noise::Coloured {
+    if coloured {
         // Noise model and parameters in turn; a few rounds settle them.
-        for _ in 0..6 {
+        for _ in 0..20 {
             let before = found.theta.clone();
             whitening = models(problem, segments, &found)?;
             let (next, how) =

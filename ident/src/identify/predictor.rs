@@ -125,14 +125,14 @@ impl Gains {
             let all: Vec<f64> = theta.iter().chain(noise).copied().collect();
             let moved = (0..parameters).into_par_iter().map(|i| {
                 let step = match problem.parameters.get(i) {
-                    Some(p) => 1e-5 * theta[i].abs().max(1e-3 * (p.upper - p.lower)),
-                    None => 1e-4,
+                    Some(p) => 1e-4 * theta[i].abs().max(1e-3 * (p.upper - p.lower)),
+                    None => 1e-3,
                 };
                 let at = |sign: f64| {
                     let mut moved = all.clone();
                     moved[i] += sign * step;
                     // From the centre's steady state the way is short, and the difference needs few digits of it.
-                    let near = Some((&centre[..], 1e-3 * step.min(1e-4)));
+                    let near = Some((&centre[..], 1e-4 * step.min(1e-3)));
                     let (theta, noise) = moved.split_at(theta.len());
                     Some(self::phases(problem, structure, pattern, theta, noise, near)?.0)
                 };
@@ -165,6 +165,36 @@ impl Gains {
     /// The phase of step `k`.
     pub fn phase(&self, k: usize) -> &Phase {
         &self.phases[k % self.phases.len()]
+    }
+
+    /// K e, the change of the state by the innovations of step `k`. With `moved`, a parameter and how far it lies from
+    /// where the gains were computed, K is that of the neighbour, to first order.
+    pub fn change(
+        &self,
+        k: usize,
+        measured: &[f64],
+        predicted: &[f64],
+        moved: Option<(usize, f64)>,
+        out: &mut [f64],
+    ) {
+        let phase = self.phase(k);
+        let fresh = phase.fresh.len();
+        out.fill(0.0);
+        for (column, &output) in phase.fresh.iter().enumerate() {
+            let error = measured[output] - predicted[output];
+            if !error.is_finite() {
+                continue;
+            }
+            for (i, x) in out.iter_mut().enumerate() {
+                let slope = match moved {
+                    Some((parameter, by)) if !phase.gain_slopes.is_empty() => {
+                        by * phase.gain_slopes[(i * fresh + column) * self.parameters + parameter]
+                    }
+                    _ => 0.0,
+                };
+                *x += (phase.gain[(i, column)] + slope) * error;
+            }
+        }
     }
 
     /// Adds K e to the state and the derivative of that to its sensitivities.

@@ -6,6 +6,7 @@ use whirlstand_vehicle::{Matrix, Target, Vehicle};
 use super::IdentifyError;
 use super::data::Segment;
 use super::linear::Linear;
+use super::predictor::Gains;
 use super::simulated::Simulated;
 
 /// A free parameter as the search sees it, SI.
@@ -120,6 +121,24 @@ impl Problem {
         vehicle
     }
 
+    /// A, B, C and D with the given parameters; those of effects have no part in them.
+    pub fn matrices_at(&self, theta: &[f64]) -> [DMatrix<f64>; 4] {
+        let v = &self.vehicle;
+        let mut all = [v.a.clone(), v.b.clone(), v.c.clone(), v.d.clone()];
+        for (parameter, value) in self.parameters.iter().zip(theta) {
+            if let Target::Entry(matrix, i, j) = parameter.target {
+                let which = match matrix {
+                    Matrix::A => 0,
+                    Matrix::B => 1,
+                    Matrix::C => 2,
+                    Matrix::D => 3,
+                };
+                all[which][(i, j)] = *value;
+            }
+        }
+        all
+    }
+
     /// True when the simulation is linear in state and input with nothing but A, B, C and D, so that sensitivities
     /// are exact recursions.
     pub fn is_plain(&self) -> bool {
@@ -132,7 +151,16 @@ impl Problem {
         if self.is_plain() {
             Some(Box::new(Linear::new(self, theta, None)?))
         } else {
-            Some(Box::new(Simulated::new(self, theta)?))
+            Some(Box::new(Simulated::new(self, theta, None)?))
+        }
+    }
+
+    /// The predictor at `theta` with the gains computed there. `None` when it has no finite step.
+    pub fn predictor<'p>(&'p self, theta: &[f64], gains: &'p Gains) -> Option<Box<dyn Sweep + 'p>> {
+        if self.is_plain() {
+            Some(Box::new(Linear::new(self, theta, Some(gains))?))
+        } else {
+            Some(Box::new(Simulated::new(self, theta, Some(gains))?))
         }
     }
 

@@ -177,12 +177,14 @@ pub fn whiteness(runs: &[Vec<f64>]) -> Option<Whiteness> {
         return None;
     }
     let (mut statistic, mut greatest) = (0.0, 0.0f64);
+    let mut autocorrelation = Vec::with_capacity(lags);
     for lag in 1..=lags {
         let sum: f64 = runs
             .iter()
             .map(|r| (lag..r.len()).map(|k| (r[k] - mean) * (r[k - lag] - mean)).sum::<f64>())
             .sum();
         let r = sum / variance;
+        autocorrelation.push(r);
         statistic += r * r / (n - lag) as f64;
         if r.abs() > greatest.abs() {
             greatest = r;
@@ -190,7 +192,8 @@ pub fn whiteness(runs: &[Vec<f64>]) -> Option<Whiteness> {
     }
     statistic *= n as f64 * (n as f64 + 2.0);
     let p_value = chi_square_tail(statistic, lags as f64);
-    Some(Whiteness { lags, p_value, greatest, white: p_value > 0.01 })
+    let bound = 2.576 / (n as f64).sqrt();
+    Some(Whiteness { lags, p_value, greatest, white: p_value > 0.01, autocorrelation, bound })
 }
 
 /// Probability that a chi-square variable exceeds `x`, by Wilson and Hilferty's cube root (1931).

@@ -99,15 +99,36 @@ pub fn response(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], period_s: f64) ->
     Some(result)
 }
 
+/// Partial coherence from which a response can be trusted (Tischler and Remple, section 7.6).
+pub const TRUSTED: f64 = 0.6;
+/// Fewest trusted frequencies that make a response.
+const FEWEST: usize = 3;
+
 impl Response {
-    /// Gain in dB and phase in degrees (unwrapped) of the response to an input.
-    pub fn bode(&self, input: usize) -> (Vec<f64>, Vec<f64>) {
-        let gain = self.gain[input].iter().map(|h| 20.0 * h.norm().log10()).collect();
-        let mut phase: Vec<f64> = self.gain[input].iter().map(|h| h.arg().to_degrees()).collect();
-        for k in 1..phase.len() {
-            let turns = ((phase[k] - phase[k - 1]) / 360.0).round();
-            if turns.is_finite() {
-                phase[k] -= 360.0 * turns;
+    /// Indices of the frequencies, from the first to the last trusted one; `None` when next to none is.
+    pub fn trusted(&self, input: usize) -> Option<std::ops::RangeInclusive<usize>> {
+        let good: Vec<usize> =
+            (0..self.frequency_hz.len()).filter(|k| self.coherence[input][*k] >= TRUSTED).collect();
+        // A lone peak far beyond the others is chance.
+        let last =
+            good.windows(2).find(|w| w[1] - w[0] > 2 * w[0].max(3)).map_or(good.last(), |w| Some(&w[0]));
+        let (first, last) = (*good.first()?, *last?);
+        (good.iter().filter(|k| **k <= last).count() >= FEWEST).then_some(first..=last)
+    }
+
+    /// Gain in dB and phase in degrees (unwrapped) of the response to an input; NaN where `keep` says no.
+    pub fn bode(&self, input: usize, keep: impl Fn(usize) -> bool) -> (Vec<f64>, Vec<f64>) {
+        let count = self.frequency_hz.len();
+        let (mut gain, mut phase) = (vec![f64::NAN; count], vec![f64::NAN; count]);
+        let mut before: Option<f64> = None;
+        for (k, h) in self.gain[input].iter().enumerate().filter(|(k, _)| keep(*k)) {
+            gain[k] = 20.0 * h.norm().log10();
+            let wrapped = h.arg().to_degrees();
+            // Of a lag the phase falls from zero: the first one lies between a lead of 90 deg and a lag of 270 deg.
+            let near = before.unwrap_or(-90.0);
+            phase[k] = wrapped - 360.0 * ((wrapped - near) / 360.0).round();
+            if phase[k].is_finite() {
+                before = Some(phase[k]);
             }
         }
         (gain, phase)
@@ -143,5 +164,9 @@ mod tests {
         assert!(r.coherence[0][at] > 0.98 && r.coherence[1][at] > 0.999);
         let high = r.frequency_hz.len() - 2;
         assert!(r.coherence[0][high] < r.coherence[0][at]);
+        assert!(r.trusted(1).is_some_and(|range| range.contains(&at)));
+        let (gain, phase) = r.bode(1, |k| k == at);
+        assert!((gain[at] - 20.0 * 2f64.log10()).abs() < 0.1 && gain[high].is_nan());
+        assert!((phase[at] + 180.0).abs() < 1.0, "a turned sign is half a turn: {}", phase[at]);
     }
 }

@@ -7,8 +7,10 @@ use super::answer::{
     Role, SearchSummary,
 };
 use super::data::Segment;
+use super::disturbed::disturbed;
 use super::options::{Method, Options};
 use super::pem::{self, Fit, Noise, NoiseFit};
+use super::prepare::{Levels, without_unknown_past};
 use super::problem::{Problem, split};
 use super::quality::{self, Runs};
 use super::spread::correlation;
@@ -37,8 +39,39 @@ pub fn identify(
 ) -> Result<Identification, IdentifyError> {
     let begun = std::time::Instant::now();
     let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
-    let held: Vec<Segment> = control.iter().map(|s| s.segment.clone()).collect();
-    let every: Vec<Segment> = segments.iter().chain(&held).cloned().collect();
+    let levels = options.detrend.then(|| Levels::of(vehicle, &segments)).transpose()?;
+    let prepared = |sources: &[Source]| -> Vec<Source> {
+        let mut sources = sources.to_vec();
+        for Source { segment, .. } in &mut sources {
+            levels.iter().for_each(|l| l.take_off(segment));
+            without_unknown_past(vehicle, segment);
+        }
+        sources
+    };
+    let (fitted, control) = (&prepared(fitted), &prepared(control));
+    let mut about = vehicle.clone();
+    levels.iter().for_each(|l| l.shift(&mut about, -1.0));
+    let mut answer = search(&about, fitted, control, options, observe, begun)?;
+    if let (Some(levels), Some(vehicle)) = (levels, &mut answer.fitted) {
+        levels.shift(vehicle, 1.0);
+        vehicle.provenance.push(("about".into(), words::levels(vehicle, &levels)));
+        answer.remarks.push(format!("The model is about {}.", words::levels(vehicle, &levels)));
+    }
+    Ok(answer)
+}
+
+/// Fits to data that have been prepared.
+fn search(
+    vehicle: &Vehicle,
+    fitted: &[Source],
+    control: &[Source],
+    options: &Options,
+    observe: &(dyn Fn(Progress) + Sync),
+    begun: std::time::Instant,
+) -> Result<Identification, IdentifyError> {
+    let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
+    let every: Vec<Segment> =
+        segments.iter().cloned().chain(control.iter().map(|s| s.segment.clone())).collect();
     Problem::new(vehicle, &every, options.nuisance)?;
     let problem = Problem::new(vehicle, &segments, options.nuisance)?;
     check(&problem, &segments)?;
@@ -87,11 +120,7 @@ fn check(problem: &Problem, segments: &[Segment]) -> Result<(), IdentifyError> {
 
 /// The noise model for data and vehicle.
 fn choose(problem: &Problem, segments: &[Segment], closed_loop: bool) -> Noise {
-    if closed_loop || !quality::stable_at_start(problem, segments) {
-        if problem.is_plain() { Noise::Kalman } else { Noise::Coloured }
-    } else {
-        Noise::White
-    }
+    if closed_loop || !quality::stable_at_start(problem, segments) { Noise::Kalman } else { Noise::White }
 }
 
 fn answer(
@@ -135,12 +164,15 @@ fn answer(
         fixed: fixed(&fit),
         poles: poles(&vehicle),
         outputs: outputs(&fit, &segments, &own, &held, &other),
+        standard_errors_hold: true,
+        disturbed: disturbed(problem, &segments, &own.one_step),
         remarks: Vec::new(),
         fitted_vehicle: None,
         series: quality::series(problem, &segments, &own, Role::Identification),
         fitted: Some(Box::new(vehicle)),
     };
     answer.series.extend(quality::series(problem, &held, &other, Role::Control));
+    answer.standard_errors_hold = words::standard_errors_hold(&answer);
     answer.remarks = words::remarks(&answer);
     answer.verdict = words::verdict(&answer);
     answer

@@ -21,7 +21,7 @@ pub struct Outcome {
     pub iterations: usize,
     /// Costs evaluated.
     pub evaluations: usize,
-    /// True when the last step was below a thousandth of a standard error.
+    /// True when the last step was below the tolerance, in standard errors, and that not for its damping alone.
     pub converged: bool,
 }
 
@@ -39,6 +39,10 @@ impl Default for Limits {
         Self { iterations: 100, tolerance: 1e-3 }
     }
 }
+
+/// Where nothing near is lower although no more than this many standard errors seem to be left to go, rounding hides
+/// the minimum.
+const NEAR: f64 = 0.5;
 
 /// Moves from `start` downhill, every coordinate i within `bounds[i]`. `at` gives the point at a position with the
 /// step that led there, or `None` where the cost does not exist.
@@ -59,12 +63,16 @@ pub fn search<P: Point>(
         outcome.iterations += 1;
         observe(outcome.iterations, point.cost());
         let mut stepped = false;
+        // How far the minimum seems to be: the first step of a round, without its damping.
+        let mut ahead = f64::INFINITY;
         for _ in 0..30 {
             let Some((position, step)) = step(&point, bounds, damping) else { break };
             let curved = point.information() * &step;
             let length = step.dot(&curved).max(0.0).sqrt();
+            ahead = ahead.min(length * (1.0 + damping));
             if length < limits.tolerance {
-                outcome.converged = true;
+                // A step that is short only because it was damped is no sign of a minimum.
+                outcome.converged = ahead < NEAR;
                 return (point, outcome);
             }
             outcome.evaluations += 1;

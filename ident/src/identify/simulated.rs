@@ -1,12 +1,16 @@
-//! Simulation of a vehicle with any effects, with sensitivities by central differences.
+//! Simulation and one-step prediction of a vehicle with any effects, with sensitivities by central differences.
 //!
 //! All simulators run side by side, step by step, so that nothing but the present step is held in memory. Central
 //! differences serve every effect alike, those with a threshold too, and at an effect's null value they give the
 //! signature by which diagnosis tests it; where a value lies at the edge of its range, the difference is one-sided.
+//!
+//! A prediction corrects the state of each simulator by its own innovations, with the gain of the linear model there:
+//! an observer that need not be optimal beside an effect, but whose predictions are free of bias.
 
 use whirlstand_vehicle::Simulator;
 
 use super::data::Segment;
+use super::predictor::Gains;
 use super::problem::{Problem, Step, Sweep, split};
 
 /// Share of a parameter's range by which it is moved for a difference.
@@ -14,18 +18,37 @@ const MOVE: f64 = 1e-5;
 /// By how much a state is moved.
 const NUDGE: f64 = 1e-3;
 
+/// By how much a parameter of the noise (a logarithm) is moved.
+const NOISE_MOVE: f64 = 1e-3;
+
 /// A simulator and its neighbours.
 #[derive(Debug)]
 pub struct Simulated<'p> {
     problem: &'p Problem,
+    gains: Option<&'p Gains>,
     centre: Simulator,
-    /// For each parameter: the simulators above and below and their distance.
-    beside: Vec<(Simulator, Simulator, f64)>,
+    /// For each parameter, those of the noise included: the simulators above and below.
+    beside: Vec<Pair>,
+}
+
+/// The simulators on both sides of one parameter.
+#[derive(Debug, Clone)]
+struct Pair {
+    above: Simulator,
+    below: Simulator,
+    /// How far each lies from the centre in the parameter on which the gains depend; `None` for an initial state or an
+    /// offset, on which they do not.
+    moved: Option<(usize, f64, f64)>,
+    /// What is added to the outputs above, and taken off below: the offset's own neighbours.
+    offset: Option<(usize, f64)>,
+    /// One over the distance.
+    inverse: f64,
 }
 
 impl<'p> Simulated<'p> {
-    /// The simulators at `theta`; `None` when one has no finite step.
-    pub fn new(problem: &'p Problem, theta: &[f64]) -> Option<Self> {
+    /// The simulators at `theta`, predicting with `gains` or running freely without; `None` when one has no finite
+    /// step.
+    pub fn new(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Self> {
         let at = |theta: &[f64]| Simulator::expected(&problem.vehicle_at(theta), problem.period_s).ok();
         let centre = at(theta)?;
         let mut beside = Vec::with_capacity(theta.len());
@@ -36,9 +59,61 @@ impl<'p> Simulated<'p> {
             let (mut above, mut below) = (theta.to_vec(), theta.to_vec());
             above[i] = (theta[i] + step).min(parameter.upper);
             below[i] = (theta[i] - step).max(parameter.lower);
-            beside.push((at(&above)?, at(&below)?, above[i] - below[i]));
+            beside.push(Pair {
+                above: at(&above)?,
+                below: at(&below)?,
+                moved: Some((i, above[i] - theta[i], below[i] - theta[i])),
+                offset: None,
+                inverse: 1.0 / (above[i] - below[i]),
+            });
         }
-        Some(Self { problem, centre, beside })
+        for i in 0..gains.map_or(0, |g| g.noise_parameters) {
+            beside.push(Pair {
+                above: centre.clone(),
+                below: centre.clone(),
+                moved: Some((theta.len() + i, NOISE_MOVE, -NOISE_MOVE)),
+                offset: None,
+                inverse: 0.5 / NOISE_MOVE,
+            });
+        }
+        Some(Self { problem, gains, centre, beside })
+    }
+
+    /// The neighbours by parameters and nuisances, at the start of a segment.
+    fn neighbours(&self, state: &[f64], states: usize, offsets: usize) -> Vec<Pair> {
+        let ready = |simulator: &Simulator, state: &[f64]| {
+            let mut simulator = simulator.clone();
+            simulator.set_state(state);
+            simulator
+        };
+        let mut all: Vec<Pair> = self
+            .beside
+            .iter()
+            .map(|p| Pair { above: ready(&p.above, state), below: ready(&p.below, state), ..p.clone() })
+            .collect();
+        for i in 0..states {
+            let (mut above, mut below) = (state.to_vec(), state.to_vec());
+            above[i] += NUDGE;
+            below[i] -= NUDGE;
+            all.push(Pair {
+                above: ready(&self.centre, &above),
+                below: ready(&self.centre, &below),
+                moved: None,
+                offset: None,
+                inverse: 0.5 / NUDGE,
+            });
+        }
+        for i in 0..offsets {
+            let centre = ready(&self.centre, state);
+            all.push(Pair {
+                above: centre.clone(),
+                below: centre,
+                moved: None,
+                offset: Some((i, NUDGE)),
+                inverse: 0.5 / NUDGE,
+            });
+        }
+        all
     }
 }
 
@@ -53,41 +128,56 @@ impl Sweep for Simulated<'_> {
         let (initial, offsets) = split(self.problem, nuisance);
         let mut state = vec![0.0; n];
         state[..initial.len()].copy_from_slice(initial);
-        let ready = |simulator: &Simulator, state: &[f64]| {
-            let mut simulator = simulator.clone();
-            simulator.set_state(state);
-            simulator
-        };
-        let mut centre = ready(&self.centre, &state);
-        let mut beside: Vec<(Simulator, Simulator, f64)> =
-            self.beside.iter().map(|(a, b, h)| (ready(a, &state), ready(b, &state), 1.0 / h)).collect();
-        for i in 0..initial.len() {
-            let (mut above, mut below) = (state.clone(), state.clone());
-            above[i] += NUDGE;
-            below[i] -= NUDGE;
-            beside.push((ready(&self.centre, &above), ready(&self.centre, &below), 0.5 / NUDGE));
-        }
+        let mut centre = self.centre.clone();
+        centre.set_state(&state);
+        // An offset moves a prediction's state, and that of a simulation not: there its slope is simply one.
+        let tracked = if self.gains.is_some() { offsets.len() } else { 0 };
+        let mut beside = self.neighbours(&state, initial.len(), tracked);
         let mut predicted = vec![0.0; p];
         let mut slopes = vec![0.0; p * columns];
+        let (mut above, mut below) = (vec![0.0; p], vec![0.0; p]);
+        let mut change = vec![0.0; n];
         for k in 0..segment.steps {
             let u = &segment.inputs[k * m..(k + 1) * m];
+            let measured = &segment.outputs[k * p..(k + 1) * p];
             centre.apply(u);
             predicted.copy_from_slice(centre.measure());
             predicted.iter_mut().zip(offsets).for_each(|(y, o)| *y += o);
-            for (column, (above, below, inverse)) in beside.iter_mut().enumerate() {
-                above.apply(u);
-                below.apply(u);
-                for (i, (a, b)) in above.measure().iter().zip(below.measure()).enumerate() {
-                    slopes[i * columns + column] = (a - b) * *inverse;
+            for (column, pair) in beside.iter_mut().enumerate() {
+                for (simulator, y, side) in
+                    [(&mut pair.above, &mut above, 1.0), (&mut pair.below, &mut below, -1.0)]
+                {
+                    simulator.apply(u);
+                    y.copy_from_slice(simulator.measure());
+                    y.iter_mut().zip(offsets).for_each(|(y, o)| *y += o);
+                    if let Some((output, size)) = pair.offset {
+                        y[output] += side * size;
+                    }
                 }
-                above.advance();
-                below.advance();
+                for (i, (a, b)) in above.iter().zip(&below).enumerate() {
+                    slopes[i * columns + column] = (a - b) * pair.inverse;
+                }
+                pair.above.advance();
+                pair.below.advance();
+                if let Some(gains) = self.gains {
+                    let moved = |side: fn((usize, f64, f64)) -> (usize, f64)| pair.moved.map(side);
+                    gains.change(k, measured, &above, moved(|(i, a, _)| (i, a)), &mut change);
+                    pair.above.correct(&change);
+                    gains.change(k, measured, &below, moved(|(i, _, b)| (i, b)), &mut change);
+                    pair.below.correct(&change);
+                }
             }
-            for i in 0..offsets.len() {
-                slopes[i * columns + beside.len() + i] = 1.0;
+            if tracked == 0 {
+                for i in 0..offsets.len() {
+                    slopes[i * columns + beside.len() + i] = 1.0;
+                }
             }
             visit(Step { k, predicted: &predicted, slopes: &slopes });
             centre.advance();
+            if let Some(gains) = self.gains {
+                gains.change(k, measured, &predicted, None, &mut change);
+                centre.correct(&change);
+            }
         }
         !centre.diverged() && predicted.iter().all(|y| y.is_finite())
     }

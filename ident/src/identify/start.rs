@@ -48,29 +48,36 @@ pub fn given(problem: &Problem) -> Vec<f64> {
     problem.parameters.iter().map(value).collect()
 }
 
+/// For every state the output that shows it alone, and the gain: C has nothing else in its row, and nothing in C or D
+/// of that row is free.
+pub fn shown(vehicle: &Vehicle, weights: &[f64]) -> Vec<Option<(usize, f64)>> {
+    let alone = |i: usize, j: usize| {
+        let row = vehicle.c.row(i);
+        let only = row.iter().enumerate().all(|(k, c)| (k == j) == (*c != 0.0));
+        let direct = vehicle.d.row(i).iter().any(|d| *d != 0.0) || is_free(vehicle, Matrix::D, i);
+        weights[i] > 0.0 && only && !direct && !is_free(vehicle, Matrix::C, i)
+    };
+    let output = |j: usize| (0..vehicle.outputs.len()).find(|i| alone(*i, j));
+    (0..vehicle.states.len()).map(|j| output(j).map(|i| (i, vehicle.c[(i, j)]))).collect()
+}
+
+/// True when an entry of row `i` is free.
+fn is_free(vehicle: &Vehicle, matrix: Matrix, i: usize) -> bool {
+    vehicle.free.iter().any(|f| matches!(f.target, Target::Entry(x, r, _) if x == matrix && r == i))
+}
+
 fn sources(vehicle: &Vehicle, weights: &[f64]) -> Option<Vec<Source>> {
     let n = vehicle.states.len();
-    let is_free = |m: Matrix, i: usize| {
-        vehicle.free.iter().any(|f| matches!(f.target, Target::Entry(x, r, _) if x == m && r == i))
-    };
-    let measured = |j: usize| {
-        (0..vehicle.outputs.len()).find_map(|i| {
-            let row = vehicle.c.row(i);
-            let alone = row.iter().enumerate().all(|(k, c)| (k == j) == (*c != 0.0));
-            let direct = vehicle.d.row(i).iter().any(|d| *d != 0.0) || is_free(Matrix::D, i);
-            (weights[i] > 0.0 && alone && !direct && !is_free(Matrix::C, i))
-                .then(|| Source::Measured(i, row[j]))
-        })
-    };
-    let direct: Vec<Option<Source>> = (0..n).map(measured).collect();
+    let direct: Vec<Option<Source>> =
+        shown(vehicle, weights).into_iter().map(|s| s.map(|(i, gain)| Source::Measured(i, gain))).collect();
     (0..n)
         .map(|j| {
             direct[j].or_else(|| {
                 (0..n).find_map(|r| {
                     let Some(Source::Measured(output, gain)) = direct[r] else { return None };
                     let row = vehicle.a.row(r);
-                    let kinematic = !is_free(Matrix::A, r)
-                        && !is_free(Matrix::B, r)
+                    let kinematic = !is_free(vehicle, Matrix::A, r)
+                        && !is_free(vehicle, Matrix::B, r)
                         && row.iter().enumerate().all(|(k, a)| (k == j) == (*a != 0.0))
                         && vehicle.b.row(r).iter().all(|b| *b == 0.0);
                     kinematic.then(|| Source::Derived(output, gain * row[j]))

@@ -94,3 +94,77 @@ fn helicopters_from_their_structure_alone() {
         }
     }
 }
+
+/// A vehicle with an effect that is free, flown with process noise under feedback: the predictor finds all.
+#[test]
+fn a_free_effect_is_found_in_a_closed_loop() {
+    let text = "A = [[0.0, 1.0], [-4.0, -0.5]]\nB = [[0.0], [2.0]]\n\
+        states = [{ name = \"x\", unit = \"m\" }, { name = \"v\", unit = \"m/s\" }]\n\
+        inputs = [{ name = \"u\", lower = -5.0, upper = 5.0 }]\n\
+        outputs = [{ name = \"x\", unit = \"m\", noise = 0.002 }, { name = \"v\", unit = \"m/s\", noise = 0.01 }]\n\
+        free = [{ entry = \"A[2,1]\", lower = -20.0, upper = 0.0 }, { entry = \"A[2,2]\", lower = -5.0, upper = 0.0 }, \
+                { entry = \"B[2,1]\", lower = 0.0, upper = 9.0 }, \
+                { effect = \"actuator_lag\", where = \"u\", parameter = \"time_constant_s\", lower = 0.0, upper = 1.0 }]\n\
+        [[effects]]\neffect = \"actuator_lag\"\nwhere = \"u\"\ntime_constant_s = 0.1\n";
+    let vehicle = Vehicle::parse(text, "cart.toml").unwrap();
+    let (steps, period_s) = (6000, 0.01);
+    let mut simulator = Simulator::new(&vehicle, period_s, 3).unwrap();
+    let reference = pilot(steps, 1, period_s, 1.0, 5);
+    let mut gusts = Stream::new(9, "gusts");
+    let (mut inputs, mut outputs, mut u) = (Vec::new(), Vec::new(), 0.0);
+    for r in &reference {
+        simulator.apply(&[u]);
+        let y = simulator.measure().to_vec();
+        inputs.extend_from_slice(simulator.applied());
+        u = 4.0 * (r - y[0]) - 1.0 * y[1];
+        outputs.extend(y);
+        simulator.disturb(&[0.0, 2.0 * gusts.normal()]);
+        simulator.advance();
+    }
+    let segments = [Segment { origin: "test".into(), start_s: 0.0, period_s, inputs, outputs, steps }];
+    let problem = Problem::new(&vehicle, &segments, Nuisance::default()).unwrap();
+    let truth = truth(&problem, &vehicle);
+    // Not from the truth, which the file gives.
+    let mut elsewhere = vehicle.clone();
+    for (p, v) in problem.parameters.iter().zip([-8.0, -1.0, 4.0, 0.02]) {
+        elsewhere.set_free(&p.target, v).unwrap();
+    }
+    let problem = Problem::new(&elsewhere, &segments, Nuisance::default()).unwrap();
+    let fit = fit(&problem, &segments, Noise::Kalman, &[], &|_| ()).unwrap();
+    assert!(fit.fixed.is_empty() && fit.outcome.converged, "{:?} {:?}", fit.fixed, fit.outcome);
+    for (i, p) in fit.problem.parameters.iter().enumerate() {
+        let std = fit.covariance[(i, i)].sqrt();
+        println!("{} {:.4} true {:.4} std {std:.4}", p.name, fit.theta[i], truth[i]);
+        assert!((fit.theta[i] - truth[i]).abs() < 4.0 * std, "{}", p.name);
+        assert!(std < 0.1 * truth[i].abs(), "{} {std}", p.name);
+    }
+}
+
+#[test]
+fn the_gradient_of_the_innovations_likelihood_is_that_of_its_differences() {
+    use super::filter_error::evaluate;
+    use super::predictor::NoiseStructure;
+    let vehicle = Vehicle::builtin("quadrotor").unwrap();
+    let segments = [record(&vehicle, &pilot(2000, 2, 0.01, 10.0, 1), 0.01, 1)];
+    let problem = Problem::new(&vehicle, &segments, Nuisance::default()).unwrap();
+    let structure = NoiseStructure::new(&problem);
+    let noises = std::iter::repeat_n(-3.0, structure.states.len())
+        .chain(std::iter::repeat_n(-5.0, structure.outputs.len()));
+    // A little beside the truth, so that there is a gradient.
+    let start: Vec<f64> = truth(&problem, &vehicle).iter().map(|v| 1.02 * v + 0.01).chain(noises).collect();
+    let at = |u: &[f64], n: &[Vec<f64>]| evaluate(&problem, &structure, &segments, u, n).unwrap();
+    let first = at(&start, &super::pem::no_nuisances(&problem, &segments));
+    let e = at(&start, &first.nuisances);
+    for i in 0..start.len() {
+        let std = 1.0 / e.information[(i, i)].sqrt();
+        let cost = |side: f64| {
+            let mut moved = start.clone();
+            moved[i] += side * 0.02 * std;
+            at(&moved, &e.nuisances).cost
+        };
+        let difference = (cost(-1.0) - cost(1.0)) / (0.04 * std);
+        // In standard errors: by how much a search would miss.
+        let off = (e.right[i] - difference).abs() * std;
+        assert!(off < 0.01 * (1.0 + difference.abs() * std), "{i}: {} {difference} {off}", e.right[i]);
+    }
+}

@@ -3,7 +3,9 @@
 use super::answer::{Identification, Role};
 use super::options::Method;
 use super::pem::Noise;
+use super::prepare::Levels;
 use crate::units::{number, shown};
+use whirlstand_vehicle::Vehicle;
 
 /// Name of a noise model on the command line.
 pub fn noise(noise: Noise) -> &'static str {
@@ -44,8 +46,43 @@ pub fn verdict(answer: &Identification) -> String {
     text + "."
 }
 
+/// The levels that were taken off, SI.
+pub fn levels(vehicle: &Vehicle, levels: &Levels) -> String {
+    let inputs = vehicle.inputs.iter().map(|u| (&u.name, u.unit.si_symbol())).zip(&levels.inputs);
+    let outputs = vehicle.outputs.iter().map(|y| (&y.name, y.unit.si_symbol())).zip(&levels.outputs);
+    let one = |((name, unit), level)| format!("{name} = {level:.6} {unit}").trim_end().to_string();
+    inputs.chain(outputs).map(one).collect::<Vec<_>>().join(", ")
+}
+
 fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+/// False when something acted in a part of the data that the model does not have: no standard error knows of it. Mere
+/// colour, as of a vibration, is corrected for, or makes those of Kalman's form too large.
+pub fn standard_errors_hold(answer: &Identification) -> bool {
+    answer.disturbed.is_empty()
+}
+
+/// Where something acted that the model does not have, and what to do.
+fn disturbances(answer: &Identification) -> Option<String> {
+    const MOST: usize = 4;
+    let worst = answer.disturbed.iter().max_by(|a, b| a.ratio.total_cmp(&b.ratio))?;
+    let mut strongest: Vec<_> = answer.disturbed.iter().collect();
+    strongest.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
+    let options: Vec<String> =
+        strongest.iter().take(MOST).map(|d| format!("--hold-out {:.2}:{:.2}", d.from_s, d.until_s)).collect();
+    let more = answer.disturbed.len().saturating_sub(MOST);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    Some(format!(
+        "Something acts that the model does not have: residuals of {} are {:.1} times as great as usual from {:.2} s to \
+         {:.2} s. If it was a gust, leave it out: {}{more}.",
+        worst.output,
+        worst.ratio,
+        worst.from_s,
+        worst.until_s,
+        options.join(" ")
+    ))
 }
 
 /// What else should be known.
@@ -67,7 +104,7 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     let coloured: Vec<&str> = answer
         .outputs
         .iter()
-        .filter(|(_, o)| o.whiteness.is_some_and(|w| !w.white))
+        .filter(|(_, o)| o.whiteness.as_ref().is_some_and(|w| !w.white))
         .map(|(n, _)| n.as_str())
         .collect();
     if !coloured.is_empty() {
@@ -75,13 +112,14 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
             "One-step residuals are not white ({}): something acts that the model does not have.",
             coloured.join(", ")
         ));
-        if answer.closed_loop {
-            all.push(
-                "The controller answers to it, which biases parameters beyond their standard errors where the \
-                 setpoint moves little: move it more."
-                    .into(),
-            );
-        }
+    }
+    all.extend(disturbances(answer));
+    if !answer.standard_errors_hold {
+        let answered = if answer.closed_loop { " and the controller answers to it" } else { "" };
+        all.push(format!(
+            "The standard errors are not to be trusted: they do not know of what acted{answered}; parameters can be off \
+             by many of them where the vehicle is moved little otherwise."
+        ));
     }
     let mut pairs = Vec::new();
     for (i, row) in answer.correlations.iter().enumerate() {
@@ -134,7 +172,7 @@ impl Identification {
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.2}"));
         for (name, o) in &self.outputs {
             let (own, other) = (o.identification, o.control);
-            let white = o.whiteness.map_or("-".into(), |w| {
+            let white = o.whiteness.as_ref().map_or("-".into(), |w| {
                 if w.white { "yes".into() } else { format!("no ({:+.2})", w.greatest) }
             });
             out.push_str(&format!(

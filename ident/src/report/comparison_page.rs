@@ -35,7 +35,7 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
     sections.push(Section {
         title: "Inputs".into(),
         plots: inputs.collect(),
-        two_columns: true,
+        columns: 2,
         ..Section::default()
     });
     let mut remarks: Vec<(Level, String)> = c.remarks.iter().map(|r| (Level::Warn, r.clone())).collect();
@@ -176,7 +176,7 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
             o.horizon_fit.map_or("no prediction".into(), |f| format!("{f:.1} % over {} s", c.horizon_s))
         ),
         plots,
-        two_columns: true,
+        columns: 2,
         ..Section::default()
     }
 }

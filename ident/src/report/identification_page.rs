@@ -5,7 +5,7 @@ use super::page::{Attachment, Cell, Level, Page, Row, Section, Table};
 use super::plot::{Look, Plot, Trace};
 use crate::identify::answer::{Identification, PartSeries, Role};
 use crate::identify::data::filled;
-use crate::identify::response::{Response, response};
+use crate::identify::response::{Response, TRUSTED, response};
 use crate::units::{number, shown, shown_factor, shown_unit};
 
 /// The report as one HTML text.
@@ -13,7 +13,7 @@ use crate::units::{number, shown, shown_factor, shown_unit};
 /// # Errors
 /// [`ReportError`], which would be a bug.
 pub fn identification_report(answer: &Identification) -> Result<String, ReportError> {
-    let mut sections = vec![figures(answer)];
+    let mut sections = vec![figures(answer), parameters(answer)];
     for (index, part) in answer.series.iter().enumerate() {
         sections.push(real_and_simulated(part, index));
     }
@@ -21,8 +21,12 @@ pub fn identification_report(answer: &Identification) -> Result<String, ReportEr
         sections.push(quadratic_errors(part, index));
     }
     sections.extend(responses(answer));
-    sections.push(parameters(answer));
-    let level = if answer.search.converged { Level::Good } else { Level::Warn };
+    sections.extend(residuals(answer));
+    let doubt = !answer.search.converged
+        || !answer.standard_errors_hold
+        || !answer.fixed.is_empty()
+        || answer.parameters.iter().any(|p| p.at_bound);
+    let level = if doubt { Level::Warn } else { Level::Good };
     let mut attachments = Vec::new();
     if let Some(vehicle) = &answer.fitted {
         attachments.push(Attachment { title: "fitted vehicle file".into(), text: vehicle.to_toml() });
@@ -77,24 +81,25 @@ fn figures(answer: &Identification) -> Section {
     let head = [
         "output",
         "free run, %",
-        "bias removed, %",
         "one step, %",
-        "held out: free run, %",
-        "bias removed, %",
-        "one step, %",
+        "held out: free run",
+        "bias removed",
+        "one step",
         "noise",
         "residual white",
     ];
     let percent = |v: Option<f64>| Cell::new(v.map_or("-".into(), |v| format!("{v:.2}")));
     let rows = answer.outputs.iter().map(|(name, o)| {
-        let mut cells = Vec::new();
-        for q in [o.identification, o.control] {
-            cells.push(percent(q.and_then(|q| q.free_run_fit)));
-            cells.push(percent(q.and_then(|q| q.free_run_fit_bias_removed)));
-            cells.push(percent(q.and_then(|q| q.one_step_fit)));
-        }
+        let (own, other) = (o.identification, o.control);
+        let mut cells = vec![
+            percent(own.and_then(|q| q.free_run_fit)),
+            percent(own.and_then(|q| q.one_step_fit)),
+            percent(other.and_then(|q| q.free_run_fit)),
+            percent(other.and_then(|q| q.free_run_fit_bias_removed)),
+            percent(other.and_then(|q| q.one_step_fit)),
+        ];
         cells.push(Cell::new(shown(o.noise_std, &o.unit)));
-        cells.push(match o.whiteness {
+        cells.push(match &o.whiteness {
             None => Cell::new("-"),
             Some(w) if w.white => Cell::leveled("yes", Level::Good),
             Some(w) => Cell::leveled(format!("no ({:+.2})", w.greatest), Level::Warn),
@@ -106,7 +111,9 @@ fn figures(answer: &Identification) -> Section {
         tables: vec![Table {
             head: head.iter().map(|h| h.to_string()).collect(),
             rows: rows.collect(),
-            note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)). Noise: what cannot be predicted one step ahead."
+            note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)); what the sensor adds counts against it. Noise: what \
+                   cannot be predicted one step ahead. White: Ljung and Box's test at 1 %, beside it the greatest \
+                   autocorrelation."
                 .into(),
         }],
         ..Section::default()
@@ -128,7 +135,7 @@ fn real_and_simulated(part: &PartSeries, index: usize) -> Section {
         let mut plot =
             Plot::over_time(format!("real-{index}-{}", o.name), o.name.clone(), shown_unit(&o.unit));
         plot.traces.push(Trace::new("real", 5, Look::Main, &part.t, &scaled(&o.measured)));
-        plot.traces.push(Trace::new("simulated", 0, Look::Second, &part.t, &scaled(&o.simulated)));
+        plot.traces.push(Trace::new("simulated", 1, Look::Second, &part.t, &scaled(&o.simulated)));
         plots.push(plot);
     }
     for (name, unit, values) in &part.inputs {
@@ -143,7 +150,7 @@ fn real_and_simulated(part: &PartSeries, index: usize) -> Section {
         title: format!("Real and simulated, {}", role_words(part)),
         text: format!("{}. The simulation runs freely from the first step on.", part.origin),
         plots,
-        two_columns: true,
+        columns: 2,
         ..Section::default()
     }
 }
@@ -163,7 +170,7 @@ fn quadratic_errors(part: &PartSeries, index: usize) -> Section {
         title: format!("Quadratic error, {}", role_words(part)),
         text: part.origin.clone(),
         plots: plots.collect(),
-        two_columns: true,
+        columns: 2,
         ..Section::default()
     }
 }
@@ -184,50 +191,107 @@ fn responses(answer: &Identification) -> Option<Section> {
         }
         response(&inputs, &output, first.period_s)
     };
-    let mut plots = Vec::new();
+    let (mut plots, mut silent) = (Vec::new(), Vec::new());
     for (o, output) in first.outputs.iter().enumerate() {
         let Some(real) = of(o, true) else { continue };
         let simulated = of(o, false);
         for (i, (input, ..)) in first.inputs.iter().enumerate() {
-            let id = |what: &str| format!("{what}-{}-{input}", output.name);
-            let mut gain =
-                Plot::new(id("gain"), format!("{} / {input}: gain", output.name), "frequency, Hz", "dB");
-            let mut phase =
-                Plot::new(id("phase"), format!("{} / {input}: phase", output.name), "frequency, Hz", "deg");
-            let mut coherence = Plot::new(
-                id("coherence"),
-                format!("{} / {input}: partial coherence", output.name),
-                "frequency, Hz",
-                "",
-            );
-            let (db, deg) = real.bode(i);
-            gain.traces.push(Trace::new("real", 5, Look::Main, &real.frequency_hz, &db));
-            phase.traces.push(Trace::new("real", 5, Look::Main, &real.frequency_hz, &deg));
-            if let Some(simulated) = &simulated {
-                let (db, deg) = simulated.bode(i);
-                gain.traces.push(Trace::new("simulated", 0, Look::Second, &simulated.frequency_hz, &db));
-                phase.traces.push(Trace::new("simulated", 0, Look::Second, &simulated.frequency_hz, &deg));
-            }
-            coherence.traces.push(Trace::new(
-                "partial coherence",
-                5,
-                Look::Main,
-                &real.frequency_hz,
-                &real.coherence[i],
-            ));
-            for mut plot in [gain, phase, coherence] {
-                plot.log_x = true;
-                plot.height = 220;
-                plots.push(plot);
+            let pair = format!("{} / {input}", output.name);
+            match real.trusted(i) {
+                Some(range) => {
+                    plots.extend(bode(&pair, &real, simulated.as_ref(), i, *range.start(), *range.end()));
+                }
+                None => silent.push(pair),
             }
         }
     }
-    (!plots.is_empty()).then(|| Section {
+    let mut text = format!(
+        "Identification data; each response is conditioned on the other inputs. Drawn where its partial coherence is \
+         {TRUSTED} or more, up to the last such frequency."
+    );
+    if !silent.is_empty() {
+        text.push_str(&format!(" Hardly any coherence: {}.", silent.join(", ")));
+    }
+    (!plots.is_empty() || !silent.is_empty()).then(|| Section {
         title: "Frequency responses".into(),
-        text: "Identification data; each response is conditioned on the other inputs. Trust a response where its partial coherence is above 0.6."
+        text,
+        plots,
+        columns: 3,
+        ..Section::default()
+    })
+}
+
+/// Gain, phase and coherence of one pair, side by side.
+fn bode(
+    pair: &str,
+    real: &Response,
+    simulated: Option<&Response>,
+    input: usize,
+    first: usize,
+    last: usize,
+) -> [Plot; 3] {
+    let plot = |what: &str, unit: &str| {
+        let id = format!("{}-{}", what.replace(' ', "-"), pair.replace(" / ", "-"));
+        let mut plot = Plot::new(id, format!("{pair}: {what}"), "frequency, Hz", unit);
+        plot.log_x = true;
+        plot.height = 230;
+        plot
+    };
+    let (mut gain, mut phase) = (plot("gain", "dB"), plot("phase", "deg"));
+    let mut coherence = plot("partial coherence", "");
+    // A little beyond the last trusted frequency, where the coherence falls.
+    let end = (last + last / 2 + 2).min(real.frequency_hz.len());
+    let f = &real.frequency_hz[..end];
+    let trusted = |k: usize| (first..=last).contains(&k) && real.coherence[input][k] >= TRUSTED;
+    let (db, deg) = real.bode(input, trusted);
+    gain.traces.push(Trace::new("real", 5, Look::Main, f, &db[..end]));
+    phase.traces.push(Trace::new("real", 5, Look::Main, f, &deg[..end]));
+    if let Some(simulated) = simulated {
+        let (db, mut own) = simulated.bode(input, |k| (first..=last).contains(&k));
+        // The same turn as the record's.
+        let apart = (0..end).find(|k| deg[*k].is_finite() && own[*k].is_finite()).map(|k| own[k] - deg[k]);
+        let turns = (apart.unwrap_or(0.0) / 360.0).round();
+        own.iter_mut().for_each(|v| *v -= 360.0 * turns);
+        gain.traces.push(Trace::new("simulated", 1, Look::Second, f, &db[..end]));
+        phase.traces.push(Trace::new("simulated", 1, Look::Second, f, &own[..end]));
+    }
+    coherence.traces.push(Trace::new("partial coherence", 5, Look::Main, f, &real.coherence[input][..end]));
+    coherence.traces.push(Trace::new(
+        "trusted from",
+        5,
+        Look::Limit,
+        &[f[0], f[end - 1]],
+        &[TRUSTED, TRUSTED],
+    ));
+    coherence.y_range = Some((0.0, 1.02));
+    [gain, phase, coherence]
+}
+
+/// Autocorrelation of the one-step residuals.
+fn residuals(answer: &Identification) -> Option<Section> {
+    let plots: Vec<Plot> = answer
+        .outputs
+        .iter()
+        .filter_map(|(name, o)| {
+            let white = o.whiteness.as_ref()?;
+            let lags: Vec<f64> = (1..=white.autocorrelation.len()).map(|l| l as f64).collect();
+            let mut plot = Plot::new(format!("residual-{name}"), name.clone(), "lag, steps", "");
+            plot.traces.push(Trace::new("autocorrelation", 0, Look::Points, &lags, &white.autocorrelation));
+            let ends = [0.0, lags.len() as f64 + 1.0];
+            for bound in [white.bound, -white.bound] {
+                plot.traces.push(Trace::new("99 % of white noise", 5, Look::Limit, &ends, &[bound, bound]));
+            }
+            plot.height = 230;
+            Some(plot)
+        })
+        .collect();
+    (!plots.is_empty()).then(|| Section {
+        title: "Residuals".into(),
+        text: "Autocorrelation of what is left one step ahead, after the noise model. What stands beyond the dotted lines is \
+               vibration, a gust or dynamics that the model does not have."
             .into(),
         plots,
-        two_columns: true,
+        columns: 3,
         ..Section::default()
     })
 }
@@ -256,8 +320,9 @@ fn parameters(answer: &Identification) -> Section {
         ],
     });
     let head = ["parameter", "value", "standard error", "lower", "upper", ""];
-    let poles = answer.poles.iter().map(|p| Row {
-        label: format!("{:.4} {:+.4}i", p.re, p.im),
+    // Of a conjugate pair one row.
+    let poles = answer.poles.iter().filter(|p| p.im >= 0.0).map(|p| Row {
+        label: if p.im > 0.0 { format!("{:.4} ± {:.4}i", p.re, p.im) } else { format!("{:.4}", p.re) },
         group: false,
         cells: vec![
             Cell::new(number(p.frequency_hz)),
@@ -283,8 +348,12 @@ fn parameters(answer: &Identification) -> Section {
             Table {
                 head: head.iter().map(|h| h.to_string()).collect(),
                 rows: rows.chain(fixed).collect(),
-                note: "In the units of the vehicle file. Standard errors are Cramer and Rao's, corrected for coloured residuals."
-                    .into(),
+                note: if answer.standard_errors_hold {
+                    "In the units of the vehicle file. Standard errors are Cramer and Rao's, corrected for coloured residuals."
+                } else {
+                    "In the units of the vehicle file. The standard errors are not to be trusted: see the remarks."
+                }
+                .into(),
             },
             Table {
                 head: ["pole, 1/s", "frequency, Hz", "damping ratio"].iter().map(|h| h.to_string()).collect(),

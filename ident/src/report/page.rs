@@ -81,8 +81,8 @@ pub struct Section {
     pub tables: Vec<Table>,
     /// Plots.
     pub plots: Vec<Plot>,
-    /// Plots stand two in a row where the page is wide enough.
-    pub two_columns: bool,
+    /// How many plots stand in a row where the page is wide enough; 0 counts as 1.
+    pub columns: u8,
 }
 
 /// A text shown folded, such as a launch file.
@@ -151,7 +151,7 @@ impl Page {
                     .collect();
                 json!({
                     "title": s.title, "text": s.text, "tables": s.tables, "plots": plots,
-                    "two_columns": s.two_columns,
+                    "columns": s.columns,
                 })
             })
             .collect();

@@ -98,6 +98,8 @@ pub struct Plot {
     pub log_x: bool,
     /// Logarithmic y axis.
     pub log_y: bool,
+    /// Ends of the y axis; without, the lines decide.
+    pub y_range: Option<(f64, f64)>,
     /// Lines.
     pub traces: Vec<Trace>,
     /// Shaded parts.
@@ -129,6 +131,7 @@ impl Plot {
             group: None,
             log_x: false,
             log_y: false,
+            y_range: None,
             traces: Vec::new(),
             spans: Vec::new(),
             notes: Vec::new(),
@@ -171,7 +174,7 @@ pub fn plots_json(plots: &[Plot]) -> String {
                 .collect();
             serde_json::json!({
                 "id": p.id, "title": p.title, "x": p.x_label, "y": p.y_label, "group": p.group,
-                "log_x": p.log_x, "log_y": p.log_y, "height": p.height,
+                "log_x": p.log_x, "log_y": p.log_y, "y_range": p.y_range, "height": p.height,
                 "traces": traces, "spans": p.spans, "notes": p.notes,
             })
         })

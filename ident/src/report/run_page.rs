@@ -53,12 +53,12 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
             tables: vec![output_table(summaries), input_table(summaries)],
             ..Section::default()
         },
-        Section { title: "Outputs".into(), plots: outputs, two_columns: true, ..Section::default() },
+        Section { title: "Outputs".into(), plots: outputs, columns: 2, ..Section::default() },
         Section {
             title: "Commands".into(),
             text: "What the plant applied, after its limits.".into(),
             plots: inputs,
-            two_columns: true,
+            columns: 2,
             ..Section::default()
         },
     ];
@@ -83,7 +83,7 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
             ),
             tables: estimator_table(summaries).into_iter().collect(),
             plots: estimator,
-            two_columns: true,
+            columns: 2,
         });
     }
     sections.push(Section {

@@ -124,12 +124,22 @@ pub(crate) struct IdentifyArgs {
     /// Estimate a constant offset of every output too: sensor bias, trim.
     #[arg(long)]
     pub offsets: bool,
+    /// Take the means over the fitted part off every input and output first: the model is about that level.
+    #[arg(long, conflicts_with = "offsets")]
+    pub detrend: bool,
     /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
     /// Period of the simulation, s [default: that of the record]
     #[arg(long, value_name = "S")]
     pub period: Option<f64>,
+    /// Takes the delay out of a signal that was logged late, for example roll=0.06; may be repeated.
+    #[arg(long, value_name = "SIGNAL=S", value_parser = delay)]
+    pub delay: Vec<(String, f64)>,
+    /// Estimates by how much an output lags the output that is its derivative (an angle and its rate on different
+    /// topics), and takes that delay out.
+    #[arg(long)]
+    pub align: bool,
     /// Seed of everything random.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
@@ -155,7 +165,9 @@ pub(crate) struct IdentifyArgs {
 #[command(after_help = "Examples:\n  \
     whirlstand excite quadrotor --kind multisine --out out/excite\n  \
     whirlstand run out/excite/flight.toml --mode lockstep --out out/flight\n  \
-    whirlstand identify out/flight --vehicle quadrotor-structure")]
+    whirlstand identify out/flight --vehicle quadrotor-structure\n  \
+    whirlstand excite quadrotor --controller lqr --out out/closed          # added to the command\n  \
+    whirlstand excite quadrotor --controller lqr --setpoint roll --setpoint pitch --out out/closed")]
 pub(crate) struct ExciteArgs {
     /// Built-in vehicle or path of a vehicle file.
     pub vehicle: String,
@@ -174,9 +186,20 @@ pub(crate) struct ExciteArgs {
     /// Highest frequency.
     #[arg(long, value_name = "HZ", default_value_t = 2.0)]
     pub highest: f64,
-    /// Largest input, as a share of its limit in the vehicle file, else in its unit.
+    /// Largest test signal: an input as a share of its limit in the vehicle file, else in its unit; a setpoint as a
+    /// share of the limit of its output.
     #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
     pub amplitude: f64,
+    /// The controller that stays on: lqr, ppc or smc. The test input is added to its command. Without, the flight is
+    /// open loop.
+    #[arg(long, value_name = "LAW")]
+    pub controller: Option<String>,
+    /// Moves the setpoint of this state instead; may be repeated.
+    #[arg(long = "setpoint", value_name = "STATE")]
+    pub setpoint: Vec<String>,
+    /// An option of the law, for example bandwidth=4; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
     /// Largest predicted value of an output, for example roll="10 deg" (a number is SI); may be repeated. Angles stay
     /// below 20 deg unless this says otherwise.
     #[arg(long = "limit", value_name = "OUTPUT=VALUE")]
@@ -229,6 +252,15 @@ pub(crate) enum IdentifyNoise {
     Coloured,
     /// Prediction error in Kalman's innovations form.
     Kalman,
+}
+
+/// Reads `SIGNAL=S`.
+fn delay(text: &str) -> Result<(String, f64), String> {
+    let parts = text.split_once('=').and_then(|(name, s)| Some((name.trim(), s.trim().parse::<f64>().ok()?)));
+    match parts {
+        Some((name, s)) if !name.is_empty() && s.is_finite() => Ok((name.to_string(), s)),
+        _ => Err(format!("'{text}' is not a delay: write SIGNAL=SECONDS, as in roll=0.06")),
+    }
 }
 
 /// Reads `FROM:TO`.

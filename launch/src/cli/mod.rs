@@ -1,5 +1,6 @@
 //! The command line: every call, option and help text of `whirlstand`.
 
+mod blind;
 mod files;
 
 use std::path::PathBuf;
@@ -7,6 +8,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use whirlstand_msgs::units::{Quantity, Unit};
 
+pub(crate) use blind::{BlindArgs, BlindCase};
 pub(crate) use files::{
     CompareArgs, DesignArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
     LaunchCommand, LogCommand, SimulateArgs, VehicleCommand,
@@ -46,6 +48,7 @@ pub(crate) enum Command {
     Compare(CompareArgs),
     Identify(IdentifyArgs),
     Excite(ExciteArgs),
+    Blind(BlindArgs),
     /// Look into logs: what they hold, as CSV, and where two of them differ.
     #[command(subcommand)]
     Log(LogCommand),

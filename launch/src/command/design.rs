@@ -11,7 +11,7 @@ use whirlstand_vehicle::Vehicle;
 use super::{print, print_json};
 use crate::cli::DesignArgs;
 use crate::error::Failure;
-use crate::file::{Document, plan};
+use crate::file::{Document, Plan, plan};
 use crate::style;
 
 /// Runs the command.
@@ -26,18 +26,27 @@ pub(crate) fn design(args: &DesignArgs) -> Result<ExitCode, Failure> {
 }
 
 /// Goes the way of a launch file, so that every option means here what it means there.
-fn designed(args: &DesignArgs) -> Result<Design, Failure> {
+pub(super) fn controller_plan(
+    vehicle: &str,
+    law: &str,
+    rate_hz: f64,
+    options: &[String],
+) -> Result<Plan, Failure> {
     let mut document = Document::parse("--law", "[controller]\n").map_err(Failure::mend)?;
     let mut set = |option: &str, key: &str, value: toml::Value| {
         document.set_value(format!("{option} {value}"), key, &value).map_err(Failure::mend)
     };
-    set("VEHICLE", "vehicle", args.vehicle.as_str().into())?;
-    set("--law", "controller.law", args.law.as_str().into())?;
-    set("--rate", "rate_hz", args.rate.into())?;
-    for assignment in &args.set {
+    set("VEHICLE", "vehicle", vehicle.into())?;
+    set("--law", "controller.law", law.into())?;
+    set("--rate", "rate_hz", rate_hz.into())?;
+    for assignment in options {
         document.set("--set", &format!("controller.{assignment}")).map_err(Failure::mend)?;
     }
-    let plan = plan(&document, "design", Path::new(".")).map_err(Failure::mend)?;
+    plan(&document, "design", Path::new(".")).map_err(Failure::mend)
+}
+
+fn designed(args: &DesignArgs) -> Result<Design, Failure> {
+    let plan = controller_plan(&args.vehicle, &args.law, args.rate, &args.set)?;
     let Some(options) = plan.config.controller.options() else {
         return Err(Failure::Mend(
             "--law manual: there is nothing to design; lqr, ppc or smc is expected".into(),

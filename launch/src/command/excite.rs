@@ -3,10 +3,14 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use whirlstand_ident::excite::{Kind, Options, Shape, design};
+use whirlstand_control::{Controller, Design};
+use whirlstand_ident::excite::{ClosedLoop, Kind, Options, Shape, Through, design};
 use whirlstand_msgs::units::Quantity;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_nodes::estimator::filter_of;
+use whirlstand_nodes::setup::Setup;
+use whirlstand_vehicle::{Engine, Vehicle};
 
+use super::design::controller_plan;
 use super::vehicles::find;
 use super::{print, write, write_json};
 use crate::cli::{ExciteArgs, ExciteKind};
@@ -18,12 +22,14 @@ const ANGLE: f64 = 20.0 * std::f64::consts::PI / 180.0;
 /// Runs the command.
 pub(crate) fn excite(args: &ExciteArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
-    let options = options(args, &vehicle)?;
+    let closed = closed_loop(args, &vehicle)?;
+    let options = Options { closed, ..options(args, &vehicle)? };
     let flight = design(&vehicle, &options).map_err(Failure::mend)?;
     let files = args.out.as_ref().map(|folder| (folder.join("inputs.csv"), folder.join("flight.toml")));
     if let Some((csv, launch)) = &files {
         write(csv, &flight.csv(&vehicle))?;
-        write(launch, &flight.launch(&vehicle, &reference(&args.vehicle)))?;
+        let lines: String = args.set.iter().map(|a| line(a)).collect();
+        write(launch, &flight.launch(&reference(&args.vehicle), &lines))?;
     }
     if let Some(path) = &args.json {
         write_json(&flight, path)?;
@@ -36,6 +42,59 @@ pub(crate) fn excite(args: &ExciteArgs) -> Result<ExitCode, Failure> {
         print(&text)?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// An assignment as a line of a launch file; a word that is no TOML value is a text, as on the command line.
+fn line(assignment: &str) -> String {
+    match (assignment.parse::<toml::Table>(), assignment.split_once('=')) {
+        (Err(_), Some((key, text))) => {
+            format!("{} = {}\n", key.trim(), toml::Value::String(text.trim().into()))
+        }
+        _ => format!("{assignment}\n"),
+    }
+}
+
+/// The controller that stays on, as the launch file will design it.
+fn closed_loop(args: &ExciteArgs, vehicle: &Vehicle) -> Result<Option<ClosedLoop>, Failure> {
+    let Some(law) = &args.controller else {
+        return match (args.setpoint.first(), args.set.first()) {
+            (Some(name), _) => Err(Failure::Mend(format!(
+                "--setpoint {name}: a setpoint moves only under a controller: give --controller lqr, ppc or smc"
+            ))),
+            (_, Some(set)) => Err(Failure::Mend(format!("--set {set}: give --controller lqr, ppc or smc"))),
+            _ => Ok(None),
+        };
+    };
+    let plan = controller_plan(&args.vehicle, law, args.rate, &args.set)?;
+    let Some(law_options) = plan.config.controller.options() else {
+        return Err(Failure::Mend(
+            "--controller manual: leave it out to fly open loop; lqr, ppc or smc is expected".into(),
+        ));
+    };
+    let states = args.setpoint.iter().map(|name| {
+        vehicle.state_index(name).ok_or_else(|| {
+            let names: Vec<&str> = vehicle.states.iter().map(|s| s.name.as_str()).collect();
+            Failure::Mend(format!(
+                "--setpoint {name}: no such state; '{}' has {}",
+                vehicle.name,
+                names.join(", ")
+            ))
+        })
+    });
+    let states: Vec<usize> = states.collect::<Result<_, _>>()?;
+    let plant = Setup::plant_of(vehicle, Setup::period_s(&plan.config)).map_err(Failure::mend)?;
+    let failed = |what: &str, e: &dyn std::fmt::Display| {
+        Failure::Mend(format!("{what} cannot be designed for {}: {e}", args.vehicle))
+    };
+    let design = Design::new(&plant, &law_options).map_err(|e| failed(law, &e))?;
+    let estimator = filter_of(vehicle, &plant, &plan.config.estimator, Engine::Flying)
+        .map_err(|e| failed("an estimator", &e))?;
+    Ok(Some(ClosedLoop {
+        law: law.clone(),
+        controller: Controller::new(&design),
+        estimator,
+        through: if states.is_empty() { Through::Command } else { Through::Setpoint(states) },
+    }))
 }
 
 /// The vehicle as the launch file names it: paths there are relative to the launch file, so they are made absolute.
@@ -101,5 +160,6 @@ fn options(args: &ExciteArgs, vehicle: &Vehicle) -> Result<Options, Failure> {
         amplitude: args.amplitude,
         limits: args.limit.iter().map(limit).collect::<Result<_, _>>()?,
         angle_limit: ANGLE,
+        closed: None,
     })
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
+use whirlstand_ident::identify::align::lags;
 use whirlstand_ident::identify::{
     Log, Method, Noise, Nuisance, Options, Progress, Segment, Source, identify as run,
 };
@@ -32,18 +33,21 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
         // What lies between two held-out parts may be too short to tell anything.
         let least = 16.0 * record.duration() / record.len().max(1) as f64;
         for (from, to) in rest((from, to), &args.hold_out, least) {
-            let segment = part(&record, &vehicle, args, (from, to))?;
-            fitted.push(Source { log: log.clone(), segment });
+            for segment in parts(&record, &vehicle, args, (from, to))? {
+                fitted.push(Source { log: log.clone(), segment });
+            }
         }
         for &(a, b) in &args.hold_out {
-            let segment = part(&record, &vehicle, args, (a.max(from), b.min(to)))?;
-            control.push(Source { log: log.clone(), segment });
+            for segment in parts(&record, &vehicle, args, (a.max(from), b.min(to)))? {
+                control.push(Source { log: log.clone(), segment });
+            }
         }
     }
     for path in &args.control {
         let (log, record) = open(path, args, &vehicle)?;
-        let segment = part(&record, &vehicle, args, (f64::NEG_INFINITY, f64::INFINITY))?;
-        control.push(Source { log, segment });
+        for segment in parts(&record, &vehicle, args, (f64::NEG_INFINITY, f64::INFINITY))? {
+            control.push(Source { log: log.clone(), segment });
+        }
     }
     let bar = Bar::new();
     let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &|p| bar.show(p));
@@ -98,6 +102,7 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
         }),
         closed_loop,
         nuisance: Nuisance { initial_state: true, output_offsets: args.offsets },
+        detrend: args.detrend,
         seed: args.seed,
         budget: args.budget,
         stagnation: args.stagnation,
@@ -106,7 +111,7 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
 
 /// Reads a log, on the wanted clock, with the hash of its file.
 fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<(Log, Record), Failure> {
-    let mut record = super::log::read(path, &args.map)?;
+    let mut record = aligned(super::log::read(path, &args.map)?, args, vehicle)?;
     if let Some(period) = args.period {
         if record.time_unit == "samples" {
             record = record.with_sample_period(period);
@@ -128,23 +133,62 @@ fn hash(path: &Path) -> Result<String, Failure> {
     Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
 }
 
-/// True when an own log shows that references were tracked: a controller was in the loop.
+/// True when an own log shows that a controller was in the loop: a reference was tracked, or the command was not the
+/// stick.
 fn steered(record: &Record) -> bool {
     record.signals().iter().any(|s| {
-        s.name.starts_with("setpoint.")
+        let tracked = s.name.starts_with("setpoint.")
             && !s.name.starts_with("setpoint.stick.")
-            && s.values.iter().any(|v| v.is_finite())
+            && s.values.iter().any(|v| v.is_finite());
+        let stick = s.name.strip_prefix("command.").and_then(|u| record.get(&format!("setpoint.stick.{u}")));
+        let steered = stick.is_some_and(|stick| {
+            s.values.iter().zip(&stick.values).any(|(u, v)| u.is_finite() && v.is_finite() && u != v)
+        });
+        tracked || steered
     })
 }
 
-fn part(
+fn parts(
     record: &Record,
     vehicle: &Vehicle,
     args: &IdentifyArgs,
     (from, to): (f64, f64),
-) -> Result<Segment, Failure> {
+) -> Result<Vec<Segment>, Failure> {
     let some = |v: f64| v.is_finite().then_some(v);
-    Segment::new(record, vehicle, args.period, (some(from), some(to))).map_err(Failure::mend)
+    Segment::unbroken(record, vehicle, args.period, (some(from), some(to))).map_err(Failure::mend)
+}
+
+/// Moves the signals whose delay is known; says what lags when nobody asked.
+fn aligned(record: Record, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Record, Failure> {
+    for (name, _) in &args.delay {
+        record.signal(name).map_err(|e| Failure::Mend(format!("--delay {name}: {e}")))?;
+    }
+    let mut delays = args.delay.clone();
+    let given = |name: &str| args.delay.iter().any(|(n, _)| n == name);
+    for lag in lags(&record, vehicle).into_iter().filter(|l| !given(&l.output)) {
+        let told = format!(
+            "{} lags {}, its derivative, by {:.1} ms (correlation {:.3})",
+            lag.output,
+            lag.rate,
+            1e3 * lag.lag_s,
+            lag.correlation
+        );
+        let period = record.duration() / record.len().max(2) as f64;
+        match (args.align, lag.certain) {
+            (true, true) => {
+                eprintln!("{}: {told}: moved", record.origin);
+                delays.push((lag.output, lag.lag_s));
+            }
+            (true, false) => {
+                eprintln!("{}: {told}: too little in common to be sure, not moved", record.origin)
+            }
+            (false, true) if lag.lag_s.abs() > 1.5 * period.max(0.01) => {
+                eprintln!("{}: {told}: --align moves it", record.origin);
+            }
+            _ => {}
+        }
+    }
+    Ok(if delays.is_empty() { record } else { record.without_delays(&delays) })
 }
 
 /// What is left of an interval without others, in parts longer than `least`.

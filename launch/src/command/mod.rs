@@ -1,6 +1,7 @@
 //! The calls of the command line that do not start a bench.
 
 pub(crate) mod bench;
+pub(crate) mod blind;
 pub(crate) mod bridge;
 pub(crate) mod compare;
 pub(crate) mod design;

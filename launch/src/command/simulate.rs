@@ -29,7 +29,7 @@ pub(crate) fn simulate(args: &SimulateArgs) -> Result<ExitCode, Failure> {
 }
 
 /// The vehicle's inputs in the record, in the vehicle's order and in SI.
-fn inputs<'r>(vehicle: &Vehicle, record: &'r Record) -> Result<Vec<&'r [f64]>, Failure> {
+pub(super) fn inputs<'r>(vehicle: &Vehicle, record: &'r Record) -> Result<Vec<&'r [f64]>, Failure> {
     let input = |u: &whirlstand_vehicle::Input| {
         let signal = record.signal(&u.name).map_err(|e| {
             Failure::Mend(format!(
@@ -49,7 +49,7 @@ fn inputs<'r>(vehicle: &Vehicle, record: &'r Record) -> Result<Vec<&'r [f64]>, F
 }
 
 /// Period of the simulation, s: of the rate that was asked for, or the record's median step.
-fn period(record: &Record, rate: Option<f64>) -> Result<f64, Failure> {
+pub(super) fn period(record: &Record, rate: Option<f64>) -> Result<f64, Failure> {
     if let Some(rate) = rate {
         return if rate > 0.0 && rate.is_finite() {
             Ok(1.0 / rate)

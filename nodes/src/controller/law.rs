@@ -9,7 +9,7 @@ use crate::setup::Setup;
 
 pub(super) enum Law {
     /// Closed loop.
-    Designed { controller: Box<Controller>, states: usize, inputs: usize },
+    Designed { controller: Box<Controller>, states: usize, inputs: usize, add_stick: bool },
     /// Open loop: the stick passes through.
     Manual,
 }
@@ -24,6 +24,7 @@ impl Law {
             controller: Box::new(Controller::new(&design)),
             states: plant.state_count(),
             inputs: plant.input_count(),
+            add_stick: config.controller.add_stick,
         })
     }
 
@@ -39,7 +40,10 @@ impl Law {
                 *u = setpoint.stick;
                 flags::MANUAL
             }
-            Self::Designed { controller, states, inputs } => {
+            Self::Designed { controller, states, inputs, add_stick } => {
+                if *add_stick {
+                    controller.set_test_input(&setpoint.stick[..*inputs]);
+                }
                 let outcome = controller.step(
                     &estimate.x[..*states],
                     &setpoint.x[..*states],

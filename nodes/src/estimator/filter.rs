@@ -1,8 +1,8 @@
 //! The Kalman filter, wired to the vehicle's sensors.
 
-use whirlstand_control::{Estimator, EstimatorKind, Sensors};
+use whirlstand_control::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, Plant, Sensors};
 use whirlstand_msgs::{Estimate, Head, Imu, MAX_INPUTS, Message, Odometry, flags};
-use whirlstand_vehicle::Output;
+use whirlstand_vehicle::{Engine, Output, Vehicle};
 
 use crate::config::NodeConfig;
 use crate::error::NodeError;
@@ -31,20 +31,13 @@ pub(super) struct Filter {
 impl Filter {
     pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let vehicle = &setup.vehicle;
-        let engine = config.plant.engine.into();
-        let sensors = Sensors {
-            c: vehicle.c.clone(),
-            d: vehicle.d.clone(),
-            std: vehicle.outputs.iter().map(|o| noise(o, engine)).collect(),
-            names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
-        };
         let what = match config.estimator.kind {
             EstimatorKind::Kinematic => "a kinematic estimator",
             EstimatorKind::Model => "a model-based estimator",
         };
         let plant = setup.control_plant(config)?;
-        let estimator =
-            Estimator::new(&plant, &sensors, &config.estimator).map_err(|e| setup.refuse(what, &e))?;
+        let estimator = filter_of(vehicle, &plant, &config.estimator, config.plant.engine.into())
+            .map_err(|e| setup.refuse(what, &e))?;
         Ok(Self {
             new: estimator.clone(),
             estimator,
@@ -111,9 +104,28 @@ impl Filter {
     }
 }
 
+/// The filter that the estimator runs for a vehicle whose engine does as said.
+///
+/// # Errors
+/// [`EstimatorError`].
+pub fn filter_of(
+    vehicle: &Vehicle,
+    plant: &Plant,
+    options: &EstimatorOptions,
+    engine: Engine,
+) -> Result<Estimator, EstimatorError> {
+    let sensors = Sensors {
+        c: vehicle.c.clone(),
+        d: vehicle.d.clone(),
+        std: vehicle.outputs.iter().map(|o| noise(o, engine)).collect(),
+        names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
+    };
+    Estimator::new(plant, &sensors, options)
+}
+
 /// Standard deviation of what a sensor adds: declared noise, rounding (its step over the square root of 12) and
 /// the root mean square of the vibration.
-fn noise(output: &Output, engine: whirlstand_vehicle::Engine) -> f64 {
+fn noise(output: &Output, engine: Engine) -> f64 {
     let vibration = output.vibration.as_ref().map_or(0.0, |v| {
         let power = v.harmonics.iter().map(|h| h * h).sum::<f64>() / 2.0;
         v.amplitude(engine).powi(2) * power

@@ -25,6 +25,7 @@ use crate::ports::receive;
 use crate::process::Follower;
 use crate::setup::Setup;
 use filter::Filter;
+pub use filter::filter_of;
 use history::{History, LONGEST_GAP};
 
 /// Queue for measurements and commands.

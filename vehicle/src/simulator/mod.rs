@@ -199,6 +199,15 @@ impl Simulator {
         self.sensors.fill_past(&self.z, &self.drive);
     }
 
+    /// Moves the state by `change`, as an observer corrects it; filters and sensors keep their own.
+    ///
+    /// # Panics
+    /// When `change` is not as long as the vehicle has states.
+    pub fn correct(&mut self, change: &[f64]) {
+        assert_eq!(change.len(), self.n, "one value for each state");
+        self.z[..self.n].iter_mut().zip(change).for_each(|(z, c)| *z += c);
+    }
+
     /// Sets the command of this step; to be called at most once a step. A value that is not a number is replaced by
     /// the one before, an infinite one by the limit.
     ///

@@ -70,7 +70,8 @@
       margin: { l: narrow ? 44 : 56, r: narrow ? 8 : 34, t: 30, b: 40 }, height: height(plot),
       xaxis: { ...axis, title: { text: plot.x, standoff: 6 }, type: plot.log_x ? "log" : "linear", zeroline: false,
         hoverformat: ".4~g" },
-      yaxis: { ...axis, type: plot.log_y ? "log" : "linear", zeroline: !plot.log_y, fixedrange: false },
+      yaxis: { ...axis, type: plot.log_y ? "log" : "linear", zeroline: !plot.log_y, fixedrange: false,
+        ...(plot.y_range ? { range: plot.y_range } : {}) },
       legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", font: { size: 12 }, bgcolor: "rgba(0,0,0,0)" },
       // Upright in the margin, where it covers neither lines nor legend.
       modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)", color: colour("sensor"), activecolor: colour("accent") },

@@ -1,0 +1,82 @@
+//! A diagnosis as its JSON says it (`whirlstand.diagnosis.v1`): read here anew, so that what is judged is what a user
+//! would read.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+/// A diagnosis.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Diagnosis {
+    /// consistent, explained, partly_explained, unexplained or inconclusive.
+    pub verdict: String,
+    /// Accepted causes, the first one first.
+    #[serde(default)]
+    pub causes: Vec<Cause>,
+    /// Figures of every output.
+    #[serde(default)]
+    pub outputs: BTreeMap<String, OutputFigures>,
+    /// The part of the record that was not used.
+    pub heldout: Option<Heldout>,
+}
+
+/// A named cause.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Cause {
+    /// Effect.
+    pub effect: String,
+    /// Place.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Numbers with their intervals; texts, such as `to`, as they are.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, Value>,
+    /// Vehicle of a mode transition, where it does not stand among the parameters.
+    #[serde(default)]
+    pub to: Option<String>,
+    /// Causes that this record cannot tell from this one.
+    #[serde(default)]
+    pub indistinguishable: Vec<Cause>,
+}
+
+/// A parameter with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Estimate {
+    pub value: f64,
+    pub interval: Option<(f64, f64)>,
+}
+
+/// Figures of an output, SI.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct OutputFigures {
+    /// Root mean square of the held-out error of the extended vehicle.
+    pub rmse_after: Option<f64>,
+}
+
+/// From when to when, s.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct Heldout {
+    /// Start, s.
+    pub from_s: f64,
+    /// End, s.
+    pub to_s: f64,
+}
+
+impl Cause {
+    /// A number among the parameters: plain, or with an interval.
+    pub(crate) fn estimate(&self, name: &str) -> Option<Estimate> {
+        let entry = self.parameters.get(name)?;
+        if let Some(value) = entry.as_f64() {
+            return Some(Estimate { value, interval: None });
+        }
+        let field = |key: &str| entry.get(key).and_then(Value::as_f64);
+        Some(Estimate { value: field("value")?, interval: field("low").zip(field("high")) })
+    }
+
+    /// The vehicle of a mode transition.
+    pub(crate) fn successor(&self) -> Option<&str> {
+        let listed = self.parameters.get("to").and_then(|t| t.as_str().or_else(|| t.get("value")?.as_str()));
+        self.to.as_deref().or(listed)
+    }
+}

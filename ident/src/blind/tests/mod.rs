@@ -1,0 +1,5 @@
+//! The generator against closed forms and the simulator; trials from draw to score.
+
+mod motion;
+mod random;
+mod trials;

@@ -1,0 +1,103 @@
+//! By how much sensors of different clocks lag each other, from the motion that they share.
+//!
+//! Where the vehicle file says that one output is the integral of another (an angle and its rate: a row of A with one
+//! entry that is not free, and no input), both must show one motion. Sensors of the same computer as the inputs are
+//! usually rates; the integral, of a camera or a satellite receiver, is the one that comes late.
+
+use serde::{Deserialize, Serialize};
+use whirlstand_logs::{Record, Series, time_offset};
+use whirlstand_vehicle::{Matrix, Target, Vehicle};
+
+/// Longest lag that is looked for, s.
+const LONGEST_S: f64 = 0.5;
+/// Time over which both are smoothed, s.
+const SMOOTHING_S: f64 = 0.25;
+/// Correlation from which a lag is believed.
+const LEAST_CORRELATION: f64 = 0.7;
+
+/// The lag of an output behind the output that is its derivative.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Lag {
+    /// The output.
+    pub output: String,
+    /// The output that is its derivative.
+    pub rate: String,
+    /// By how much the first lags the second, s.
+    pub lag_s: f64,
+    /// Correlation of the two at that lag.
+    pub correlation: f64,
+    /// True when the motion leaves no doubt.
+    pub certain: bool,
+}
+
+/// The lags that a record shows; outputs without a derivative among the outputs are left out, as are those that do not
+/// move.
+pub fn lags(record: &Record, vehicle: &Vehicle) -> Vec<Lag> {
+    if record.time_unit != "s" {
+        return Vec::new();
+    }
+    let shown = |state: usize| {
+        (0..vehicle.outputs.len()).find(|i| {
+            let row = vehicle.c.row(*i);
+            row[state] != 0.0
+                && row.iter().filter(|c| **c != 0.0).count() == 1
+                && record.get(&vehicle.outputs[*i].name).is_some()
+        })
+    };
+    let mut all = Vec::new();
+    for i in 0..vehicle.states.len() {
+        let free = vehicle
+            .free
+            .iter()
+            .any(|f| matches!(f.target, Target::Entry(Matrix::A | Matrix::B, r, _) if r == i));
+        let row: Vec<usize> = (0..vehicle.states.len()).filter(|j| vehicle.a[(i, *j)] != 0.0).collect();
+        let driven = vehicle.b.row(i).iter().any(|b| *b != 0.0);
+        let &[j] = &row[..] else { continue };
+        if free || driven || i == j {
+            continue;
+        }
+        let (Some(angle), Some(rate)) = (shown(i), shown(j)) else { continue };
+        let sign = (vehicle.a[(i, j)] * vehicle.c[(angle, i)] * vehicle.c[(rate, j)]).signum();
+        let [angle, rate] = [angle, rate].map(|o| vehicle.outputs[o].name.clone());
+        if let Some(found) = lag(record, &angle, &rate) {
+            let correlation = sign * found.correlation;
+            all.push(Lag {
+                certain: correlation > LEAST_CORRELATION && !found.ambiguous,
+                output: angle,
+                rate,
+                lag_s: found.lag_s,
+                correlation,
+            });
+        }
+    }
+    all
+}
+
+fn lag(record: &Record, angle: &str, rate: &str) -> Option<whirlstand_logs::TimeOffset> {
+    let series = record.to_series();
+    let of = |name: &str| series.iter().find(|s| s.name == name);
+    let (angle, rate) = (smoothed(of(angle)?), smoothed(of(rate)?));
+    let slope: Vec<(f64, f64)> =
+        angle.windows(3).map(|w| (w[1].0, (w[2].1 - w[0].1) / (w[2].0 - w[0].0))).collect();
+    let (slope, rate) = (Series::new("slope", "", slope), Series::new("rate", "", rate));
+    time_offset(&rate, &slope, LONGEST_S).ok()
+}
+
+/// A centred mean over [`SMOOTHING_S`], the same for both, so that neither is moved.
+fn smoothed(series: &Series) -> Vec<(f64, f64)> {
+    let (time, values) = (series.time(), series.values());
+    let (mut first, mut end, mut sum) = (0, 0, 0.0);
+    time.iter()
+        .map(|&t| {
+            while end < time.len() && time[end] <= t + 0.5 * SMOOTHING_S {
+                sum += values[end];
+                end += 1;
+            }
+            while time[first] < t - 0.5 * SMOOTHING_S {
+                sum -= values[first];
+                first += 1;
+            }
+            (t, sum / (end - first).max(1) as f64)
+        })
+        .collect()
+}

@@ -1,0 +1,72 @@
+//! Stretches of a record where something acts that the model does not have.
+
+use super::answer::Disturbed;
+use super::data::Segment;
+use super::problem::Problem;
+use crate::stats::{median, rms};
+
+/// Length over which residuals are judged together, s.
+const WINDOW_S: f64 = 0.25;
+/// A window stands out when its residuals' mean square is this many times the usual one, and also beyond what so few
+/// white values reach.
+const RATIO: f64 = 3.0;
+const SIGMAS: f64 = 8.0;
+/// When more than this share of a record stands out, it is the model that is wrong, not a moment.
+const MOST: f64 = 0.25;
+
+/// Finds the stretches, in the order of time. `one_step[output][part]` are the residuals one step ahead of the measured
+/// values of that output, the last ones of the part when a filter took the first.
+pub fn disturbed(problem: &Problem, segments: &[Segment], one_step: &[Vec<Vec<f64>>]) -> Vec<Disturbed> {
+    let p = problem.p();
+    let usual: Vec<f64> = one_step
+        .iter()
+        .map(|runs| 1.4826 * median(&runs.iter().flatten().map(|r| r.abs()).collect::<Vec<_>>()))
+        .collect();
+    let mut all = Vec::new();
+    for (s, segment) in segments.iter().enumerate() {
+        let length = ((WINDOW_S / segment.period_s).round() as usize).max(8);
+        let windows = segment.steps / length;
+        // For every window the output that stands out most, and by how much.
+        let mut marks: Vec<Option<(usize, f64)>> = vec![None; windows];
+        for i in (0..p).filter(|i| problem.weights[*i] > 0.0 && usual[*i] > 0.0) {
+            let Some(run) = one_step[i].get(s) else { continue };
+            let measured: Vec<usize> =
+                (0..segment.steps).filter(|k| segment.outputs[k * p + i].is_finite()).collect();
+            let steps = &measured[measured.len().saturating_sub(run.len())..];
+            for (w, mark) in marks.iter_mut().enumerate() {
+                let within =
+                    steps.iter().zip(run).filter(|(k, _)| (w * length..(w + 1) * length).contains(*k));
+                let values: Vec<f64> = within.map(|(_, r)| r / usual[i]).collect();
+                let square = rms(&values).powi(2);
+                let chance = 1.0 + SIGMAS * (2.0 / values.len().max(1) as f64).sqrt();
+                if values.len() >= 4 && square > RATIO.max(chance) && mark.is_none_or(|m| square > m.1) {
+                    *mark = Some((i, square));
+                }
+            }
+        }
+        if marks.iter().flatten().count() as f64 > MOST * windows as f64 {
+            return Vec::new();
+        }
+        let mut w = 0;
+        while w < windows {
+            let Some(mut worst) = marks[w] else {
+                w += 1;
+                continue;
+            };
+            let first = w;
+            // One quiet window does not end a stretch.
+            while let Some(next) = (w + 1..(w + 3).min(windows)).find(|n| marks[*n].is_some()) {
+                w = next;
+                worst = marks[w].filter(|m| m.1 > worst.1).unwrap_or(worst);
+            }
+            all.push(Disturbed {
+                from_s: segment.time(first * length),
+                until_s: segment.time((w + 1) * length),
+                output: problem.vehicle.outputs[worst.0].name.clone(),
+                ratio: worst.1.sqrt(),
+            });
+            w += 1;
+        }
+    }
+    all
+}

@@ -1,0 +1,84 @@
+//! Options of `whirlstand blind`.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+/// Hide effects in simulated records, diagnose these, and count what is found.
+///
+/// A generator that shares nothing with the diagnosis draws a record and seals the answer; `whirlstand diagnose` sees
+/// the record and the nominal vehicle only. With a vehicle and an excitation of your own this tells before a flight
+/// what that flight could reveal.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand blind --trials 100 --seed 1\n  \
+    whirlstand blind --trials 50 --vehicle mine.toml --input out/excite/inputs.csv --kinds single --out out/blind\n  \
+    whirlstand blind --only 1000017 --keep out/trial\n\n\
+    Exit code 1 when a goal is missed.")]
+pub(crate) struct BlindArgs {
+    /// Number of trials.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub trials: usize,
+    /// Seed; trial K of it has the number SEED 000000 + K.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// Built-in vehicle or path, the same in all trials [default: drawn]
+    #[arg(long, value_name = "VEHICLE")]
+    pub vehicle: Option<String>,
+    /// Record with the inputs of that vehicle, flown in all trials [default: drawn]
+    #[arg(long, value_name = "FILE")]
+    pub input: Option<PathBuf>,
+    /// Takes an input from another column, for example u_roll=in_lat; may be repeated.
+    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+    pub map: Vec<String>,
+    /// Only these effects of the table, separated by commas.
+    #[arg(long, value_name = "EFFECT,...", value_delimiter = ',')]
+    pub effects: Vec<String>,
+    /// Only these kinds of trial, separated by commas.
+    #[arg(long, value_enum, value_name = "KIND,...", value_delimiter = ',')]
+    pub kinds: Vec<BlindCase>,
+    /// Only the trial of this number.
+    #[arg(long, value_name = "NUMBER", conflicts_with_all = ["trials", "seed", "effects", "kinds"])]
+    pub only: Option<u64>,
+    /// Trials at a time [default: one for each CPU]
+    #[arg(long, value_name = "J")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Writes all results as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Folder for blind.json, blind.txt, the list of seals, and the records of trials that did not end as they should.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Folder for the records, answers and diagnoses of all trials.
+    #[arg(long, value_name = "DIR")]
+    pub keep: Option<PathBuf>,
+    /// Another program to be judged, called as `PROGRAM diagnose trial.csv --vehicle nominal.toml --json diagnosis.json`.
+    #[arg(long, value_name = "PROGRAM")]
+    pub program: Option<PathBuf>,
+}
+
+/// Kinds of trial.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BlindCase {
+    /// One effect of the table.
+    Single,
+    /// No effect.
+    Clean,
+    /// Two effects of the table.
+    Pair,
+    /// One effect that is not in the table.
+    Outside,
+}
+
+impl BlindCase {
+    /// The word on the command line.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Single => "single",
+            Self::Clean => "clean",
+            Self::Pair => "pair",
+            Self::Outside => "outside",
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! `whirlstand blind`: what diagnosis finds of hidden effects, by trials whose answers are sealed while it runs.
+
+mod judge;
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use whirlstand_ident::blind::{Case, Commands, Plan, Setting, TRIALS_PER_SEED, Tally};
+use whirlstand_vehicle::Kind;
+
+use self::judge::Judge;
+use super::vehicles::find;
+use super::{print, simulate, write, write_json};
+use crate::cli::{BlindArgs, BlindCase};
+use crate::error::Failure;
+use crate::style;
+
+/// Runs the command; exit code 1 when a goal is missed.
+pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
+    let setting = setting(args)?;
+    let plans = plans(args)?;
+    let jobs = match args.jobs {
+        Some(jobs) => jobs.get(),
+        None => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+    };
+    let judge = Judge::new(args, jobs)?;
+    let bar = ProgressBar::new(plans.len() as u64);
+    let template = ProgressStyle::with_template("{bar:24.cyan/dim} {pos}/{len} trials  {elapsed}  {msg}");
+    bar.set_style(template.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let results = judge.run(&plans, &setting, jobs, &bar);
+    bar.finish_and_clear();
+    let (trials, skipped) = results?;
+    let tally = Tally::new(call(args), trials, skipped);
+    report(args, &tally)
+}
+
+fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
+    let text = tally.text();
+    if let Some(folder) = &args.out {
+        write_json(tally, &folder.join("blind.json"))?;
+        write(&folder.join("blind.txt"), &text)?;
+    }
+    if let Some(path) = &args.json {
+        write_json(tally, path)?;
+    }
+    let missed = tally.goals.iter().filter(|g| g.met == Some(false)).count();
+    if args.json.as_deref() == Some(Path::new("-")) {
+        return Ok(ExitCode::from(u8::from(missed > 0)));
+    }
+    if args.only.is_some() {
+        print(&tally.trials.iter().map(whirlstand_ident::blind::opened).collect::<String>())?;
+    } else {
+        let painted = text.replace("MISSED", &style::bad("MISSED"));
+        let again = match tally.failures().next() {
+            Some(_) => {
+                "\nrepeat one: whirlstand blind --only NUMBER --keep DIR, with the same vehicle and input\n"
+            }
+            None => "",
+        };
+        print(&format!("{painted}{again}"))?;
+    }
+    Ok(ExitCode::from(u8::from(missed > 0)))
+}
+
+/// The user's vehicle and excitation.
+fn setting(args: &BlindArgs) -> Result<Setting, Failure> {
+    let vehicle = args.vehicle.as_deref().map(find).transpose()?;
+    let Some(path) = &args.input else { return Ok(Setting { vehicle, commands: None }) };
+    let Some(vehicle) = vehicle else {
+        return Err(Failure::Mend("--input needs the --vehicle whose inputs it has".into()));
+    };
+    let record = super::log::read(path, &args.map)?;
+    let period_s = simulate::period(&record, None)?;
+    let inputs = simulate::inputs(&vehicle, &record)?;
+    let start = record.time.first().copied().unwrap_or(0.0);
+    let count = (record.duration() / period_s * (1.0 + 1e-12)).floor() as usize + 1;
+    let mut next = 0;
+    let mut now: Vec<f64> = vehicle.inputs.iter().map(whirlstand_vehicle::Input::neutral).collect();
+    let mut commands = Commands { period_s, inputs: vec![Vec::with_capacity(count); now.len()] };
+    for step in 0..count {
+        let t = start + step as f64 * period_s;
+        while record.time.get(next).is_some_and(|time| *time <= t + 1e-9 * period_s) {
+            for (u, column) in now.iter_mut().zip(&inputs) {
+                // A gap in the record holds the last value.
+                *u = if column[next].is_finite() { column[next] } else { *u };
+            }
+            next += 1;
+        }
+        commands.inputs.iter_mut().zip(&now).for_each(|(column, u)| column.push(*u));
+    }
+    Ok(Setting { vehicle: Some(vehicle), commands: Some(commands) })
+}
+
+/// The first so many plans of the seed that are wanted, or the one that is asked for.
+fn plans(args: &BlindArgs) -> Result<Vec<Plan>, Failure> {
+    if let Some(number) = args.only {
+        return Ok(vec![Plan::new(number)]);
+    }
+    let effects: Vec<Kind> = args
+        .effects
+        .iter()
+        .map(|name| Kind::from_name(name).map_err(|e| Failure::Mend(format!("--effects: {}", e.reason))))
+        .collect::<Result<_, _>>()?;
+    let mut cases: Vec<Case> = args
+        .kinds
+        .iter()
+        .map(|case| match case {
+            BlindCase::Single => Case::Single,
+            BlindCase::Clean => Case::Clean,
+            BlindCase::Pair => Case::Pair,
+            BlindCase::Outside => Case::Outside,
+        })
+        .collect();
+    if cases.is_empty() && !effects.is_empty() {
+        cases = vec![Case::Single, Case::Pair];
+    }
+    if effects.len() == 1 && cases == [Case::Pair] {
+        return Err(Failure::Mend("--effects: a pair needs two effects".into()));
+    }
+    let first = args
+        .seed
+        .checked_mul(TRIALS_PER_SEED)
+        .filter(|first| *first < 1 << 53)
+        .ok_or_else(|| Failure::Mend(format!("--seed {}: at most 9000000000 is expected", args.seed)))?;
+    let all = (first..first + TRIALS_PER_SEED).map(Plan::new);
+    Ok(all.filter(|p| p.wanted(&cases, &effects)).take(args.trials).collect())
+}
+
+/// The call as it can be repeated.
+fn call(args: &BlindArgs) -> String {
+    let mut words = vec!["whirlstand blind".to_string()];
+    match args.only {
+        Some(number) => words.push(format!("--only {number}")),
+        None => words.push(format!("--trials {} --seed {}", args.trials, args.seed)),
+    }
+    words.extend(args.vehicle.iter().map(|v| format!("--vehicle {v}")));
+    words.extend(args.input.iter().map(|i| format!("--input {}", i.display())));
+    if !args.effects.is_empty() {
+        words.push(format!("--effects {}", args.effects.join(",")));
+    }
+    if !args.kinds.is_empty() {
+        let kinds: Vec<&str> = args.kinds.iter().map(|k| k.word()).collect();
+        words.push(format!("--kinds {}", kinds.join(",")));
+    }
+    words.join(" ")
+}

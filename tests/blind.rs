@@ -1,0 +1,138 @@
+//! Blind trials as processes: what the diagnosing program gets to see, and how its answers are counted.
+
+mod support;
+
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+
+use support::{json, run};
+
+/// A program that writes what its folder holds next to itself, and then this diagnosis.
+fn stand_in(dir: &Path, diagnosis: &str) -> PathBuf {
+    let (path, list) = (dir.join("stand-in.sh"), dir.join("seen.txt"));
+    let script = format!(
+        "#!/bin/sh\necho \"$@\" >> '{list}'\nls -a | tr '\\n' ' ' >> '{list}'\nprintf '%s' '{diagnosis}' > diagnosis.json\n",
+        list = list.display()
+    );
+    std::fs::write(&path, script).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    path
+}
+
+fn goal<'a>(tally: &'a Value, name: &str) -> &'a Value {
+    tally["goals"].as_array().unwrap().iter().find(|g| g["name"] == name).unwrap()
+}
+
+#[test]
+fn the_program_sees_a_record_and_a_vehicle_and_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let program = stand_in(dir.path(), r#"{"verdict":"consistent","causes":[]}"#);
+    let (out, tally) = (dir.path().join("out"), dir.path().join("tally.json"));
+    let arguments = ["--trials", "12", "--seed", "3", "--jobs", "2", "--program", program.to_str().unwrap()];
+    let finished = run(["blind"].into_iter().chain(arguments).chain([
+        "--keep",
+        out.to_str().unwrap(),
+        "--json",
+        tally.to_str().unwrap(),
+    ]));
+    // Nothing named where something is hidden: the first goal is missed.
+    assert_eq!(finished.code(), 1, "{}", finished.stderr);
+    let seen = std::fs::read_to_string(dir.path().join("seen.txt")).unwrap();
+    for line in seen.split("diagnose ").skip(1) {
+        assert_eq!(
+            line.replace('\n', " ").trim(),
+            "trial.csv --vehicle nominal.toml --json diagnosis.json . .. nominal.toml stderr.txt trial.csv"
+        );
+    }
+
+    let tally = json(tally);
+    assert_eq!(tally["schema"], "whirlstand.blind.v1");
+    let trials = tally["trials"].as_array().unwrap();
+    assert_eq!(trials.len() + tally["skipped"].as_u64().unwrap() as usize, 12);
+    let seals = std::fs::read_to_string(out.join("seals.txt")).unwrap();
+    for trial in trials {
+        let number = trial["answer"]["number"].as_u64().unwrap();
+        let answer = std::fs::read(out.join(format!("sealed/{number}.json"))).unwrap();
+        let seal: String = Sha256::digest(answer).iter().map(|b| format!("{b:02x}")).collect();
+        assert_eq!(trial["seal"], seal.as_str());
+        assert!(seals.contains(&format!("{number} {seal}")));
+        let expected = match trial["answer"]["case"].as_str().unwrap() {
+            "single" | "pair" => "missed",
+            _ => "right",
+        };
+        assert_eq!(trial["outcome"], expected, "{number}");
+    }
+    assert_eq!(goal(&tally, "false cause on a clean record")["met"], true);
+    assert_eq!(goal(&tally, "right name and place first")["met"], false);
+}
+
+#[test]
+fn a_trial_is_repeated_by_its_number() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = r#"{"verdict":"explained","causes":[{"effect":"sensor_bias","where":"nowhere"}]}"#;
+    let program = stand_in(dir.path(), truth);
+    let once = |name: &str| -> (Vec<u8>, Value) {
+        let (keep, tally) = (dir.path().join(name), dir.path().join(format!("{name}.json")));
+        let arguments = ["blind", "--only", "8000005", "--program", program.to_str().unwrap()];
+        let files = ["--keep", keep.to_str().unwrap(), "--json", tally.to_str().unwrap()];
+        let finished = run(arguments.into_iter().chain(files));
+        assert!(finished.stderr.contains("sealed with SHA-256"), "{}", finished.stderr);
+        assert!(finished.stdout.contains("named    sensor_bias(nowhere)"), "{}", finished.stdout);
+        (std::fs::read(keep.join("trials/8000005/trial.csv")).unwrap(), json(tally))
+    };
+    let (first, again) = (once("first"), once("again"));
+    assert!(first.0 == again.0, "the record is the same");
+    assert_eq!(first.1["trials"][0]["seal"], again.1["trials"][0]["seal"]);
+    assert_eq!(first.1["trials"][0]["outcome"], "wrong");
+}
+
+#[test]
+fn a_users_own_vehicle_and_excitation_are_flown() {
+    let dir = tempfile::tempdir().unwrap();
+    let program = stand_in(dir.path(), r#"{"verdict":"unexplained"}"#);
+    let (vehicle, input) = (dir.path().join("cart.toml"), dir.path().join("input.csv"));
+    std::fs::write(
+        &vehicle,
+        "A = [[0.0, 1.0], [-4.0, -0.5]]\nB = [[0.0], [2.0]]\nstates = [{ name = \"x\", unit = \"m\" }, { name = \"v\", unit = \"m/s\" }]\n\
+         inputs = [{ name = \"force\", unit = \"N\" }]\noutputs = [{ name = \"x\", unit = \"cm\", noise = 0.2 }]\n",
+    )
+    .unwrap();
+    let rows = (0..3000).map(|k| format!("{},{}\n", f64::from(k) * 0.02, f64::from((k / 60 % 3) - 1)));
+    let text: String = std::iter::once("t,force[N]\n".to_string()).chain(rows).collect();
+    std::fs::write(&input, text).unwrap();
+    let keep = dir.path().join("keep");
+    let arguments = ["blind", "--trials", "3", "--kinds", "single", "--effects", "input_delay,dead_zone"];
+    let own = ["--vehicle", vehicle.to_str().unwrap(), "--input", input.to_str().unwrap()];
+    let rest = ["--program", program.to_str().unwrap(), "--keep", keep.to_str().unwrap()];
+    let finished = run(arguments.into_iter().chain(own).chain(rest));
+    assert!(
+        finished.stdout.contains("input_delay") && finished.stdout.contains("dead_zone"),
+        "{}",
+        finished.stdout
+    );
+    for trial in std::fs::read_dir(keep.join("trials")).unwrap() {
+        let csv = std::fs::read_to_string(trial.unwrap().path().join("trial.csv")).unwrap();
+        assert!(csv.starts_with("t,force[N],x[cm]\n0,-1,"), "{}", &csv[..60]);
+        assert_eq!(csv.lines().count(), 3001);
+    }
+}
+
+#[test]
+fn what_cannot_be_flown_is_refused_with_the_reason() {
+    let refused = |arguments: &[&str], words: &str| {
+        let finished = run(["blind"].iter().chain(arguments));
+        assert_eq!(finished.code(), 2, "{}", finished.stderr);
+        assert!(finished.stderr.contains(words), "{words:?} is missing in: {}", finished.stderr);
+    };
+    refused(&["--effects", "input_dely"], "did you mean 'input_delay'?");
+    refused(&["--vehicle", "no-such-vehicle"], "no-such-vehicle");
+    refused(&["--input", "inputs.csv"], "--input needs the --vehicle");
+    let dir = tempfile::tempdir().unwrap();
+    let silent = dir.path().join("silent.toml");
+    let text = "A = [[-1.0]]\nB = [[1.0]]\nstates = [{ name = \"x\" }]\ninputs = [{ name = \"u\" }]\n";
+    std::fs::write(&silent, text).unwrap();
+    refused(&["--trials", "1", "--vehicle", silent.to_str().unwrap()], "declares no noise");
+}
