@@ -189,7 +189,7 @@ fn the_autopilot_is_asked_for_messages_and_the_time() {
     let asks = pair.heard.iter().filter(|m| matches!(m, MavMessage::TIMESYNC(t) if t.tc1 == 0)).count();
     assert!(asks >= 10, "{asks}");
     let ask = pair.heard.iter().find_map(|m| match m {
-        MavMessage::TIMESYNC(t) if t.tc1 == 0 => Some(*t),
+        MavMessage::TIMESYNC(t) if t.tc1 == 0 => Some(t.clone()),
         _ => None,
     });
     let sent = ask.unwrap().ts1;
@@ -289,7 +289,7 @@ fn channels_of_the_vehicles_own_receiver_are_the_pilot() {
     let mut config = config();
     config.options.pilot = Some(serde_json::from_str(r#"{"source": "mavlink"}"#).unwrap());
     let mut pair = Pair::new(&config);
-    let mut rc = |pair: &mut Pair, automatic_us: u16| {
+    let rc = |pair: &mut Pair, automatic_us: u16| {
         let m = dialect::RC_CHANNELS_DATA {
             chancount: 6,
             chan1_raw: 1500,

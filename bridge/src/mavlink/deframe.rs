@@ -53,6 +53,10 @@ pub struct Deframer {
 }
 
 /// What stands at the front of the buffer.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "lives on the stack for one call; a box would allocate per message"
+)]
 enum Front {
     /// Not a whole frame yet.
     Incomplete,
