@@ -154,7 +154,7 @@ fn a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again() {
     let (silent, disarmed) = (when("silence"), when("disarm"));
     assert!(history.iter().any(|h| h[1] == false && at(h) < silent), "it was moved before: {history:?}");
     // 0.25 s of staleness; the rest is what a busy machine may take.
-    let held = history.iter().filter(|h| h[1].is_boolean() && at(h) < disarmed).next_back().unwrap();
+    let held = history.iter().rfind(|h| h[1].is_boolean() && at(h) < disarmed).unwrap();
     assert!(held[1] == true && at(held) < silent + 0.6, "{} s after silence: {held}", at(held) - silent);
     let moved_again = history.iter().any(|h| h[1] == false && at(h) > when("arm"));
     assert!(moved_again, "{history:?}\n{}", ended.stderr);
