@@ -31,7 +31,17 @@ struct Mapped {
     index: usize,
     source: Source,
     trim_us: f64,
+    /// For an input of 1.
     span_us: f64,
+}
+
+/// An input of the vehicle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Input {
+    /// Its name.
+    pub name: String,
+    /// The greater of its limits' magnitudes; infinite without limits.
+    pub full: f64,
 }
 
 /// Sixteen channels.
@@ -43,6 +53,7 @@ pub struct Mapping {
     wanted: Vec<f64>,
     us: [f64; CHANNELS],
     in_use: [bool; CHANNELS],
+    pushed: Option<(usize, f64)>,
 }
 
 impl Mapping {
@@ -51,7 +62,7 @@ impl Mapping {
     /// # Errors
     /// For a channel or an input that does not exist, a channel used twice, an input on no channel, limits that do
     /// not hold trim and neutral.
-    pub fn new(configs: &[ChannelConfig], inputs: &[String], has_pilot: bool) -> Result<Self, ConfigError> {
+    pub fn new(configs: &[ChannelConfig], inputs: &[Input], has_pilot: bool) -> Result<Self, ConfigError> {
         let usual = if configs.is_empty() { usual(inputs, has_pilot)? } else { Vec::new() };
         let configs = if configs.is_empty() { &usual } else { configs };
         let (mut mapped, mut limits, mut in_use) = (Vec::new(), Vec::new(), [false; CHANNELS]);
@@ -75,7 +86,7 @@ impl Mapping {
                     }
                     Some(source) => source,
                     None => {
-                        let known = inputs.join(", ");
+                        let known = inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>().join(", ");
                         return fail(
                             "from",
                             format!(
@@ -116,17 +127,25 @@ impl Mapping {
             if !config.span_us.is_finite() {
                 return fail("span_us", "a finite number is expected".into());
             }
+            let full = match source {
+                Source::Input(i, _) => config.full.unwrap_or(inputs[i].full),
+                _ => 1.0,
+            };
+            if !(full > 0.0 && full.is_finite()) {
+                let message = "the input's value at full span is expected here, above 0: the vehicle file has no limits";
+                return fail("full", message.into());
+            }
             limits.push(limit);
-            mapped.push(Mapped { index, source, trim_us: config.trim_us, span_us: config.span_us });
+            mapped.push(Mapped { index, source, trim_us: config.trim_us, span_us: config.span_us / full });
         }
-        for (i, name) in inputs.iter().enumerate() {
+        for (i, Input { name, .. }) in inputs.iter().enumerate() {
             if !mapped.iter().any(|m| matches!(m.source, Source::Input(input, _) if input == i)) {
                 let message = format!("no channel carries the input {name}: add one with from = \"{name}\"");
                 return Err(ConfigError::new(&["channels"], message));
             }
         }
         let (limiter, wanted) = (Limiter::new(limits.clone()), vec![0.0; mapped.len()]);
-        let mut new = Self { mapped, limiter, limits, wanted, us: [1500.0; CHANNELS], in_use };
+        let mut new = Self { mapped, limiter, limits, wanted, us: [1500.0; CHANNELS], in_use, pushed: None };
         new.place();
         Ok(new)
     }
@@ -142,7 +161,10 @@ impl Mapping {
         let pilot = pilot.filter(|p| p.is_present(now));
         for ((wanted, m), limit) in self.wanted.iter_mut().zip(&self.mapped).zip(&self.limits) {
             *wanted = match (mode, m.source) {
-                (Mode::Disarmed, _) => limit.neutral,
+                (Mode::Disarmed, _) => match self.pushed {
+                    Some((index, by_us)) if index == m.index => limit.neutral + by_us,
+                    _ => limit.neutral,
+                },
                 (Mode::Automatic, Source::Input(i, _)) => {
                     m.trim_us + m.span_us * inputs.get(i).copied().unwrap_or(f64::NAN)
                 }
@@ -158,6 +180,11 @@ impl Mapping {
         self.limiter.apply(Some(&self.wanted), now);
         self.place();
         &self.us
+    }
+
+    /// Moves a channel, from 0, off its neutral while disarmed, or none.
+    pub(crate) fn push(&mut self, pushed: Option<(usize, f64)>) {
+        self.pushed = pushed;
     }
 
     /// The channels as they were last, us; those not in use are 1500.
@@ -193,8 +220,8 @@ impl Mapping {
     }
 }
 
-fn source(name: &str, inputs: &[String]) -> Option<Source> {
-    if let Some(i) = inputs.iter().position(|n| n == name) {
+fn source(name: &str, inputs: &[Input]) -> Option<Source> {
+    if let Some(i) = inputs.iter().position(|n| n.name == name) {
         let stick = [Axis::Roll, Axis::Pitch, Axis::Yaw].into_iter().find(|a| name.contains(a.name()));
         return Some(Source::Input(i, stick));
     }
@@ -204,9 +231,9 @@ fn source(name: &str, inputs: &[String]) -> Option<Source> {
 }
 
 /// Aileron, elevator, throttle, rudder: the order of most receivers.
-fn usual(inputs: &[String], has_pilot: bool) -> Result<Vec<ChannelConfig>, ConfigError> {
+fn usual(inputs: &[Input], has_pilot: bool) -> Result<Vec<ChannelConfig>, ConfigError> {
     let mut channels = Vec::new();
-    for name in inputs {
+    for Input { name, .. } in inputs {
         let number = match name.as_str() {
             "u_roll" => 1,
             "u_pitch" => 2,
@@ -236,8 +263,12 @@ mod tests {
 
     const NOW: Duration = Duration::from_secs(1);
 
-    fn inputs() -> Vec<String> {
-        vec!["u_roll".into(), "u_pitch".into()]
+    fn input(name: &str) -> Input {
+        Input { name: name.into(), full: 20.0 }
+    }
+
+    fn inputs() -> Vec<Input> {
+        vec![input("u_roll"), input("u_pitch")]
     }
 
     fn pilot() -> Pilot {
@@ -251,7 +282,7 @@ mod tests {
     fn who_is_in_charge_moves_the_channels() {
         let mut m = Mapping::new(&[], &inputs(), true).unwrap();
         let pilot = pilot();
-        let mut at = |mode| m.apply(mode, &[0.5, -0.2], Some(&pilot), NOW)[..4].to_vec();
+        let mut at = |mode| m.apply(mode, &[10.0, -4.0], Some(&pilot), NOW)[..4].to_vec();
         assert_eq!(at(Mode::Disarmed), [1500.0, 1500.0, 1000.0, 1500.0]);
         assert_eq!(at(Mode::Automatic), [1750.0, 1400.0, 1300.0, 1550.0]);
         assert_eq!(at(Mode::Manual), [1600.0, 1450.0, 1300.0, 1550.0]);
@@ -264,7 +295,7 @@ mod tests {
             for sign in [1.0, -1.0] {
                 let mut m = Mapping::new(&[], &inputs(), false).unwrap();
                 let mut u = [0.0; 2];
-                u[axis] = 0.5 * sign;
+                u[axis] = 10.0 * sign;
                 let us = m.apply(Mode::Automatic, &u, None, NOW);
                 assert_eq!((us[axis], us[other]), (1500.0 + 250.0 * sign, 1500.0));
             }
@@ -280,14 +311,14 @@ mod tests {
                 lower_us: 1300.0,
                 ..ChannelConfig::new(2, Some("u_roll".into()))
             },
-            ChannelConfig { channel: 8, ..ChannelConfig::new(1, Some("u_pitch".into())) },
+            ChannelConfig { full: Some(1.0), ..ChannelConfig::new(8, Some("u_pitch".into())) },
             ChannelConfig { trim_us: 2000.0, neutral_us: Some(1000.0), ..ChannelConfig::new(5, None) },
         ];
         let mut m = Mapping::new(&channels, &inputs(), false).unwrap();
-        let us = *m.apply(Mode::Automatic, &[0.25, f64::NAN], None, NOW);
+        let us = *m.apply(Mode::Automatic, &[5.0, f64::NAN], None, NOW);
         assert_eq!((us[1], us[7], us[4]), (1380.0, 1500.0, 2000.0));
-        assert_eq!(m.apply(Mode::Automatic, &[9.0, 0.0], None, NOW)[1], 1300.0);
-        assert_eq!(m.apply(Mode::Disarmed, &[9.0, 0.0], None, NOW)[4], 1000.0);
+        assert_eq!(m.apply(Mode::Automatic, &[90.0, 0.0], None, NOW)[1], 1300.0);
+        assert_eq!(m.apply(Mode::Disarmed, &[90.0, 0.0], None, NOW)[4], 1000.0);
         assert_eq!(m.in_use().iter().filter(|u| **u).count(), 3);
     }
 
@@ -317,7 +348,7 @@ mod tests {
             assert_eq!(error.path.join("."), key);
             assert!(error.message.contains(word), "{error}");
         }
-        let error = Mapping::new(&[], &["u_collective".into()], false).unwrap_err();
+        let error = Mapping::new(&[], &[input("u_collective")], false).unwrap_err();
         assert!(error.message.contains("u_collective"), "{error}");
     }
 }

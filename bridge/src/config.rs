@@ -5,6 +5,12 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::arming::ArmBy;
+use crate::autopilot::ardupilot::ArdupilotOptions;
+use crate::autopilot::betaflight::BetaflightOptions;
+use crate::autopilot::px4::Px4Options;
+use crate::autopilot::{FlightOptions, RcOptions};
+use crate::mixer::MixerOptions;
+use crate::sensors::SensorOptions;
 
 /// The kinds of bridges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,6 +84,20 @@ pub struct BridgeOptions {
     pub mavlink: Option<MavlinkConfig>,
     /// `bridge = "crsf"`.
     pub crsf: Option<CrsfConfig>,
+    /// When an autopilot in the loop begins to fly, and what breaks the flight.
+    pub flight: FlightOptions,
+    /// The sensors of an autopilot in the loop.
+    pub sensors: SensorOptions,
+    /// From the outputs of an autopilot in the loop to the vehicle's inputs.
+    pub mixer: MixerOptions,
+    /// The pilot's channels of an autopilot in the loop.
+    pub rc: RcOptions,
+    /// `bridge = "px4-hil"`.
+    pub px4: Px4Options,
+    /// `bridge = "ardupilot-json"`.
+    pub ardupilot: ArdupilotOptions,
+    /// `bridge = "betaflight-sitl"`.
+    pub betaflight: BetaflightOptions,
 }
 
 /// `[bridge.safety]`.
@@ -90,6 +110,8 @@ pub struct SafetyConfig {
     pub on_failure: OnFailure,
     /// Oldest attitude that is flown on, s.
     pub stale_s: f64,
+    /// Longest time between two commands, s.
+    pub command_timeout_s: f64,
     /// Longest silence of the vehicle's heartbeat, s.
     pub link_timeout_s: f64,
     /// Averaged normalised innovation squared, over its expectation, above which the estimator counts as diverged.
@@ -104,6 +126,7 @@ impl Default for SafetyConfig {
             arm: ArmBy::Switch,
             on_failure: OnFailure::Neutral,
             stale_s: 0.25,
+            command_timeout_s: 0.25,
             link_timeout_s: 3.0,
             max_innovation: 100.0,
             recover_after_s: None,
@@ -121,7 +144,7 @@ pub enum OnFailure {
     Release,
 }
 
-/// One channel, `[[bridge.channels]]`: us = `trim_us` + `span_us` times the input.
+/// One channel, `[[bridge.channels]]`: us = `trim_us` + `span_us` times the input over `full`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChannelConfig {
@@ -134,9 +157,12 @@ pub struct ChannelConfig {
     /// Pulse width of input 0, us.
     #[serde(default = "middle")]
     pub trim_us: f64,
-    /// Change for input 1, us; negative turns the sign.
+    /// Change for an input of `full`, us; negative turns the sign.
     #[serde(default = "span")]
     pub span_us: f64,
+    /// The input that moves the channel by `span_us`; absent: the input's greatest limit in the vehicle file.
+    #[serde(default)]
+    pub full: Option<f64>,
     /// Least pulse width, us.
     #[serde(default = "lowest")]
     pub lower_us: f64,
@@ -159,6 +185,7 @@ impl ChannelConfig {
             from,
             trim_us: middle(),
             span_us: span(),
+            full: None,
             lower_us: lowest(),
             upper_us: highest(),
             rate_us_per_s: None,
@@ -332,7 +359,7 @@ pub enum Pace {
     Telemetry,
 }
 
-/// What roll and pitch mean in `SET_ATTITUDE_TARGET`, for an input of 1.
+/// What roll and pitch mean in `SET_ATTITUDE_TARGET`, for a channel at 1000 or 2000 us.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AttitudeTarget {

@@ -4,13 +4,15 @@ use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer};
 use whirlstand_msgs::units::{Quantity, Unit};
 
-struct Written(Unit);
+/// Takes a number in SI, or a text in the same kind of unit as one of these.
+struct Written(Vec<Unit>);
 
 impl Visitor<'_> for Written {
     type Value = f64;
 
     fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "a number in {0}, or a text such as \"5 {0}\"", self.0.si_symbol())
+        let units: Vec<_> = self.0.iter().map(Unit::si_symbol).collect();
+        write!(f, "a number in {}, or a text with its unit", units.join(" or "))
     }
 
     fn visit_f64<E: Error>(self, value: f64) -> Result<f64, E> {
@@ -27,15 +29,24 @@ impl Visitor<'_> for Written {
 
     fn visit_str<E: Error>(self, text: &str) -> Result<f64, E> {
         let quantity: Quantity = text.parse().map_err(E::custom)?;
-        quantity.in_unit(&self.0).map_err(E::custom)?;
-        Ok(quantity.si)
+        let mut last = Ok(quantity.si);
+        for unit in &self.0 {
+            match quantity.in_unit(unit) {
+                Ok(_) => return Ok(quantity.si),
+                Err(e) => last = Err(E::custom(e)),
+            }
+        }
+        last
     }
+}
+
+fn units<E: Error>(texts: &[&str]) -> Result<Written, E> {
+    texts.iter().map(|t| t.parse()).collect::<Result<_, _>>().map(Written).map_err(E::custom)
 }
 
 /// An angle, rad.
 pub(crate) fn angle<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    let unit = "rad".parse().map_err(D::Error::custom)?;
-    deserializer.deserialize_any(Written(unit))
+    deserializer.deserialize_any(units(&["rad"])?)
 }
 
 /// A list of angles, rad.
@@ -44,4 +55,14 @@ pub(crate) fn angles<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Optio
     struct One(#[serde(deserialize_with = "angle")] f64);
     let list: Option<Vec<One>> = Option::deserialize(deserializer)?;
     Ok(list.map(|l| l.into_iter().map(|o| o.0).collect()))
+}
+
+/// An acceleration, rad/s^2 or m/s^2.
+pub(crate) fn acceleration<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    fn one<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        deserializer.deserialize_any(units(&["rad/s^2", "m/s^2"])?)
+    }
+    #[derive(Deserialize)]
+    struct One(#[serde(deserialize_with = "one")] f64);
+    Ok(Option::<One>::deserialize(deserializer)?.map(|o| o.0))
 }

@@ -46,6 +46,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Vehicle(command) => command::vehicles::vehicles(command),
         Command::Launch(command) => command::launch_files::launch_files(command),
         Command::Bench(args) => command::bench::bench(args),
+        Command::Bridge(command) => command::bridge::bridge(command),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Soak(args) => soak::soak(args),
         Command::Exec(args) => command::node::exec(args),

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+pub use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bus::{Transport, ZenohConfig};
 use whirlstand_control::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selector, SmcOptions, Weights};
 pub use whirlstand_control::{EstimatorKind, EstimatorOptions as EstimatorConfig};
@@ -67,6 +68,9 @@ pub struct NodeConfig {
     /// Operating-system options by role; a role left out runs as an ordinary process.
     #[serde(default)]
     pub realtime: BTreeMap<Role, RealtimeOptions>,
+    /// Real hardware in a node's place.
+    #[serde(default)]
+    pub bridge: Option<BridgeConfig>,
 }
 
 /// A vehicle file's text and where it came from.

@@ -73,6 +73,19 @@ pub enum NodeError {
         /// Commands that came but were refused.
         rejected: u64,
     },
+    /// The vehicle behind a bridge was never heard.
+    #[error(
+        "no attitude came from the vehicle within {waited_s} s ({bytes} bytes and {messages} messages did): see whether \
+         it is powered, whether the link, its baud rate and its direction are right, and whether it sends its attitude"
+    )]
+    NoVehicle {
+        /// How long it was waited for, s.
+        waited_s: f64,
+        /// Bytes that came.
+        bytes: u64,
+        /// Messages that came.
+        messages: u64,
+    },
     /// The operating system refuses a real-time option.
     #[error(transparent)]
     Realtime(#[from] RealtimeError),

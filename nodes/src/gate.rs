@@ -133,6 +133,11 @@ impl Gate {
         self.accepted.is_some()
     }
 
+    /// The command that will come into force, within the limits.
+    pub fn accepted(&self) -> Option<Applied> {
+        self.accepted
+    }
+
     /// Closes the step: the accepted command comes into force, or a miss is counted. With `failsafe_at_once`
     /// a single miss leads to the failsafe.
     #[inline]

@@ -40,6 +40,7 @@
 //!   every whole period that it was late counts as a miss.
 
 pub mod bench;
+pub mod bridge;
 pub mod clock;
 pub mod config;
 pub mod controller;

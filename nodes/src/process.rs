@@ -2,9 +2,12 @@
 
 use std::time::{Duration, Instant};
 
+use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bus::Bus;
 use whirlstand_msgs::Health;
 
+use crate::bridge::hil::Hil;
+use crate::bridge::vehicle::run_vehicle;
 use crate::clock::{Clock, Turn};
 use crate::config::{Mode, NodeConfig, Role};
 use crate::controller::Controller;
@@ -30,27 +33,37 @@ pub fn run_node(role: Role, config: &NodeConfig) -> Result<(), NodeError> {
 /// # Errors
 /// As [`run_node`].
 pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Result<Health, NodeError> {
+    if let Some(bridge) = config.bridge.as_ref().filter(|b| role == Role::Plant && b.kind.is_vehicle()) {
+        return run_vehicle(config, bridge, stop);
+    }
     let setup = Setup::new(config)?;
     let bus = Bus::open(&Setup::bus_config(config, role))?;
     match role {
         Role::Plant => {
             let mut plant = Plant::open(&bus, config, &setup)?;
-            get_ready(role, config, &bus)?;
+            get_ready(role, config, &bus, &[])?;
             run_plant(&bus, &mut plant, stop)
         }
         Role::Estimator => {
             let node = Estimator::open(&bus, config, &setup)?;
-            get_ready(role, config, &bus)?;
+            get_ready(role, config, &bus, &[])?;
             run_follower(&bus, node, stop)
         }
-        Role::Controller => {
-            let node = Controller::open(&bus, config, &setup)?;
-            get_ready(role, config, &bus)?;
-            run_follower(&bus, node, stop)
-        }
+        Role::Controller => match config.bridge.as_ref().and_then(AutopilotConfig::of) {
+            Some(autopilot) => {
+                let node = Hil::open(&bus, config, &setup, &autopilot)?;
+                get_ready(role, config, &bus, &[])?;
+                run_follower(&bus, node, stop)
+            }
+            None => {
+                let node = Controller::open(&bus, config, &setup)?;
+                get_ready(role, config, &bus, &[])?;
+                run_follower(&bus, node, stop)
+            }
+        },
         Role::Recorder => {
             let node = Recorder::open(&bus, config, &setup)?;
-            get_ready(role, config, &bus)?;
+            get_ready(role, config, &bus, &[])?;
             let pause = match config.mode {
                 Mode::Lockstep => LOOK_PERIOD,
                 Mode::Realtime => LOOK_PERIOD_REALTIME,
@@ -90,12 +103,19 @@ pub trait Follower {
     fn stop(&mut self) -> Result<Health, NodeError>;
 }
 
-/// After the ports are open, because threads of the transport must not run at the node's priority.
-pub(crate) fn get_ready(role: Role, config: &NodeConfig, bus: &Bus) -> Result<(), NodeError> {
+/// After the ports are open, because threads of the transport must not run at the node's priority. `more` are
+/// locators beside those of `bus`.
+pub(crate) fn get_ready(
+    role: Role,
+    config: &NodeConfig,
+    bus: &Bus,
+    more: &[String],
+) -> Result<(), NodeError> {
     if let Some(options) = config.realtime.get(&role) {
         apply_realtime(options)?;
     }
-    notify_ready(bus.locators()).map_err(|source| NodeError::System { action: "tell NOTIFY_SOCKET", source })
+    notify_ready(&[bus.locators(), more].concat())
+        .map_err(|source| NodeError::System { action: "tell NOTIFY_SOCKET", source })
 }
 
 pub(crate) fn run_plant(bus: &Bus, plant: &mut Plant, stop: &StopFlag) -> Result<Health, NodeError> {

@@ -201,3 +201,43 @@ proptest! {
         let _ = Vehicle::parse(&format!("{}{insert}{}", &GOOD[..cut], &GOOD[cut..]), "x");
     }
 }
+
+#[test]
+fn yaw_and_vertical_axes_are_first_order_and_decoupled() {
+    let text = format!(
+        "{}\n[yaw]\ngain = \"90 deg/s\"\ntime_constant_s = 0.3\n[vertical]\ngain = 3.0\ntime_constant_s = \"500 ms\"\nlower = 0.0\n",
+        whirlstand_vehicle::Vehicle::builtin("quadrotor").unwrap().source_text
+    );
+    let vehicle = Vehicle::parse(&text, "with-axes.toml").unwrap();
+    let plain = Vehicle::builtin("quadrotor").unwrap();
+    let names: Vec<_> = vehicle.states.iter().map(|s| s.name.as_str()).collect();
+    assert_eq!(names[4..], ["yaw", "yaw_rate", "height", "vertical_speed"]);
+    assert_eq!((vehicle.inputs[2].name.as_str(), vehicle.inputs[3].lower), ("u_yaw", 0.0));
+    assert_eq!(vehicle.a.view((0, 0), (4, 4)), plain.a);
+    assert_eq!(vehicle.b.view((0, 0), (4, 2)), plain.b);
+    assert!(
+        vehicle.a.view((0, 4), (4, 4)).iter().chain(vehicle.a.view((4, 0), (4, 4)).iter()).all(|v| *v == 0.0)
+    );
+    assert_eq!(vehicle.outputs.len(), 4, "outputs are those of the file");
+    let mut simulator = whirlstand_vehicle::Simulator::new(&vehicle, 0.01, 1).unwrap();
+    simulator.set_state(&[0.0; 8]);
+    for _ in 0..30 {
+        simulator.step(&[0.0, 0.0, 1.0, 1.0]);
+    }
+    // One time constant of yaw; 0.6 of the vertical one.
+    let x = simulator.state();
+    assert!((x[5] - 90f64.to_radians() * (1.0 - (-1f64).exp())).abs() < 1e-9, "{x:?}");
+    assert!((x[7] - 3.0 * (1.0 - (-0.6f64).exp())).abs() < 1e-9, "{x:?}");
+    let again = Vehicle::parse(&vehicle.to_toml(), "again.toml").unwrap();
+    assert_eq!((again.a, again.b), (vehicle.a, vehicle.b));
+    for (bad, words) in [
+        ("[yaw]\ngain = 1.0\n", "time_constant_s"),
+        ("[yaw]\ngain = \"1 m\"\ntime_constant_s = 1.0\n", "rad"),
+        ("[vertical]\ngain = 1.0\ntime_constant_s = 0.0\n", "above 0"),
+        ("[vertical]\ngian = 1.0\ntime_constant_s = 1.0\n", "'gain'"),
+    ] {
+        let text = format!("{}\n{bad}", plain.source_text);
+        let error = Vehicle::parse(&text, "bad.toml").unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
+}

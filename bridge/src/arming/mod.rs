@@ -171,6 +171,13 @@ impl Arming {
         Some(self.mode)
     }
 
+    /// Nobody is in charge any more; returns the new mode when it changed.
+    pub fn end(&mut self) -> Option<Mode> {
+        let changed = self.mode != Mode::Disarmed;
+        self.mode = self.put_down();
+        changed.then_some(self.mode)
+    }
+
     fn put_down(&mut self) -> Mode {
         self.seen_off = true;
         self.refused = Some(Reason::NotArmed);

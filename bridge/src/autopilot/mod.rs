@@ -11,6 +11,7 @@
 
 pub mod ardupilot;
 pub mod betaflight;
+mod config;
 pub mod px4;
 mod rc;
 
@@ -19,7 +20,8 @@ use std::time::Duration;
 use crate::mixer::MAX_OUTPUTS;
 use crate::sensors::Sensors;
 
-pub use rc::{RC_CHANNELS, Rc, RcError, RcOptions, Stage};
+pub use config::{AutopilotConfig, AutopilotKind, Begin, FlightOptions, Parts};
+pub use rc::{RC_CHANNELS, Rc, RcOptions, Stage};
 
 /// Takes what is to be sent: the port, and the bytes of one datagram or the next bytes of a stream.
 pub type Send<'s> = dyn FnMut(usize, &[u8]) + 's;
@@ -84,9 +86,11 @@ pub trait Autopilot {
     /// Sends the sensors of a step, and the pilot's channels.
     fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>);
 
-    /// Whether the outputs that answer the last sensors are here. Always true for an autopilot that does not wait for
-    /// its sensors.
+    /// Whether the outputs that answer the last sensors are here.
     fn is_answered(&self) -> bool;
+
+    /// Whether it waits for its sensors, so that its answer is worth waiting for.
+    fn is_lockstep(&self) -> bool;
 
     /// The link through `port` is gone; what comes next is a new conversation.
     fn disconnected(&mut self, port: usize);

@@ -9,6 +9,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::config::ConfigError;
+
 /// Channels of a receiver.
 pub const RC_CHANNELS: usize = 16;
 
@@ -53,16 +55,6 @@ impl Default for RcOptions {
     }
 }
 
-/// Why channels cannot be sent so.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{key}: {reason}")]
-pub struct RcError {
-    /// Key, below `rc`.
-    pub key: String,
-    /// What is wrong and what is expected.
-    pub reason: String,
-}
-
 /// How far arming has come.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Stage {
@@ -98,9 +90,9 @@ impl Rc {
     /// Channels with everything low.
     ///
     /// # Errors
-    /// [`RcError`] for a channel, pulse, throttle or time that cannot be.
-    pub fn new(options: RcOptions) -> Result<Self, RcError> {
-        let wrong = |key: &str, reason: String| Err(RcError { key: key.into(), reason });
+    /// [`ConfigError`] for a channel, pulse, throttle or time that cannot be.
+    pub fn new(options: RcOptions) -> Result<Self, ConfigError> {
+        let wrong = |key: &str, reason: String| Err(ConfigError::new(&["rc", key], reason));
         let mut rc = Self::default();
         for (key, channel) in
             [("arm_channel", options.arm_channel), ("throttle_channel", options.throttle_channel)]

@@ -156,8 +156,8 @@ mod tests {
 
     #[test]
     fn telemetry_is_read_as_published() {
-        // Frames by hand from the specification: 1.2345 rad pitch, -0.1 rad roll, pi rad yaw; 16.8 V, 12.3 A, 1500 mAh.
-        let attitude = [0x30, 0x39, 0xFC, 0x18, 0x7A, 0xB8];
+        // Frames by hand from the specification: 1.2345 rad pitch, -0.1 rad roll, 3.0416 rad yaw; 16.8 V, 12.3 A, 1500 mAh.
+        let attitude = [0x30, 0x39, 0xFC, 0x18, 0x76, 0xD0];
         let battery = [0x00, 0xA8, 0x00, 0x7B, 0x00, 0x05, 0xDC, 0x4B];
         let link = [60, 61, 99, 0xF6, 0, 4, 2, 70, 100, 8];
         let mut bytes = vec![0x00, 0x55];
@@ -170,7 +170,7 @@ mod tests {
         let found = events(&bytes);
         assert_eq!(found[0], Event::Noise(2));
         let Event::Attitude(a) = found[1] else { panic!("{found:?}") };
-        for (read, sent) in [(a.pitch, 1.2345), (a.roll, -0.1), (a.yaw, 3.1416)] {
+        for (read, sent) in [(a.pitch, 1.2345), (a.roll, -0.1), (a.yaw, 3.0416)] {
             assert!((read - sent).abs() < 1e-9, "{a:?}");
         }
         let Event::Battery(b) = found[2] else { panic!("{found:?}") };

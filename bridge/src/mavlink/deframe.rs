@@ -45,12 +45,18 @@ pub struct Deframer {
     buffer: Vec<u8>,
     /// Bytes of `buffer` that are done with.
     read: usize,
+    /// Length of the frame that ends at `read`.
+    last: usize,
     signing: Option<Signing>,
     senders: BTreeMap<(u8, u8), u8>,
     counts: Counts,
 }
 
 /// What stands at the front of the buffer.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "lives on the stack for one call; a box would allocate per message"
+)]
 enum Front {
     /// Not a whole frame yet.
     Incomplete,
@@ -105,11 +111,17 @@ impl Deframer {
             }
             Front::Frame(bytes, header, message) => {
                 self.read += bytes;
+                self.last = bytes;
                 self.follow(header);
                 self.counts.messages += 1;
                 Some(Event::Message(header, message))
             }
         }
+    }
+
+    /// The bytes of the message that [`Deframer::next`] gave last, until the next call of anything else.
+    pub fn frame(&self) -> &[u8] {
+        self.buffer.get(self.read.saturating_sub(self.last)..self.read).unwrap_or(&[])
     }
 
     fn dropped(&mut self, drop: Drop) -> Event {

@@ -30,6 +30,20 @@ impl std::fmt::Debug for Key {
 }
 
 impl Key {
+    /// The key in a text: 64 hexadecimal digits are the key itself, anything else is a passphrase.
+    pub fn from_text(text: &str) -> Self {
+        let mut key = [0; 32];
+        let digits = text.as_bytes().chunks(2).zip(&mut key);
+        let is_key = text.len() == 64
+            && text.is_ascii()
+            && digits.fold(true, |good, (pair, byte)| {
+                let parsed = std::str::from_utf8(pair).ok().and_then(|p| u8::from_str_radix(p, 16).ok());
+                *byte = parsed.unwrap_or(0);
+                good && parsed.is_some()
+            });
+        if is_key { Self(key) } else { Self::from_passphrase(text) }
+    }
+
     /// The key that a passphrase makes: its SHA-256, as ground stations do.
     pub fn from_passphrase(passphrase: &str) -> Self {
         Self(Sha256::digest(passphrase.as_bytes()).into())
@@ -149,6 +163,14 @@ mod tests {
         assert_eq!(receiver.check(b"\xfdtwx", &second, (1, 1), NOW), Err(SignatureFault::Wrong));
         assert_eq!(receiver.check(b"\xfdtwo", &second, (1, 1), NOW), Ok(()));
         assert_eq!(receiver.check(b"\xfdone", &first, (2, 1), NOW), Ok(()), "streams are told apart");
+    }
+
+    #[test]
+    fn a_key_is_given_in_digits_or_as_a_passphrase() {
+        assert_eq!(Key::from_text(&"0f".repeat(32)), Key([15; 32]));
+        for phrase in ["bench", &"0g".repeat(32)] {
+            assert_eq!(Key::from_text(phrase), Key::from_passphrase(phrase));
+        }
     }
 
     #[test]

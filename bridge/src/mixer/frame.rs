@@ -4,7 +4,8 @@ use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use super::{MAX_OUTPUTS, MixerError};
+use super::MAX_OUTPUTS;
+use crate::config::ConfigError;
 
 /// The arrangement of the actuators.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,9 +68,9 @@ impl Frame {
     /// The arrangement; `azimuths` in rad, for a swashplate alone.
     ///
     /// # Errors
-    /// [`MixerError::Frame`] for azimuths that cannot tilt a swashplate.
-    pub fn new(kind: FrameKind, azimuths: Option<&[f64]>) -> Result<Self, MixerError> {
-        let wrong = |reason: &str| Err(MixerError::Frame { key: "azimuths", reason: reason.into() });
+    /// [`ConfigError`] for azimuths that cannot tilt a swashplate.
+    pub fn new(kind: FrameKind, azimuths: Option<&[f64]>) -> Result<Self, ConfigError> {
+        let wrong = |reason: &str| Err(ConfigError::new(&["mixer", "azimuths"], reason));
         match (kind, azimuths) {
             (FrameKind::Ccpm, given) => {
                 let third = TAU / 3.0;

@@ -13,11 +13,13 @@
 
 mod frame;
 
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Vehicle;
 
 pub use frame::{Demand, Frame, FrameKind};
 
+use crate::config::ConfigError;
 use crate::quantity;
 
 /// Most actuator outputs of an autopilot.
@@ -48,7 +50,7 @@ pub struct MixerOptions {
     pub vertical: AxisOptions,
 }
 
-/// How one axis reaches the vehicle: input = trim + scale x demand.
+/// How one axis reaches the vehicle: input = trim + scale x demand, or whatever inputs give it its acceleration.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AxisOptions {
@@ -57,48 +59,12 @@ pub struct AxisOptions {
     /// The input at full deflection; when absent, the input's limit, with the sign that makes a positive demand turn the
     /// model the positive way.
     pub scale: Option<f64>,
+    /// The acceleration of the axis at full deflection, rad/s^2 or m/s^2, in place of a scale. The inputs that make it,
+    /// and no acceleration of the other axes, follow from B; every axis needs it, or none.
+    #[serde(deserialize_with = "quantity::acceleration")]
+    pub acceleration: Option<f64>,
     /// The input without a demand.
     pub trim: f64,
-}
-
-/// Why a mixer does not fit its vehicle.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MixerError {
-    /// The vehicle has no such input.
-    #[error("{key}: the vehicle {vehicle} has no input \"{input}\"; it has {known}")]
-    NoInput {
-        /// Key, below the mixer.
-        key: String,
-        /// Vehicle name.
-        vehicle: String,
-        /// The input that was looked for.
-        input: String,
-        /// The inputs that there are.
-        known: String,
-    },
-    /// Nothing says how large the input is.
-    #[error(
-        "{key}: the input {input} of the vehicle {vehicle} has no finite limit or does not act on {state}, so that its size \
-         and sign are unknown; give {key}.scale"
-    )]
-    NoScale {
-        /// Key, below the mixer.
-        key: String,
-        /// Vehicle name.
-        vehicle: String,
-        /// The input.
-        input: String,
-        /// The state that it should act on.
-        state: &'static str,
-    },
-    /// The actuators are impossible.
-    #[error("{key}: {reason}")]
-    Frame {
-        /// Key, below the mixer.
-        key: &'static str,
-        /// What is wrong and what is expected.
-        reason: String,
-    },
 }
 
 /// Turns outputs into inputs.
@@ -109,6 +75,8 @@ pub struct Mixer {
     reversed: Vec<bool>,
     hover: f64,
     axes: Vec<Axis>,
+    /// What each axis's demand adds to each axis's input.
+    gains: DMatrix<f64>,
     count: usize,
     neutral: Vec<f64>,
 }
@@ -117,18 +85,26 @@ pub struct Mixer {
 struct Axis {
     demand: Demand,
     input: usize,
-    scale: f64,
+    size: Size,
     trim: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Size {
+    /// Of the input, at full deflection.
+    Input(f64),
+    /// Of the axis's acceleration, at full deflection.
+    Acceleration(f64),
 }
 
 impl Mixer {
     /// A mixer for a vehicle; `native` is the order of the autopilot's outputs, from 1, as [`MixerOptions::outputs`].
     ///
     /// # Errors
-    /// [`MixerError`] when an input is missing or its size unknown, or the actuators are impossible.
-    pub fn new(options: &MixerOptions, native: &[usize], vehicle: &Vehicle) -> Result<Self, MixerError> {
+    /// [`ConfigError`] when an input is missing or its size unknown, or the actuators are impossible.
+    pub fn new(options: &MixerOptions, native: &[usize], vehicle: &Vehicle) -> Result<Self, ConfigError> {
         let frame = Frame::new(options.frame, options.azimuths.as_deref())?;
-        let wrong = |key, reason| Err(MixerError::Frame { key, reason });
+        let wrong = |key: &str, message: String| Err(ConfigError::new(&["mixer", key], message));
         let outputs =
             options.outputs.clone().unwrap_or_else(|| native.iter().copied().take(frame.count()).collect());
         if outputs.len() != frame.count() {
@@ -162,6 +138,7 @@ impl Mixer {
             frame,
             outputs,
             hover,
+            gains: gains(&axes, vehicle)?,
             axes,
             count: vehicle.inputs.len(),
             neutral: vehicle.inputs.iter().map(whirlstand_vehicle::Input::neutral).collect(),
@@ -176,6 +153,11 @@ impl Mixer {
     /// The inputs while nobody flies.
     pub fn neutral(&self) -> &[f64] {
         &self.neutral
+    }
+
+    /// The outputs that it uses.
+    pub fn used<'o>(&'o self, outputs: &'o [f64]) -> impl Iterator<Item = f64> + 'o {
+        self.outputs.iter().filter_map(|o| outputs.get(o - 1).copied())
     }
 
     /// What the outputs ask for about an axis, as a share of the most that they can.
@@ -197,7 +179,16 @@ impl Mixer {
     pub fn mix(&self, outputs: &[f64], u: &mut [f64]) {
         u.copy_from_slice(&self.neutral);
         for axis in &self.axes {
-            u[axis.input] = axis.trim + axis.scale * self.demand(axis.demand, outputs);
+            u[axis.input] = axis.trim;
+        }
+        for (j, from) in self.axes.iter().enumerate() {
+            let demand = self.demand(from.demand, outputs);
+            for (i, to) in self.axes.iter().enumerate() {
+                // An axis without gain is not touched, so that what is no number does not spread.
+                if self.gains[(i, j)] != 0.0 {
+                    u[to.input] += self.gains[(i, j)] * demand;
+                }
+            }
         }
     }
 }
@@ -207,37 +198,92 @@ fn axis(
     options: &AxisOptions,
     required: bool,
     vehicle: &Vehicle,
-) -> Result<Option<Axis>, MixerError> {
-    let key = demand.name().to_string();
+) -> Result<Option<Axis>, ConfigError> {
+    let wrong = |key: &str, message: String| Err(ConfigError::new(&["mixer", demand.name(), key], message));
     let name = options.input.clone().unwrap_or_else(|| format!("u_{}", demand.name()));
     let Some(input) = vehicle.input_index(&name) else {
         if !required && options.input.is_none() {
             return Ok(None);
         }
         let known = vehicle.inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>().join(", ");
-        return Err(MixerError::NoInput { key, vehicle: vehicle.name.clone(), input: name, known });
+        let message = format!("the vehicle {} has no input \"{name}\"; it has {known}", vehicle.name);
+        return wrong("input", message);
     };
-    let scale = match options.scale {
-        Some(scale) if scale.is_finite() => scale,
-        Some(_) => {
-            return Err(MixerError::Frame { key: "scale", reason: "a finite number is expected".into() });
+    let finite = |key: &str, value: f64| {
+        let expected = || ConfigError::new(&["mixer", demand.name(), key], "a finite number is expected");
+        Some(value).filter(|v| v.is_finite()).ok_or_else(expected)
+    };
+    let size = match (options.acceleration, options.scale.or_else(|| default_scale(demand, input, vehicle))) {
+        (Some(_), _) if options.scale.is_some() => {
+            return wrong("scale", "scale and acceleration say the same: give one of them".into());
         }
-        None => default_scale(demand, input, vehicle).ok_or_else(|| MixerError::NoScale {
-            key,
-            vehicle: vehicle.name.clone(),
-            input: name,
-            state: demand.state(),
-        })?,
+        (Some(acceleration), _) => Size::Acceleration(finite("acceleration", acceleration)?),
+        (None, Some(scale)) => Size::Input(finite("scale", scale)?),
+        (None, None) => {
+            let message = format!(
+                "the input {name} of the vehicle {} has no finite limit or does not act on {}, so that its size and sign \
+                 are unknown: give a scale",
+                vehicle.name,
+                demand.state()
+            );
+            return wrong("scale", message);
+        }
     };
-    Ok(Some(Axis { demand, input, scale, trim: options.trim }))
+    Ok(Some(Axis { demand, input, size, trim: finite("trim", options.trim)? }))
 }
 
-/// The smaller of the input's two limits, with the sign of its effect on the axis.
+/// What each axis's demand adds to each axis's input: the scales, or the inverse of the part of B that joins inputs and
+/// accelerations of the axes, times the accelerations.
+fn gains(axes: &[Axis], vehicle: &Vehicle) -> Result<DMatrix<f64>, ConfigError> {
+    let n = axes.len();
+    let mut accelerations = DMatrix::zeros(n, n);
+    let mut scales = DMatrix::zeros(n, n);
+    let mut accelerated = 0;
+    for (i, axis) in axes.iter().enumerate() {
+        match axis.size {
+            Size::Input(scale) => scales[(i, i)] = scale,
+            Size::Acceleration(acceleration) => {
+                accelerations[(i, i)] = acceleration;
+                accelerated += 1;
+            }
+        }
+    }
+    if accelerated == 0 {
+        return Ok(scales);
+    }
+    let wrong = |message: String| Err(ConfigError::new(&["mixer"], message));
+    if accelerated < n {
+        let names: Vec<_> = axes.iter().map(|a| a.demand.name()).collect();
+        return wrong(format!(
+            "either all axes have an acceleration or none: {} are the axes",
+            names.join(", ")
+        ));
+    }
+    let mut effect = DMatrix::zeros(n, n);
+    for (i, axis) in axes.iter().enumerate() {
+        let name = axis.demand.state();
+        let Some(state) = vehicle.state_index(name) else {
+            return wrong(format!(
+                "the vehicle {} has no state {name} to accelerate: give scales",
+                vehicle.name
+            ));
+        };
+        for (j, input) in axes.iter().enumerate() {
+            effect[(i, j)] = vehicle.b[(state, input.input)];
+        }
+    }
+    match effect.try_inverse() {
+        Some(inverse) => Ok(inverse * accelerations),
+        None => wrong("the inputs of the axes do not accelerate them independently: give scales".into()),
+    }
+}
+
+/// The greater of the input's two limits, with the sign of its effect on the axis.
 fn default_scale(demand: Demand, input: usize, vehicle: &Vehicle) -> Option<f64> {
     let state = vehicle.state_index(demand.state())?;
     let effect = vehicle.b[(state, input)];
     let limits = &vehicle.inputs[input];
-    let size = limits.upper.abs().min(limits.lower.abs());
+    let size = limits.upper.abs().max(limits.lower.abs());
     (effect != 0.0 && size.is_finite() && size > 0.0).then(|| size * effect.signum())
 }
 

@@ -61,10 +61,43 @@ fn a_swashplate_is_undone() {
 fn outputs_can_be_reordered_reversed_scaled_and_trimmed() {
     let mut options =
         MixerOptions { outputs: Some(vec![5, 6, 7, 8]), reversed: vec![5], ..Default::default() };
-    options.roll = AxisOptions { input: Some("u_pitch".into()), scale: Some(2.0), trim: 0.5 };
-    options.pitch = AxisOptions { input: Some("u_roll".into()), scale: Some(1.0), trim: 0.0 };
+    options.roll =
+        AxisOptions { input: Some("u_pitch".into()), scale: Some(2.0), trim: 0.5, ..Default::default() };
+    options.pitch = AxisOptions { input: Some("u_roll".into()), scale: Some(1.0), ..Default::default() };
     let u = mixed(&options, &[9.0, 9.0, 9.0, 9.0, 1.0, 1.0, 1.0, 0.0]);
     assert_eq!(u, [0.0, 2.5]);
+}
+
+#[test]
+fn accelerations_part_the_axes_that_b_couples() {
+    let text = r#"
+        roll = { acceleration = "100 deg/s^2" }
+        pitch = { acceleration = 2.0 }
+    "#;
+    let options: MixerOptions = toml::from_str(text).unwrap();
+    let vehicle = vehicle();
+    for (outputs, roll, pitch) in [
+        ([0.0, 1.0, 1.0, 0.0], 100f64.to_radians(), 0.0),
+        ([1.0, 0.0, 1.0, 0.0], 0.0, 2.0),
+        ([0.5, 0.5, 0.5, 0.5], 0.0, 0.0),
+    ] {
+        let u = mixed(&options, &outputs);
+        let made = |state: &str| {
+            let row = vehicle.state_index(state).unwrap();
+            vehicle.b[(row, 0)] * u[0] + vehicle.b[(row, 1)] * u[1]
+        };
+        assert!(
+            (made("roll_rate") - roll).abs() < 1e-12 && (made("pitch_rate") - pitch).abs() < 1e-12,
+            "{u:?}"
+        );
+    }
+    let refuse = |text: &str| {
+        let options: MixerOptions = toml::from_str(text).unwrap();
+        Mixer::new(&options, &NATIVE, &vehicle).unwrap_err().to_string()
+    };
+    assert!(refuse("roll = { acceleration = 1.0 }").contains("all axes"));
+    assert!(refuse("roll = { acceleration = 1.0, scale = 1.0 }").contains("mixer.roll.scale"));
+    assert!(toml::from_str::<MixerOptions>("roll = { acceleration = \"3 m\" }").is_err());
 }
 
 #[test]
@@ -75,14 +108,14 @@ fn a_mixer_that_does_not_fit_is_refused_with_its_key() {
         Mixer::new(&options, &NATIVE, &vehicle()).unwrap_err().to_string()
     };
     for (error, words) in [
-        (refuse(|o| o.roll.input = Some("u_rol".into())), ["roll", "u_roll, u_pitch"]),
+        (refuse(|o| o.roll.input = Some("u_rol".into())), ["mixer.roll.input", "u_roll, u_pitch"]),
         (refuse(|o| o.outputs = Some(vec![1, 2])), ["outputs", "4 outputs"]),
         (refuse(|o| o.outputs = Some(vec![0, 1, 2, 3])), ["outputs", "from 1"]),
         (refuse(|o| o.azimuths = Some(vec![0.0; 3])), ["azimuths", "ccpm"]),
         (refuse(|o| (o.frame, o.azimuths) = (FrameKind::Ccpm, Some(vec![0.0; 3]))), ["azimuths", "line"]),
         (refuse(|o| o.yaw.input = Some("u_yaw".into())), ["yaw", "no input"]),
         (refuse(|o| o.hover = Some(f64::NAN)), ["hover", "share"]),
-        (refuse(|o| o.yaw.input = Some("u_roll".into())), ["yaw", "scale"]),
+        (refuse(|o| o.yaw.input = Some("u_roll".into())), ["mixer.yaw.scale", "give a scale"]),
     ] {
         assert!(words.iter().all(|w| error.contains(w)), "{error}");
     }

@@ -151,6 +151,7 @@ pub struct SensorModel {
     period: f64,
     period_ns: u64,
     steps: u64,
+    begun: bool,
     last: Option<Last>,
     gyro: Stream,
     accel: Stream,
@@ -178,6 +179,7 @@ impl SensorModel {
             period: period_ns as f64 * 1e-9,
             period_ns,
             steps: 0,
+            begun: false,
             last: None,
             gyro: stream("gyro"),
             accel: stream("accel"),
@@ -196,15 +198,24 @@ impl SensorModel {
     /// The sensors one period after the last call. Called with the same motion again it reads the sensors of a vehicle
     /// at rest.
     pub fn step(&mut self, motion: &Motion, errors: &Errors) -> Sensors {
+        self.step_after(1, motion, errors)
+    }
+
+    /// The sensors so many periods after the last call, when what was between is not known.
+    pub fn step_after(&mut self, periods: u64, motion: &Motion, errors: &Errors) -> Sensors {
+        let period = self.period * periods.max(1) as f64;
+        // The first step is at time zero; after a rewind time goes on.
+        self.steps += if self.begun { periods.max(1) } else { 0 };
+        self.begun = true;
         let heading = self.options.heading;
         let [roll, pitch, yaw] = motion.angles;
         let attitude = UnitQuaternion::from_euler_angles(roll, pitch, yaw + heading);
-        let now = self.follow(motion, attitude);
+        let now = self.follow(motion, attitude, period);
         let last = self.last.unwrap_or(now);
-        let turn = (last.attitude.inverse() * attitude).scaled_axis() / self.period;
+        let turn = (last.attitude.inverse() * attitude).scaled_axis() / period;
         let velocity = now.velocity.unwrap_or_default();
-        let acceleration = last.velocity.map_or_else(Vector3::zeros, |v| (velocity - v) / self.period);
-        let middle = last.attitude * UnitQuaternion::from_scaled_axis(turn * (self.period / 2.0));
+        let acceleration = last.velocity.map_or_else(Vector3::zeros, |v| (velocity - v) / period);
+        let middle = last.attitude * UnitQuaternion::from_scaled_axis(turn * (period / 2.0));
         let [roll, pitch, _] = errors.angles;
         // An instrument that is wrong by an angle feels gravity from a direction that is wrong by that angle.
         let felt = middle * UnitQuaternion::from_euler_angles(roll, pitch, 0.0);
@@ -242,12 +253,11 @@ impl SensorModel {
             gps_fresh,
         };
         self.last = Some(now);
-        self.steps += 1;
         sensors
     }
 
     /// Position and velocity over ground, from the last step to this one.
-    fn follow(&self, motion: &Motion, attitude: UnitQuaternion<f64>) -> Last {
+    fn follow(&self, motion: &Motion, attitude: UnitQuaternion<f64>, period: f64) -> Last {
         let yaw = motion.angles[2] + self.options.heading;
         let Some(last) = self.last else {
             let position = to_ground(motion.axes.map(|a| a.position.unwrap_or(0.0)), yaw);
@@ -260,8 +270,8 @@ impl SensorModel {
         let mut speeds = [0.0; 3];
         for (i, (now, then)) in motion.axes.iter().zip(&last.motion.axes).enumerate() {
             (travelled[i], speeds[i]) = match (now.position, then.position, now.speed, then.speed) {
-                (Some(now), Some(then), ..) => (now - then, (now - then) / self.period),
-                (_, _, Some(now), Some(then)) => (0.5 * (now + then) * self.period, now),
+                (Some(now), Some(then), ..) => (now - then, (now - then) / period),
+                (_, _, Some(now), Some(then)) => (0.5 * (now + then) * period, now),
                 _ => (0.0, 0.0),
             };
         }

@@ -37,6 +37,8 @@ pub(super) struct Autopilot {
     well: bool,
     heading: Option<f64>,
     origin: Option<[f64; 3]>,
+    /// What the vehicle says it receives, us, and when it said so.
+    told_rc: Option<(Vec<f64>, Duration)>,
     next_heartbeat: Duration,
     next_timesync: Duration,
     exchanges: u32,
@@ -66,7 +68,8 @@ impl Autopilot {
             (true, attitude, rate_hz),
             (config.rates == RatesMessage::Imu, 105, rate_hz),
             (wants_odometry, 32, rate_hz),
-            (wants_rc, 65, rate_hz.min(50.0)),
+            // Without a pilot they still show whether the outputs arrive.
+            (true, 65, rate_hz.min(if wants_rc { 50.0 } else { 10.0 })),
         ];
         let wanted: Vec<_> =
             wanted.iter().filter(|w| w.0 && rate_hz > 0.0).map(|(_, id, rate)| (*id, *rate)).collect();
@@ -82,6 +85,7 @@ impl Autopilot {
             armed: false,
             well: true,
             origin: None,
+            told_rc: None,
             next_heartbeat: Duration::ZERO,
             next_timesync: Duration::ZERO,
             exchanges: 0,
@@ -112,6 +116,12 @@ impl Autopilot {
 
     pub(super) fn is_well(&self) -> bool {
         self.well
+    }
+
+    /// The channels that the vehicle says it receives, us.
+    pub(super) fn told_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
+        let (us, at) = self.told_rc.as_ref()?;
+        (now.saturating_sub(*at) <= age).then(|| us.clone())
     }
 
     /// Appends the frame of a message.
@@ -191,7 +201,13 @@ impl Autopilot {
                 self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, heard)
             }
             MavMessage::LOCAL_POSITION_NED(m) => self.position(m, now, heard),
-            MavMessage::RC_CHANNELS(m) => rc_channels(m, now, heard),
+            MavMessage::RC_CHANNELS(m) => {
+                let us = rc_channels(m);
+                if let Some(pilot) = &mut heard.pilot {
+                    pilot.hear(&us, false, now);
+                }
+                self.told_rc = Some((us, now));
+            }
             MavMessage::TIMESYNC(m) => self.timesync(m, now, heard),
             MavMessage::COMMAND_ACK(ack) => match self.requests.hear(ack) {
                 Some(Answer::Refused(id, _)) => {
@@ -329,8 +345,7 @@ impl Heard<'_> {
     }
 }
 
-fn rc_channels(m: &dialect::RC_CHANNELS_DATA, now: Duration, heard: &mut Heard<'_>) {
-    let Some(pilot) = &mut heard.pilot else { return };
+fn rc_channels(m: &dialect::RC_CHANNELS_DATA) -> Vec<f64> {
     let all = [
         m.chan1_raw,
         m.chan2_raw,
@@ -350,5 +365,5 @@ fn rc_channels(m: &dialect::RC_CHANNELS_DATA, now: Duration, heard: &mut Heard<'
         m.chan16_raw,
     ];
     let count = usize::from(m.chancount).min(all.len());
-    pilot.hear(&all[..count].iter().map(|us| f64::from(*us)).collect::<Vec<_>>(), false, now);
+    all[..count].iter().map(|us| f64::from(*us)).collect()
 }

@@ -6,7 +6,11 @@
 
 mod autopilot;
 mod clock;
+mod figures;
+mod inbound;
 mod note;
+mod options;
+mod outbound;
 mod output;
 mod requests;
 mod telemetry;
@@ -15,19 +19,21 @@ use std::time::Duration;
 
 use whirlstand_msgs::{Imu, Odometry};
 
-use crate::arming::{ArmBy, Arming, Conditions, Mode, Policy};
-use crate::channels::{CHANNELS, Mapping};
+use crate::arming::{ArmBy, Arming, Conditions, Mode, Policy, Reason};
+use crate::channels::{CHANNELS, Input, Mapping};
 use crate::config::{
-    BridgeConfig, BridgeKind, ConfigError, MavlinkConfig, OnFailure, Output, PilotSource, SafetyConfig,
+    BridgeConfig, BridgeKind, ConfigError, MavlinkConfig, Output, PilotSource, SafetyConfig,
 };
 use crate::crsf;
-use crate::mavlink::Signing;
+use crate::mavlink::{Deframer, Signing};
 use crate::pilot::Pilot;
 use crate::sbus;
 use crate::watch::EstimateWatch;
-use autopilot::{Autopilot, Heard};
+use autopilot::Autopilot;
+pub use figures::Figures;
 pub use note::Note;
 use note::Notes;
+use options::{check_mavlink, check_safety, missing};
 pub use telemetry::{FIELDS, Group, Refusals, Telemetry};
 
 /// Between two outputs that repeat the last, where no command comes.
@@ -52,14 +58,12 @@ pub enum Port {
 /// What the bench says of itself.
 #[derive(Debug, Clone)]
 pub struct Bench {
-    /// Names of the inputs, in the vehicle's order.
-    pub inputs: Vec<String>,
+    /// The inputs, in the vehicle's order.
+    pub inputs: Vec<Input>,
     /// Rate of the loop, Hz.
     pub rate_hz: f64,
     /// The vehicle file has positions or speeds.
     pub wants_odometry: bool,
-    /// Longest time between two commands.
-    pub command_timeout: Duration,
     /// The secret of a signed link, and the Unix time at the origin of `now`.
     pub signing: Option<Signing>,
 }
@@ -73,29 +77,6 @@ enum Source {
         timeout: Duration,
         doubted: bool,
     },
-}
-
-/// Figures of a bridge.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Figures {
-    /// Bytes that came from the vehicle.
-    pub bytes: u64,
-    /// Messages from the vehicle.
-    pub messages: u64,
-    /// Messages given up: damaged, unknown, unsigned.
-    pub dropped: u64,
-    /// Messages that never came, from gaps in their numbers.
-    pub lost: u64,
-    /// Measurements refused: repeated, overtaken, or not finite.
-    pub refused: u64,
-    /// Outputs sent.
-    pub outputs: u64,
-    /// Channel values that a limit or rate held back.
-    pub clamped: u64,
-    /// Offset of the vehicle's clock to ours, ns.
-    pub clock_offset_ns: Option<i64>,
-    /// Round trip of the exchange that the offset comes from, ns.
-    pub round_trip_ns: Option<i64>,
 }
 
 /// The bridge to a vehicle, as a state machine.
@@ -113,6 +94,9 @@ pub struct Vehicle {
     pilot_crsf: crsf::Parser,
     pilot_sbus: sbus::Parser,
     pilot_bytes_at: Duration,
+    ground: Deframer,
+    refused_controls: u64,
+    explained: Option<Reason>,
     inputs: Vec<f64>,
     command_at: Option<Duration>,
     command_timeout: Duration,
@@ -177,6 +161,7 @@ impl Vehicle {
             mapping: Mapping::new(&options.channels, &bench.inputs, pilot.is_some())?,
             arming: Arming::new(policy),
             watch: EstimateWatch::new(safety.max_innovation),
+            command_timeout: Duration::from_secs_f64(safety.command_timeout_s),
             safety,
             output,
             mavlink,
@@ -186,9 +171,11 @@ impl Vehicle {
             pilot_crsf: crsf::Parser::new(),
             pilot_sbus: sbus::Parser::new(),
             pilot_bytes_at: Duration::ZERO,
+            ground: Deframer::new(),
+            refused_controls: 0,
+            explained: None,
             inputs: vec![0.0; bench.inputs.len()],
             command_at: None,
-            command_timeout: bench.command_timeout,
             finite: true,
             out: Default::default(),
             sent_at: None,
@@ -205,7 +192,8 @@ impl Vehicle {
         match port {
             Port::Link => self.receive_link(bytes, end, now),
             Port::Pilot => self.receive_pilot(bytes, now),
-            Port::Output | Port::Ground => {}
+            Port::Ground => self.receive_ground(bytes, now),
+            Port::Output => {}
         }
         let fresh = self.telemetry.is_fresh(Group::Attitude);
         if self.telemetry.take_restart() {
@@ -255,7 +243,29 @@ impl Vehicle {
 
     /// Takes in an estimate: states, normalised innovation squared and its degrees of freedom.
     pub fn estimate(&mut self, states: &[f64], nis: f64, dof: u32, now: Duration) {
+        // While its commands are not obeyed the estimator expects what does not happen.
+        let dof = if self.arming.mode() == Mode::Automatic { dof } else { 0 };
         self.watch.hear(states, nis, dof, now);
+    }
+
+    /// Whether something broke, and nobody has armed again.
+    pub fn has_failed(&self) -> bool {
+        matches!(self.arming.mode(), Mode::Failed(_))
+    }
+
+    /// The bench ends: nobody is in charge any more, and an override is taken back.
+    pub fn end(&mut self, now: Duration) {
+        if let Some(mode) = self.arming.end() {
+            self.announce(mode);
+        }
+        self.mapping.reset();
+        self.send(now);
+        if let (Source::Mavlink(autopilot), Output::RcOverride) = (&mut self.source, self.output)
+            && autopilot.is_known()
+        {
+            let message = output::rc_override(None, self.mapping.in_use(), autopilot.target());
+            autopilot.send(&message, now, &mut self.out[Port::Link as usize]);
+        }
     }
 
     /// Does what time alone asks for: notices silence, keeps the outputs alive, says heartbeats. To be called at
@@ -309,104 +319,32 @@ impl Vehicle {
         (self.mapping.us(), self.mapping.in_use())
     }
 
+    /// Whether the vehicle says that it is armed.
+    pub fn is_armed(&self) -> bool {
+        matches!(&self.source, Source::Mavlink(a) if a.is_armed())
+    }
+
+    /// Moves one channel, from 0, off its neutral while nobody is in charge and the vehicle is disarmed, to see whether it
+    /// arrives; limits and rates hold.
+    pub fn push(&mut self, channel: usize, by_us: f64, now: Duration) {
+        if self.arming.mode() == Mode::Disarmed && !self.is_armed() {
+            self.mapping.push(Some((channel, by_us)));
+            self.send(now);
+            self.mapping.push(None);
+        }
+    }
+
+    /// The channels that the vehicle says it receives, us, when it said so within `age`.
+    pub fn told_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
+        match &self.source {
+            Source::Mavlink(a) => a.told_channels(age, now),
+            Source::Crsf { .. } => None,
+        }
+    }
+
     /// What was measured last.
     pub fn telemetry(&self) -> &Telemetry {
         &self.telemetry
-    }
-
-    /// Figures since the start.
-    pub fn figures(&mut self) -> Figures {
-        let refusals = self.telemetry.refusals();
-        let mut figures = Figures {
-            refused: refusals.not_finite + refusals.old,
-            outputs: self.outputs,
-            clamped: self.mapping.clamped(),
-            ..Figures::default()
-        };
-        match &self.source {
-            Source::Mavlink(autopilot) => {
-                let c = autopilot.counts();
-                (figures.bytes, figures.messages, figures.lost) = (c.bytes, c.messages, c.lost);
-                figures.dropped = c.dropped();
-            }
-            Source::Crsf { parser, .. } => {
-                let c = parser.counts();
-                (figures.bytes, figures.messages) = (c.bytes, c.frames);
-                figures.dropped = c.checksum + c.malformed;
-            }
-        }
-        if let Some((offset, trip)) = self.telemetry.clock().offset() {
-            (figures.clock_offset_ns, figures.round_trip_ns) = (Some(offset), trip);
-        }
-        figures
-    }
-
-    fn receive_link(&mut self, bytes: &[u8], end: bool, now: Duration) {
-        match &mut self.source {
-            Source::Mavlink(autopilot) => {
-                let pilot = match self.pilot_source {
-                    Some(PilotSource::Mavlink) => self.pilot.as_mut(),
-                    _ => None,
-                };
-                let reply = &mut self.out[Port::Link as usize];
-                let mut heard =
-                    Heard { telemetry: &mut self.telemetry, pilot, notes: &mut self.notes, reply };
-                autopilot.receive(bytes, end, now, &mut heard);
-            }
-            Source::Crsf { parser, quality, linked_at, doubted, .. } => {
-                parser.push(bytes);
-                while let Some(event) = parser.next_event() {
-                    match event {
-                        crsf::Event::Attitude(a) => {
-                            let angles = [a.roll, a.pitch, a.yaw];
-                            let _ = self.telemetry.take(Group::Attitude, angles, None, now);
-                            *linked_at = Some(now);
-                        }
-                        crsf::Event::LinkStatistics(link) => {
-                            *quality = Some(link.uplink_quality);
-                            *linked_at = Some(now);
-                        }
-                        crsf::Event::Battery(b) if b.remaining_percent == 0 => {
-                            self.notes.warn(format!("the battery is empty: {:.1} V", b.voltage_v));
-                        }
-                        _ => {}
-                    }
-                }
-                let counts = parser.counts();
-                if !*doubted && counts.frames == 0 && counts.bytes > 300 {
-                    *doubted = true;
-                    self.notes.warn(format!(
-                        "{} bytes came in, and none of them is CRSF: is the baud rate right (416666 or 420000)?",
-                        counts.bytes
-                    ));
-                }
-            }
-        }
-    }
-
-    fn receive_pilot(&mut self, bytes: &[u8], now: Duration) {
-        let Some(pilot) = &mut self.pilot else { return };
-        if now.saturating_sub(self.pilot_bytes_at) > SBUS_PAUSE {
-            self.pilot_sbus.reset();
-        }
-        self.pilot_bytes_at = now;
-        match self.pilot_source {
-            Some(PilotSource::Sbus) => {
-                self.pilot_sbus.push(bytes);
-                while let Some(frame) = self.pilot_sbus.next_frame() {
-                    pilot.hear(&frame.channels.map(sbus::us_of_ticks), frame.failsafe, now);
-                }
-            }
-            Some(PilotSource::Crsf) => {
-                self.pilot_crsf.push(bytes);
-                while let Some(event) = self.pilot_crsf.next_event() {
-                    if let crsf::Event::Channels(c) = event {
-                        pilot.hear(&c.0.map(crsf::us_of_ticks), false, now);
-                    }
-                }
-            }
-            _ => {}
-        }
     }
 
     fn conditions(&self, now: Duration) -> Conditions {
@@ -436,137 +374,14 @@ impl Vehicle {
 
     fn decide(&mut self, now: Duration) {
         let conditions = self.conditions(now);
+        let asked = conditions.arm;
         if let Some(mode) = self.arming.update(&conditions, now) {
+            if mode == Mode::Automatic {
+                self.watch.reset();
+            }
             self.announce(mode);
             self.send(now);
         }
+        self.explain(asked);
     }
-
-    fn announce(&mut self, mode: Mode) {
-        match mode {
-            Mode::Automatic => self.notes.info("armed: the controller is in charge"),
-            Mode::Manual => self.notes.info("the pilot is in charge"),
-            Mode::Disarmed => self.notes.info("disarmed: outputs at neutral"),
-            Mode::Failed(reason) => {
-                let what = match self.safety.on_failure {
-                    OnFailure::Neutral => "outputs at neutral",
-                    OnFailure::Release => "outputs handed over",
-                };
-                self.notes.warn(format!("FAILSAFE, {what}: {reason}"));
-            }
-        }
-    }
-
-    /// Whether the vehicle's own pilot or failsafe has the vehicle, and nothing is to be sent.
-    fn is_handed_over(&self) -> bool {
-        match self.arming.mode() {
-            Mode::Failed(_) => self.safety.on_failure == OnFailure::Release,
-            // The stick of a pilot who flies by the vehicle's own radio needs no relay.
-            Mode::Manual => self.pilot_source == Some(PilotSource::Mavlink),
-            Mode::Disarmed | Mode::Automatic => false,
-        }
-    }
-
-    fn send(&mut self, now: Duration) {
-        self.sent_at = Some(now);
-        let released = self.is_handed_over();
-        if released {
-            self.mapping.reset();
-        } else {
-            self.mapping.apply(self.arming.mode(), &self.inputs, self.pilot.as_ref(), now);
-        }
-        let first_release = released && !std::mem::replace(&mut self.released, released);
-        let (us, in_use) = (self.mapping.us(), self.mapping.in_use());
-        if let (Source::Mavlink(autopilot), Some(config)) = (&mut self.source, &self.mavlink) {
-            let target = autopilot.target();
-            let message = match self.output {
-                // An override is taken back again and again: the first message may be lost.
-                Output::RcOverride => Some(output::rc_override((!released).then_some(us), in_use, target)),
-                _ if released => None,
-                Output::ManualControl => Some(output::manual_control(us, in_use, target.0)),
-                Output::AttitudeTarget => {
-                    let yaw = self.telemetry.values(Group::Attitude).map_or(0.0, |[_, _, yaw]| yaw);
-                    Some(output::attitude_target(us, in_use, &config.attitude_target, yaw, target, now))
-                }
-                Output::Crsf | Output::Sbus => None,
-            };
-            if let Some(message) = message.filter(|_| autopilot.is_known()) {
-                autopilot.send(&message, now, &mut self.out[Port::Link as usize]);
-                self.outputs += 1;
-            }
-        }
-        self.released = released;
-        if released {
-            if first_release {
-                self.notes.info("the outputs are handed over");
-            }
-            return;
-        }
-        let crsf_port = if matches!(self.source, Source::Crsf { .. }) { Port::Link } else { Port::Output };
-        match self.output {
-            Output::Crsf => output::crsf(us, &mut self.out[crsf_port as usize]),
-            Output::Sbus => output::sbus(us, &mut self.out[Port::Output as usize]),
-            _ => return,
-        }
-        self.outputs += 1;
-    }
-}
-
-fn missing(kind: BridgeKind) -> ConfigError {
-    let message = format!("the table [bridge.{kind}] with the key 'link' is missing: add it");
-    ConfigError::new(&[kind.name()], message)
-}
-
-fn check_safety(safety: &SafetyConfig, config: &BridgeConfig) -> Result<(), ConfigError> {
-    let fail = |key: &str, message: &str| Err(ConfigError::new(&["safety", key], message));
-    for (key, value) in [
-        ("stale_s", Some(safety.stale_s)),
-        ("link_timeout_s", Some(safety.link_timeout_s)),
-        ("recover_after_s", safety.recover_after_s),
-    ] {
-        if value.is_some_and(|v| !(v > 0.0 && v <= 60.0)) {
-            return fail(key, "a time above 0 and up to 60 s is expected");
-        }
-    }
-    if safety.max_innovation.is_nan() || safety.max_innovation <= 1.0 {
-        return fail("max_innovation", "a number above 1 is expected: a filter promises 1");
-    }
-    match safety.arm {
-        ArmBy::Switch if config.options.pilot.is_none() => fail(
-            "arm",
-            "arm = \"switch\" needs the pilot's stick: add [bridge.pilot], or say arm = \"autopilot\" or \"start\"",
-        ),
-        ArmBy::Autopilot if config.kind != BridgeKind::Mavlink => fail(
-            "arm",
-            "only a MAVLink autopilot tells whether it is armed: say arm = \"switch\" or \"start\"",
-        ),
-        ArmBy::Switch | ArmBy::Autopilot if safety.recover_after_s.is_some() => {
-            fail("recover_after_s", "only with arm = \"start\": else whoever arms decides")
-        }
-        _ => Ok(()),
-    }
-}
-
-fn check_mavlink(config: &MavlinkConfig) -> Result<(), ConfigError> {
-    let fail = |key: &str, message: &str| Err(ConfigError::new(&["mavlink", key], message));
-    let own_line = matches!(config.output, Output::Crsf | Output::Sbus);
-    if own_line && config.output_link.is_none() {
-        return fail("output_link", "the channels need a serial port: add the key 'output_link'");
-    }
-    if !own_line && config.output_link.is_some() {
-        return fail("output_link", "only output = \"crsf\" and \"sbus\" have a line of their own");
-    }
-    if config.message_rate_hz.is_some_and(|hz| !(0.0..=4000.0).contains(&hz)) {
-        return fail("message_rate_hz", "a rate from 0 to 4000 Hz is expected");
-    }
-    if config.system == 0 || config.component == 0 {
-        return fail("system", "numbers from 1 on are expected: 0 means all");
-    }
-    if config.heading.is_some_and(|h| !h.is_finite()) {
-        return fail("heading", "a finite angle in rad is expected");
-    }
-    if !(config.attitude_target.full.is_finite() && config.attitude_target.full_yaw_rate.is_finite()) {
-        return fail("attitude_target", "finite numbers are expected");
-    }
-    Ok(())
 }

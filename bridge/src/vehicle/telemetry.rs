@@ -207,8 +207,8 @@ impl Telemetry {
         [odometry.longitudinal_position, odometry.lateral_position, odometry.height] = position;
         [odometry.longitudinal_speed, odometry.lateral_speed, odometry.vertical_speed] = speed;
         let fresh = self.held.map(|h| u32::from(h.fresh));
-        imu.valid = fresh[0] * valid::FIRST | fresh[1] * valid::SECOND;
-        odometry.valid = fresh[2] * valid::FIRST | fresh[3] * valid::SECOND;
+        imu.valid = (fresh[0] * valid::FIRST) | (fresh[1] * valid::SECOND);
+        odometry.valid = (fresh[2] * valid::FIRST) | (fresh[3] * valid::SECOND);
         self.held.iter_mut().for_each(|h| h.fresh = false);
         (imu, odometry)
     }

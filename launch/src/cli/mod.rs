@@ -60,6 +60,9 @@ pub(crate) enum Command {
     #[command(subcommand)]
     Launch(LaunchCommand),
     Bench(BenchArgs),
+    /// Look at real hardware that takes a node's place.
+    #[command(subcommand)]
+    Bridge(BridgeCommand),
     Doctor(DoctorArgs),
     Soak(SoakArgs),
     #[command(hide = true)]
@@ -204,8 +207,11 @@ pub(crate) struct NodeArgs {
     Processes that are compared run on the same CPUs. The realtime measurement runs cyclictest (Debian: rt-tests) \
     at the same priority beside it.")]
 pub(crate) struct BenchArgs {
-    /// What to measure: plant, inproc, lockstep, recorded, zenoh, realtime [default: all]
+    /// What to measure: plant, inproc, lockstep, recorded, zenoh, realtime, vehicles, autopilots [default: all]
     pub what: Vec<String>,
+    /// Measure the bridges alone: wire to bus and back, beside a bare echo.
+    #[arg(long)]
+    pub bridge: bool,
     /// Length of each throughput measurement.
     #[arg(long, value_name = "S", default_value_t = 2.0)]
     pub seconds: f64,
@@ -228,6 +234,35 @@ pub(crate) struct BenchArgs {
     /// One process of a measurement, told on standard input what to do.
     #[arg(long, hide = true)]
     pub member: bool,
+}
+
+/// What can be done with a bridge.
+#[derive(Debug, Subcommand)]
+pub(crate) enum BridgeCommand {
+    Check(BridgeCheckArgs),
+}
+
+/// Check axis by axis, live and disarmed, that signs, scales and channels are right, and say which is wrong.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  \
+    whirlstand bridge check plant --launch quad-on-usb.toml\n\n\
+    For a vehicle: lift it and follow the words; then each channel is moved by 100 us and read back. Take the propellers \
+    off. An armed vehicle is refused.")]
+pub(crate) struct BridgeCheckArgs {
+    /// The node that is a bridge: plant or controller.
+    pub node: String,
+    /// Launch file with the bridge.
+    #[arg(long, value_name = "LAUNCH")]
+    pub launch: String,
+    /// How long to wait for the vehicle and for each axis.
+    #[arg(long, value_name = "S", value_parser = seconds, default_value = "20")]
+    pub timeout: f64,
+    /// Leave out the channels: listen only.
+    #[arg(long)]
+    pub no_outputs: bool,
+    /// Sets any key of the launch file; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
 }
 
 /// Tell whether this machine is fit for real time, and what to change.

@@ -22,8 +22,12 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
     }
     let program = std::env::current_exe()
         .map_err(|e| Failure::Run(format!("this program cannot find itself, to start it again: {e}")))?;
+    let mut what = args.what.clone();
+    if args.bridge {
+        what.extend(["vehicles".into(), "autopilots".into()]);
+    }
     let options = Options {
-        what: args.what.clone(),
+        what,
         seconds: args.seconds,
         repeat: args.repeat,
         realtime_seconds: args.realtime_seconds,

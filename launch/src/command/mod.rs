@@ -2,6 +2,7 @@
 
 pub(crate) mod bench;
 pub(crate) mod blind;
+pub(crate) mod bridge;
 pub(crate) mod compare;
 pub(crate) mod design;
 pub(crate) mod diagnose;

@@ -1,6 +1,7 @@
 //! Launch files: read, overridden, checked, and turned into what the supervisor starts.
 
 mod amount;
+mod bridge;
 mod builtin;
 mod document;
 mod expect;

@@ -18,7 +18,12 @@ impl Planner<'_> {
             self.check_node(file, name, section)?;
         }
         let section = |name: &str| file.nodes.get(name).cloned().unwrap_or_default();
-        let roles = STARTING.into_iter().filter(|r| *r != Role::Recorder || file.recorder.enabled);
+        let roles = STARTING.into_iter().filter(|r| match r {
+            Role::Recorder => file.recorder.enabled,
+            // An autopilot estimates for itself.
+            Role::Estimator => !file.has_autopilot(),
+            _ => true,
+        });
         let roles =
             roles.map(|r| PlannedNode { name: r.name().into(), role: Some(r), section: section(r.name()) });
         let further = file.nodes.iter().filter(|(name, _)| role(name).is_none());
@@ -58,6 +63,10 @@ impl Planner<'_> {
         }
         if section.external && role(name) == Some(Role::Plant) {
             return fail("external", "the plant ends the run and must be started here".into());
+        }
+        if section.bridge.is_some() && (section.exec.is_some() || section.external) {
+            let key = if section.external { "external" } else { "exec" };
+            return fail(key, "a bridge is a node of our own: it goes with neither exec nor external".into());
         }
         let local = section.exec.is_some() || section.external;
         if local && file.transport == Transport::Inproc {

@@ -12,7 +12,7 @@ use whirlstand_nodes::config::{
 };
 use whirlstand_vehicle::{Effect, Vehicle};
 
-use super::amount::Amount;
+use super::amount::{Amount, Seconds};
 use super::document::{Document, LaunchError, Step, at};
 use super::expect::{self, Expectation};
 use super::schema::{LaunchFile, NodeSection};
@@ -76,8 +76,9 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         steps: (file.duration_s.0 * file.rate_hz).round() as u64,
         seed: file.seed,
         peers: Role::ALL.into_iter().filter(|r| *r != Role::Plant && native(*r)).collect(),
-        start_timeout_s: file.plant.start_timeout_s.0,
-        telemetry: recorded,
+        start_timeout_s: start_timeout_s(&file),
+        // An autopilot's sensors come from the truth.
+        telemetry: recorded || file.has_autopilot(),
         plant: planner.plant(&file)?,
         estimator: file.estimator.clone(),
         controller: file.controller.clone(),
@@ -89,6 +90,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         setpoint: planner.changes("setpoint", &file.setpoint, true)?,
         stick: planner.changes("stick", &file.stick, false)?,
         realtime: realtime(&nodes),
+        bridge: planner.bridge(&file)?,
     };
     let expect = expect::read(document, &vehicle, &file.expect.keys().collect::<Vec<_>>())?;
     let name = file.name.unwrap_or_else(|| name.into());
@@ -102,6 +104,12 @@ fn with_overrides(document: &Document) -> String {
         text.push_str(&format!("\n# overridden: {}", change.replace('\n', " ")));
     }
     text
+}
+
+/// How long the plant waits for the other nodes.
+fn start_timeout_s(file: &LaunchFile) -> f64 {
+    let usual = if file.has_autopilot() { 120.0 } else { 10.0 };
+    file.plant.start_timeout_s.map_or(usual, |s| s.0)
 }
 
 fn realtime(nodes: &[PlannedNode]) -> BTreeMap<Role, RealtimeOptions> {
@@ -121,7 +129,7 @@ impl NodeSection {
 /// A launch file with its vehicle, while it is being checked.
 pub(super) struct Planner<'a> {
     pub(super) document: &'a Document,
-    vehicle: &'a Vehicle,
+    pub(super) vehicle: &'a Vehicle,
 }
 
 impl Planner<'_> {
@@ -150,7 +158,7 @@ impl Planner<'_> {
         for (section, key, value) in [
             ("plant", "lockstep_timeout_s", file.plant.lockstep_timeout_s),
             ("plant", "recorder_timeout_s", file.plant.recorder_timeout_s),
-            ("plant", "start_timeout_s", file.plant.start_timeout_s),
+            ("plant", "start_timeout_s", Seconds(start_timeout_s(file))),
         ] {
             self.check_time(at![section, key], value.0)?;
         }

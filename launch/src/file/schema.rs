@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
+use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
 use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig};
 
@@ -54,6 +55,9 @@ pub(crate) struct LaunchFile {
     /// Options of single nodes, and programs that take their place or join them.
     #[serde(default)]
     pub nodes: BTreeMap<String, NodeSection>,
+    /// Options of the bridge that a node asks for.
+    #[serde(default)]
+    pub bridge: BridgeOptions,
     #[serde(default)]
     pub zenoh: ZenohSection,
     /// What must hold at the end; read by [`super::expect`].
@@ -62,6 +66,13 @@ pub(crate) struct LaunchFile {
     /// Several runs of the bench, compared in one report.
     #[serde(default)]
     pub variants: Vec<VariantSection>,
+}
+
+impl LaunchFile {
+    /// Whether an autopilot takes the place of estimator and controller.
+    pub fn has_autopilot(&self) -> bool {
+        self.nodes.values().filter_map(|n| n.bridge).any(|bridge| !bridge.is_vehicle())
+    }
 }
 
 /// `[plant]`.
@@ -78,8 +89,9 @@ pub(crate) struct PlantSection {
     pub lockstep_timeout_s: Seconds,
     /// Longest wall-clock wait for the recorder in lockstep.
     pub recorder_timeout_s: Seconds,
-    /// Longest wall-clock wait for the other nodes before step 0.
-    pub start_timeout_s: Seconds,
+    /// Longest wall-clock wait for the other nodes before step 0; 10 s, or 120 s for an autopilot, which has to start
+    /// and to be armed.
+    pub start_timeout_s: Option<Seconds>,
     /// Take disturbances from topic `inject`.
     pub inject: bool,
 }
@@ -93,7 +105,7 @@ impl Default for PlantSection {
             misses_to_failsafe: node.misses_to_failsafe,
             lockstep_timeout_s: Seconds(node.lockstep_timeout_s),
             recorder_timeout_s: Seconds(node.recorder_timeout_s),
-            start_timeout_s: Seconds(10.0),
+            start_timeout_s: None,
             inject: node.inject,
         }
     }
@@ -119,6 +131,8 @@ impl Default for RecorderSection {
 pub(crate) struct NodeSection {
     /// Program and arguments that run instead of the built-in node, or as a node of a new name.
     pub exec: Option<Vec<String>>,
+    /// Real hardware that takes the node's place.
+    pub bridge: Option<BridgeKind>,
     /// More environment variables for `exec`.
     pub env: BTreeMap<String, String>,
     /// How the launcher learns that the node is ready.
@@ -151,6 +165,7 @@ impl Default for NodeSection {
     fn default() -> Self {
         Self {
             exec: None,
+            bridge: None,
             env: BTreeMap::new(),
             ready: Ready::Notify,
             external: false,

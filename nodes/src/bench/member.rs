@@ -36,6 +36,11 @@ pub enum Member {
         /// CPUs that it may use; empty: all.
         cpus: Vec<usize>,
     },
+    /// Sends every datagram back.
+    Echo {
+        /// Port on the loopback.
+        port: u16,
+    },
 }
 
 /// What a member says at its end, as JSON on standard output.
@@ -67,6 +72,10 @@ pub fn run_member(member: &Member) -> Result<String, BenchError> {
             let seconds = ring.run(*position)?.map_or(0.0, |t| t.as_secs_f64());
             Words { count: *laps, seconds, ..Words::default() }
         }
+        Member::Echo { port } => {
+            super::autopilot::run_echo(*port)?;
+            Words::default()
+        }
     };
     serde_json::to_string(&words)
         .map_err(|e| BenchError::Member { who: "a member".into(), why: e.to_string() })
@@ -83,7 +92,7 @@ fn node(role: Role, config: &NodeConfig) -> Result<Words, NodeError> {
     let setup = Setup::new(config)?;
     let bus = Bus::open(&Setup::bus_config(config, role))?;
     let mut plant = Plant::open(&bus, config, &setup)?;
-    get_ready(role, config, &bus)?;
+    get_ready(role, config, &bus, &[])?;
     let health = run_plant(&bus, &mut plant, &stop)?;
     let latencies = plant.latencies();
     let quantile = |q| latencies.value_at_quantile(q);

@@ -4,6 +4,8 @@
 //! Every process of a measurement is this same executable, started again with [`Options::member`] and a
 //! [`Member`] as JSON on standard input; [`run_member`] is what it then does.
 
+mod autopilot;
+mod bridge;
 mod cyclictest;
 mod fleet;
 mod member;
@@ -23,7 +25,8 @@ use crate::config::{
 pub use member::{Member, run_member};
 
 /// The measurements, in the order in which they run.
-pub const MEASUREMENTS: [&str; 6] = ["plant", "inproc", "lockstep", "recorded", "zenoh", "realtime"];
+pub const MEASUREMENTS: [&str; 8] =
+    ["plant", "inproc", "lockstep", "recorded", "zenoh", "realtime", "vehicles", "autopilots"];
 
 /// What to measure, and how.
 #[derive(Debug, Clone)]
@@ -134,7 +137,9 @@ pub fn run(options: &Options, mut progress: impl FnMut(&Figure)) -> Result<Repor
             "lockstep" => throughput::lockstep(options)?,
             "recorded" => throughput::recorded(options)?,
             "zenoh" => throughput::zenoh(options)?,
-            _ => realtime::realtime(options)?,
+            "realtime" => realtime::realtime(options)?,
+            "vehicles" => bridge::bridges(options)?,
+            _ => autopilot::autopilots(options)?,
         };
         new.iter().for_each(&mut progress);
         figures.extend(new);
@@ -199,5 +204,6 @@ fn config(name: &str, transport: Transport, mode: Mode, steps: u64) -> Result<No
         setpoint: Vec::new(),
         stick: Vec::new(),
         realtime: BTreeMap::new(),
+        bridge: None,
     })
 }

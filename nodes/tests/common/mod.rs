@@ -37,6 +37,7 @@ pub fn config(name: &str, steps: u64) -> NodeConfig {
         recorder: None,
         setpoint: Vec::new(),
         stick: Vec::new(),
+        bridge: None,
         realtime: Default::default(),
     }
 }

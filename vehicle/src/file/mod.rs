@@ -1,5 +1,6 @@
 //! Vehicle files: TOML in the user's units, described in `docs/vehicle-file.md`.
 
+mod axes;
 mod free;
 mod read;
 mod table;

@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 use toml::de::DeTable;
 use whirlstand_msgs::units::Unit;
 
+use super::axes;
 use super::table::{Node, Source, Table};
 use crate::effects::{Effect, FieldValue, Kind};
 use crate::error::FileError;
@@ -23,6 +24,8 @@ const KEYS: &[&str] = &[
     "free",
     "fit",
     "provenance",
+    axes::KEYS[0],
+    axes::KEYS[1],
 ];
 
 impl Vehicle {
@@ -40,20 +43,26 @@ impl Vehicle {
         let file = Table::document(source, document.get_ref());
         file.check_keys(KEYS)?;
 
-        let states = states(&file)?;
-        let inputs = inputs(&file)?;
+        let mut states = states(&file)?;
+        let mut inputs = inputs(&file)?;
         let a = matrix(&file, "A", (&units_of(&states), "state"), (&units_of(&states), "state"), true)?;
         let b =
             matrix(&file, "B", (&units_of(&states), "state"), (&units_of_inputs(&inputs), "input"), true)?;
         let a = a.ok_or_else(|| file.error(None, "A is missing"))?;
         let b = b.ok_or_else(|| file.error(None, "B is missing"))?;
+        let own_states = units_of(&states);
+        let own_inputs = units_of_inputs(&inputs);
+        let axes = axes::axes(&file, &states, &inputs)?;
+        let (a, b) = axes::append(axes, &mut states, &mut inputs, a, b);
         let outputs = outputs(&file, &states)?;
         let rows = (&outputs.iter().map(|o| o.unit.clone()).collect::<Vec<_>>()[..], "output");
-        let c = match matrix(&file, "C", rows, (&units_of(&states), "state"), false)? {
-            Some(c) => c,
+        let c = match matrix(&file, "C", rows, (&own_states, "state"), false)? {
+            // C and D speak of the file's own states and inputs.
+            Some(c) => c.resize(outputs.len(), states.len(), 0.0),
             None => outputs_name_states(&file, &outputs, &states)?,
         };
-        let d = matrix(&file, "D", rows, (&units_of_inputs(&inputs), "input"), false)?
+        let d = matrix(&file, "D", rows, (&own_inputs, "input"), false)?
+            .map(|d| d.resize(outputs.len(), inputs.len(), 0.0))
             .unwrap_or_else(|| DMatrix::zeros(outputs.len(), inputs.len()));
 
         let stem = std::path::Path::new(origin).file_stem().map_or(origin.into(), |s| s.to_string_lossy());

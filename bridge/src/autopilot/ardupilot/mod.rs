@@ -31,9 +31,11 @@ pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
 const SILENCE: Duration = Duration::from_millis(500);
 
 /// How pulses are read.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ArdupilotOptions {
+    /// Where ArduPilot's packets come in, `udpin://ADDRESS:PORT`; they are answered to their sender.
+    pub link: String,
     /// Pulse of a motor that stands still, or of a servo at -1, us.
     pub pwm_min: u16,
     /// Pulse of a motor at full thrust, or of a servo at 1, us.
@@ -42,7 +44,7 @@ pub struct ArdupilotOptions {
 
 impl Default for ArdupilotOptions {
     fn default() -> Self {
-        Self { pwm_min: 1000, pwm_max: 2000 }
+        Self { link: format!("udpin://127.0.0.1:{PORT}"), pwm_min: 1000, pwm_max: 2000 }
     }
 }
 
@@ -170,8 +172,12 @@ impl Autopilot for Ardupilot {
         self.waiting
     }
 
+    fn is_lockstep(&self) -> bool {
+        true
+    }
+
     fn disconnected(&mut self, _port: usize) {
-        *self = Self { counts: self.counts, ..Self::new(self.options, self.motors) };
+        *self = Self { counts: self.counts, ..Self::new(self.options.clone(), self.motors) };
     }
 
     fn counts(&self) -> Counts {

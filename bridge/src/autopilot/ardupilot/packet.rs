@@ -68,6 +68,15 @@ impl ServoPacket {
         Ok(Self { frame_rate: u16_at(2)?, number, pulses, count })
     }
 
+    /// The packet with 16 pulses, as ArduPilot sends it.
+    pub fn bytes(frame_rate: u16, number: u32, pulses: &[u16; 16]) -> Vec<u8> {
+        let mut bytes = MAGIC_16.to_le_bytes().to_vec();
+        bytes.extend(frame_rate.to_le_bytes());
+        bytes.extend(number.to_le_bytes());
+        bytes.extend(pulses.iter().flat_map(|p| p.to_le_bytes()));
+        bytes
+    }
+
     /// The pulses, us; zero where there is none.
     pub fn pulses(&self) -> &[u16] {
         &self.pulses[..self.count]

@@ -3,10 +3,12 @@ use crate::sensors::{Errors, Motion, SensorModel, SensorOptions};
 use proptest::prelude::*;
 
 fn packet(number: u32, pwm: [u16; 16]) -> Vec<u8> {
-    let mut bytes = 18458u16.to_le_bytes().to_vec();
-    bytes.extend(400u16.to_le_bytes());
-    bytes.extend(number.to_le_bytes());
-    bytes.extend(pwm.iter().flat_map(|p| p.to_le_bytes()));
+    let bytes = ServoPacket::bytes(400, number, &pwm);
+    assert_eq!(
+        bytes[..8],
+        [0x1A, 0x48, 0x90, 0x01, number as u8, (number >> 8) as u8, 0, 0],
+        "18458, 400, number"
+    );
     bytes
 }
 

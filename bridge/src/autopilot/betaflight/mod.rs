@@ -27,7 +27,7 @@ use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::mixer::MAX_OUTPUTS;
 use crate::sensors::Sensors;
 
-pub use packet::{FDM_BYTES, PacketError, RC_BYTES, parse_motors, parse_raw};
+pub use packet::{FDM_BYTES, PacketError, RC_BYTES, parse_motors, parse_raw, raw_bytes};
 
 /// The ports by number: packets of pulses, packets of motors, state, channels.
 pub const PORTS: [u16; 4] = [9001, 9002, 9003, 9004];
@@ -70,13 +70,31 @@ pub enum Packets {
 }
 
 /// How Betaflight is spoken to.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BetaflightOptions {
+    /// Address of the computer that Betaflight runs on.
+    pub host: String,
+    /// Address of this computer on which Betaflight's packets are awaited.
+    pub bind: String,
+    /// The four ports, as Betaflight was compiled.
+    pub ports: [u16; 4],
     /// How it reads the state.
     pub flavour: Flavour,
     /// Where its outputs are taken from.
     pub packets: Packets,
+}
+
+impl Default for BetaflightOptions {
+    fn default() -> Self {
+        Self {
+            host: "127.0.0.1".into(),
+            bind: "127.0.0.1".into(),
+            ports: PORTS,
+            flavour: Flavour::default(),
+            packets: Packets::default(),
+        }
+    }
 }
 
 /// The conversation with Betaflight.
@@ -87,6 +105,7 @@ pub struct Betaflight {
     period: Duration,
     origin: Option<(f64, f64)>,
     last_state: Option<Duration>,
+    answered: bool,
     last_channels: Option<Duration>,
     event: Option<Event>,
     counts: Counts,
@@ -101,6 +120,7 @@ impl Betaflight {
             period,
             origin: None,
             last_state: None,
+            answered: false,
             last_channels: None,
             event: None,
             counts: Counts::default(),
@@ -134,6 +154,7 @@ impl Autopilot for Betaflight {
             Ok(_) if (port == RAW) != (self.options.packets == Packets::Raw) => {}
             Ok(outputs) => {
                 self.counts.outputs += 1;
+                self.answered = true;
                 self.event = Some(Event::Outputs(outputs));
             }
         }
@@ -154,13 +175,18 @@ impl Autopilot for Betaflight {
             return;
         }
         self.last_state = Some(now);
+        self.answered = false;
         self.counts.sent += 1;
         let origin = *self.origin.get_or_insert((sensors.gps.latitude, sensors.gps.longitude));
         send(STATE, &packet::state(now, sensors, self.options.flavour, origin));
     }
 
     fn is_answered(&self) -> bool {
-        true
+        self.answered
+    }
+
+    fn is_lockstep(&self) -> bool {
+        false
     }
 
     fn disconnected(&mut self, _port: usize) {

@@ -108,6 +108,16 @@ pub fn parse_raw(bytes: &[u8]) -> Result<Raw, PacketError> {
     Ok(Raw { values })
 }
 
+/// `servo_packet_raw`, as Betaflight sends it.
+pub fn raw_bytes(count: u16, pulses: &[f32; RAW_OUTPUTS]) -> [u8; RAW_BYTES] {
+    let mut bytes = [0; RAW_BYTES];
+    bytes[..2].copy_from_slice(&count.to_le_bytes());
+    for (slot, pulse) in bytes[4..].as_chunks_mut::<4>().0.iter_mut().zip(pulses) {
+        *slot = pulse.to_le_bytes();
+    }
+    bytes
+}
+
 /// `rc_packet`: time in s, pulses in us.
 pub(super) fn channels(now: Duration, pulses: &[u16; RC_CHANNELS]) -> [u8; RC_BYTES] {
     let mut bytes = [0; RC_BYTES];

@@ -41,13 +41,22 @@ const HEARTBEAT_PERIOD_NS: u64 = 1_000_000_000;
 const STATE_PERIOD_NS: u64 = 5_000_000;
 
 /// How PX4 is spoken to.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Px4Options {
+    /// Where PX4 is: `tcpin://ADDRESS:PORT` where PX4 connects, or `serial://DEVICE:BAUD` or `udpin://ADDRESS:PORT` for
+    /// hardware.
+    pub link: String,
     /// Send the pitot's differential pressure.
     pub airspeed: bool,
     /// Send the pilot's channels; without them PX4 listens to its ground station alone.
     pub rc: bool,
+}
+
+impl Default for Px4Options {
+    fn default() -> Self {
+        Self { link: format!("tcpin://127.0.0.1:{PORT}"), airspeed: false, rc: false }
+    }
 }
 
 /// When a message is due again.
@@ -74,6 +83,8 @@ pub struct Px4 {
     lockstep: bool,
     /// Time of the last HIL_SENSOR, us.
     sensed: Option<u64>,
+    /// The outputs of that time are here; without lockstep any that came after it.
+    answered: bool,
     /// Time of the last HIL_ACTUATOR_CONTROLS, us.
     controlled: Option<u64>,
     state_period_ns: u64,
@@ -99,6 +110,7 @@ impl Px4 {
             encoder: Encoder::new(SYSTEM, COMPONENT),
             lockstep: false,
             sensed: None,
+            answered: true,
             controlled: None,
             state_period_ns: STATE_PERIOD_NS,
             mag: Due::default(),
@@ -111,11 +123,6 @@ impl Px4 {
             past: Counts::default(),
             out: Vec::new(),
         }
-    }
-
-    /// Whether PX4 said that it runs in lockstep.
-    pub fn is_lockstep(&self) -> bool {
-        self.lockstep
     }
 
     fn controls(&mut self, controls: &crate::mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA) {
@@ -139,6 +146,7 @@ impl Px4 {
         }
         self.lockstep = lockstep;
         self.controlled = Some(controls.time_usec);
+        self.answered |= !lockstep || self.sensed.is_some_and(|sensed| controls.time_usec >= sensed);
         self.counts.outputs += 1;
         let armed = controls.mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
         self.event = Some(Event::Outputs(Outputs { values, armed: Some(armed) }));
@@ -204,16 +212,21 @@ impl Autopilot for Px4 {
         put(&messages::sensor(sensors, mag, baro, baro && self.options.airspeed));
         self.counts.sent += messages;
         self.sensed = Some(messages::microseconds(ns));
+        self.answered = false;
         send(0, &out);
         self.out = out;
     }
 
     fn is_answered(&self) -> bool {
-        !self.lockstep || self.sensed.is_none_or(|sensed| self.controlled.is_some_and(|c| c >= sensed))
+        self.answered
+    }
+
+    fn is_lockstep(&self) -> bool {
+        self.lockstep
     }
 
     fn disconnected(&mut self, _port: usize) {
-        *self = Self { past: self.counts(), ..Self::new(self.options, self.motors) };
+        *self = Self { past: self.counts(), ..Self::new(self.options.clone(), self.motors) };
     }
 
     fn counts(&self) -> Counts {

@@ -1,0 +1,116 @@
+//! Fuzz targets of the decoders that face a vehicle and a pilot. `cargo test` runs each on its corpus and on some
+//! random inputs; `docs/bridges.md` says how to run ten million.
+
+use std::time::Duration;
+
+use bolero::check;
+use whirlstand_bridge::arming::Mode;
+use whirlstand_bridge::channels::Input;
+use whirlstand_bridge::config::{BridgeConfig, BridgeKind, BridgeOptions};
+use whirlstand_bridge::mavlink::{Deframer, Event};
+use whirlstand_bridge::vehicle::{Bench, Port, Vehicle};
+use whirlstand_bridge::{crsf, sbus};
+
+/// Pieces of the input, cut where its own bytes say.
+fn pieces(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let mut rest = bytes;
+    std::iter::from_fn(move || {
+        let length = usize::from(*rest.first()?) % 64 + 1;
+        let (piece, later) = rest.split_at(length.min(rest.len()));
+        rest = later;
+        Some(piece)
+    })
+}
+
+#[test]
+fn fuzz_mavlink_deframer() {
+    check!().for_each(|bytes: &[u8]| {
+        let mut deframer = Deframer::new();
+        let mut messages = 0;
+        for piece in pieces(bytes) {
+            deframer.push(piece);
+            while let Some(event) = deframer.next(Duration::from_secs(1)) {
+                messages += u64::from(matches!(event, Event::Message(..)));
+            }
+        }
+        deframer.end();
+        let counts = deframer.counts();
+        assert_eq!((counts.bytes, counts.messages), (bytes.len() as u64, messages));
+        assert!(bytes.is_empty() || messages + counts.dropped() + counts.noise_bytes > 0);
+    });
+}
+
+#[test]
+fn fuzz_crsf_parser() {
+    check!().for_each(|bytes: &[u8]| {
+        let mut parser = crsf::Parser::new();
+        for piece in pieces(bytes) {
+            parser.push(piece);
+            while let Some(event) = parser.next_event() {
+                if let crsf::Event::Channels(c) = event {
+                    assert!(c.0.iter().all(|ticks| *ticks < 2048));
+                }
+            }
+        }
+        parser.reset();
+        let counts = parser.counts();
+        assert_eq!(counts.bytes, bytes.len() as u64);
+        assert!(
+            bytes.is_empty() || counts.frames + counts.checksum + counts.malformed + counts.noise_bytes > 0
+        );
+    });
+}
+
+#[test]
+fn fuzz_sbus_parser() {
+    check!().for_each(|bytes: &[u8]| {
+        let mut parser = sbus::Parser::new();
+        for piece in pieces(bytes) {
+            parser.push(piece);
+            while let Some(frame) = parser.next_frame() {
+                assert!(frame.channels.iter().all(|ticks| *ticks < 2048));
+            }
+        }
+        parser.reset();
+        let counts = parser.counts();
+        assert_eq!(counts.bytes, counts.noise_bytes + counts.frames * sbus::FRAME as u64);
+    });
+}
+
+/// The whole bridge: bytes on every port, commands in between. What goes out stays within the limits and, while nobody
+/// is in charge, at neutral.
+#[test]
+fn fuzz_vehicle() {
+    let options: BridgeOptions = serde_json::from_str(
+        r#"{
+            "safety": {"arm": "autopilot"},
+            "mavlink": {"link": "x", "forward": "y"},
+            "pilot": {"source": "sbus", "link": "z"}
+        }"#,
+    )
+    .unwrap();
+    let config = BridgeConfig { kind: BridgeKind::Mavlink, options };
+    let inputs = ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: 1.0 }).to_vec();
+    check!().for_each(|bytes: &[u8]| {
+        let bench = Bench { inputs: inputs.clone(), rate_hz: 200.0, wants_odometry: true, signing: None };
+        let Ok(mut vehicle) = Vehicle::new(&config, bench) else { panic!("the options are right") };
+        let mut now = Duration::from_secs(1);
+        for piece in pieces(bytes) {
+            now += Duration::from_micros(u64::from(piece[0]) * 100);
+            let port = [Port::Link, Port::Pilot, Port::Ground][usize::from(piece[0]) % 3];
+            vehicle.receive(port, piece, piece[0] & 64 != 0, now);
+            vehicle.command(&[f64::from(piece[0]) / 128.0 - 1.0, 2.0], now);
+            vehicle.poll(now);
+            let (us, in_use) = vehicle.channels();
+            assert!(us.iter().all(|us| (1000.0..=2000.0).contains(us)));
+            if vehicle.mode() == Mode::Disarmed {
+                assert!(us.iter().zip(in_use).take(2).all(|(us, used)| !used || *us == 1500.0));
+            }
+            let (imu, odometry) = vehicle.measure();
+            assert!(imu.roll.is_finite() && odometry.height.is_finite());
+            for port in [Port::Link, Port::Output, Port::Pilot, Port::Ground] {
+                vehicle.output(port).clear();
+            }
+        }
+    });
+}

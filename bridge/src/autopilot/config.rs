@@ -1,0 +1,199 @@
+//! What a launch file can say of an autopilot that flies the bench.
+
+use serde::{Deserialize, Serialize};
+use whirlstand_vehicle::Vehicle;
+
+use super::ardupilot::{self, Ardupilot, ArdupilotOptions};
+use super::betaflight::{self, Betaflight, BetaflightOptions};
+use super::px4::{self, Px4, Px4Options};
+use super::{Autopilot, Rc, RcOptions};
+use crate::config::{BridgeConfig, BridgeKind, ConfigError};
+use crate::mixer::{FrameKind, Mixer, MixerOptions};
+use crate::sensors::{SensorOptions, StateMap};
+
+/// The autopilots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AutopilotKind {
+    /// PX4, as software or hardware in the loop.
+    Px4Hil,
+    /// ArduPilot with its JSON interface.
+    ArdupilotJson,
+    /// Betaflight as software in the loop.
+    BetaflightSitl,
+}
+
+/// When the run begins.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Begin {
+    /// When the autopilot's motors turn. Until then it sees the vehicle stand still where it starts.
+    #[default]
+    Armed,
+    /// With the autopilot's first outputs.
+    Linked,
+}
+
+/// How an autopilot flies the bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FlightOptions {
+    /// When the run begins.
+    pub begin: Begin,
+    /// Oldest outputs that are obeyed, s of wall-clock time; older ones are a lost link.
+    pub stale_s: f64,
+    /// How long an autopilot that waits for its sensors may take to answer them, s of wall-clock time; after that the
+    /// outputs before are held.
+    pub answer_timeout_s: f64,
+}
+
+impl Default for FlightOptions {
+    fn default() -> Self {
+        Self { begin: Begin::Armed, stale_s: 0.25, answer_timeout_s: 0.1 }
+    }
+}
+
+/// Slowest loop that Betaflight's clock follows, Hz: it takes steps of 20 ms and more for a pause.
+const BETAFLIGHT_SLOWEST_HZ: f64 = 60.0;
+
+/// What flies one vehicle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parts {
+    /// Where its motion is.
+    pub states: StateMap,
+    /// From outputs to its inputs.
+    pub mixer: Mixer,
+    /// The pilot's channels.
+    pub rc: Rc,
+}
+
+/// Everything about an autopilot in a bench.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AutopilotConfig {
+    /// Which one.
+    pub kind: AutopilotKind,
+    /// `[bridge.flight]`.
+    pub flight: FlightOptions,
+    /// `[bridge.sensors]`.
+    pub sensors: SensorOptions,
+    /// `[bridge.mixer]`.
+    pub mixer: MixerOptions,
+    /// `[bridge.rc]`.
+    pub rc: RcOptions,
+    /// `[bridge.px4]`.
+    pub px4: Px4Options,
+    /// `[bridge.ardupilot]`.
+    pub ardupilot: ArdupilotOptions,
+    /// `[bridge.betaflight]`.
+    pub betaflight: BetaflightOptions,
+}
+
+impl AutopilotConfig {
+    /// What a bridge says of its autopilot; `None` for a bridge that takes the plant's place.
+    pub fn of(bridge: &BridgeConfig) -> Option<Self> {
+        let kind = match bridge.kind {
+            BridgeKind::Px4Hil => AutopilotKind::Px4Hil,
+            BridgeKind::ArdupilotJson => AutopilotKind::ArdupilotJson,
+            BridgeKind::BetaflightSitl => AutopilotKind::BetaflightSitl,
+            BridgeKind::Mavlink | BridgeKind::Crsf => return None,
+        };
+        let o = bridge.options.clone();
+        Some(Self {
+            kind,
+            flight: o.flight,
+            sensors: o.sensors,
+            mixer: o.mixer,
+            rc: o.rc,
+            px4: o.px4,
+            ardupilot: o.ardupilot,
+            betaflight: o.betaflight,
+        })
+    }
+
+    /// The conversation with this autopilot, at one step a `period_ns`.
+    pub fn autopilot(&self, period_ns: u64) -> Box<dyn Autopilot> {
+        let motors = self.mixer.frame != FrameKind::Ccpm;
+        let period = std::time::Duration::from_nanos(period_ns);
+        match self.kind {
+            AutopilotKind::Px4Hil => Box::new(Px4::new(self.px4.clone(), motors)),
+            AutopilotKind::ArdupilotJson => Box::new(Ardupilot::new(self.ardupilot.clone(), motors)),
+            AutopilotKind::BetaflightSitl => {
+                Box::new(Betaflight::new(self.betaflight.clone(), motors, period))
+            }
+        }
+    }
+
+    /// The parts that fly this vehicle, with every option checked.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for a vehicle without attitude, a mixer that does not fit, channels, times or pulses that cannot
+    /// be, and what the protocol does not allow.
+    pub fn parts(&self, vehicle: &Vehicle, lockstep: bool, rate_hz: f64) -> Result<Parts, ConfigError> {
+        let wrong = |path: &[&str], message: String| Err(ConfigError::new(path, message));
+        let names = vehicle.states.iter().map(|s| s.name.as_str());
+        let states = StateMap::new(names).map_err(|e| ConfigError::new(&[], e.to_string()))?;
+        let mixer = Mixer::new(&self.mixer, &self.native_order(), vehicle)?;
+        let rc = Rc::new(self.rc.clone())?;
+        for (key, value) in
+            [("stale_s", self.flight.stale_s), ("answer_timeout_s", self.flight.answer_timeout_s)]
+        {
+            if !(value > 0.0 && value <= 60.0) {
+                return wrong(
+                    &["flight", key],
+                    format!("a time above 0 and up to 60 s is expected, not {value}"),
+                );
+            }
+        }
+        let sensors = &self.sensors;
+        for (key, value) in [
+            ("gyro_noise", sensors.gyro_noise),
+            ("accel_noise", sensors.accel_noise),
+            ("mag_noise", sensors.mag_noise),
+            ("baro_noise", sensors.baro_noise),
+            ("gps_hz", sensors.gps_hz),
+        ] {
+            if !(0.0..=1e6).contains(&value) {
+                return wrong(&["sensors", key], format!("a number of at least 0 is expected, not {value}"));
+            }
+        }
+        let (low, high) = (self.ardupilot.pwm_min, self.ardupilot.pwm_max);
+        if low >= high {
+            return wrong(
+                &["ardupilot", "pwm_min"],
+                format!("it must be below pwm_max, {low} is not below {high}"),
+            );
+        }
+        if self.kind == AutopilotKind::BetaflightSitl {
+            if lockstep {
+                let message = "Betaflight waits for nobody: mode = \"realtime\" is expected";
+                return wrong(&["betaflight"], message.into());
+            }
+            if rate_hz < BETAFLIGHT_SLOWEST_HZ {
+                let message = format!(
+                    "Betaflight's clock follows no less than {BETAFLIGHT_SLOWEST_HZ} Hz: raise rate_hz"
+                );
+                return wrong(&["betaflight"], message);
+            }
+        }
+        Ok(Parts { states, mixer, rc })
+    }
+
+    /// Output of each motor of a quad in the order of the mixer's frames.
+    pub fn native_order(&self) -> [usize; 4] {
+        match self.kind {
+            AutopilotKind::Px4Hil => px4::NATIVE_ORDER,
+            AutopilotKind::ArdupilotJson => ardupilot::NATIVE_ORDER,
+            AutopilotKind::BetaflightSitl => betaflight::NATIVE_ORDER,
+        }
+    }
+}
+
+impl AutopilotKind {
+    /// The autopilot's own name.
+    pub fn autopilot(self) -> &'static str {
+        match self {
+            Self::Px4Hil => "PX4",
+            Self::ArdupilotJson => "ArduPilot",
+            Self::BetaflightSitl => "Betaflight",
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! What a bridge counted.
+
+use super::{Source, Vehicle};
+
+/// Figures of a bridge.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Figures {
+    /// Bytes that came from the vehicle.
+    pub bytes: u64,
+    /// Messages from the vehicle.
+    pub messages: u64,
+    /// Messages given up: damaged, unknown, unsigned.
+    pub dropped: u64,
+    /// Messages that never came, from gaps in their numbers.
+    pub lost: u64,
+    /// Measurements refused: repeated, overtaken, or not finite.
+    pub refused: u64,
+    /// Outputs sent.
+    pub outputs: u64,
+    /// Channel values that a limit or rate held back.
+    pub clamped: u64,
+    /// Offset of the vehicle's clock to ours, ns.
+    pub clock_offset_ns: Option<i64>,
+    /// Round trip of the exchange that the offset comes from, ns.
+    pub round_trip_ns: Option<i64>,
+}
+
+impl Vehicle {
+    /// Figures since the start.
+    pub fn figures(&mut self) -> Figures {
+        let refusals = self.telemetry.refusals();
+        let mut figures = Figures {
+            refused: refusals.not_finite + refusals.old + self.refused_controls,
+            outputs: self.outputs,
+            clamped: self.mapping.clamped(),
+            ..Figures::default()
+        };
+        match &self.source {
+            Source::Mavlink(autopilot) => {
+                let c = autopilot.counts();
+                (figures.bytes, figures.messages, figures.lost) = (c.bytes, c.messages, c.lost);
+                figures.dropped = c.dropped();
+            }
+            Source::Crsf { parser, .. } => {
+                let c = parser.counts();
+                (figures.bytes, figures.messages) = (c.bytes, c.frames);
+                figures.dropped = c.checksum + c.malformed;
+            }
+        }
+        if let Some((offset, trip)) = self.telemetry.clock().offset() {
+            (figures.clock_offset_ns, figures.round_trip_ns) = (Some(offset), trip);
+        }
+        figures
+    }
+}

@@ -1,0 +1,63 @@
+//! `whirlstand bridge`: looking at real hardware.
+
+use std::process::ExitCode;
+use std::time::Duration;
+
+use whirlstand_nodes::bridge::check::{CheckOptions, Finding, check_vehicle};
+
+use super::node::is_mendable;
+use super::print;
+use crate::cli::{BridgeCheckArgs, BridgeCommand, OverrideArgs};
+use crate::error::Failure;
+use crate::file::jobs;
+use crate::style;
+
+/// Dispatches the calls.
+pub(crate) fn bridge(command: &BridgeCommand) -> Result<ExitCode, Failure> {
+    match command {
+        BridgeCommand::Check(args) => check(args),
+    }
+}
+
+/// Exit code 1 when an axis is wrong.
+fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
+    let overrides = OverrideArgs { set: args.set.clone(), ..OverrideArgs::default() };
+    let jobs = jobs(&args.launch, &overrides, true)?;
+    let Some(job) = jobs.runs.into_iter().next() else {
+        return Err(Failure::Run("the launch file has no run".into()));
+    };
+    let config = job.plan.config;
+    let Some(bridge) = &config.bridge else {
+        return Err(Failure::Mend(format!(
+            "{}: no node is a bridge; write bridge = \"mavlink\" under [nodes.plant]",
+            args.launch
+        )));
+    };
+    let place = if bridge.kind.is_vehicle() { "plant" } else { "controller" };
+    if args.node != place {
+        return Err(Failure::Mend(format!(
+            "node '{}' is no bridge: in {} the {place} is ({})",
+            args.node, args.launch, bridge.kind
+        )));
+    }
+    let options = CheckOptions { timeout: Duration::from_secs_f64(args.timeout), outputs: !args.no_outputs };
+    let mut wrong = 0;
+    check_vehicle(&config, bridge, &options, &mut |finding| {
+        let text = match finding {
+            Finding::Ask(text) => format!("{text}\n"),
+            Finding::Good(text) => format!("{} {text}\n", style::good("ok")),
+            Finding::Unknown(text) => format!("{} {text}\n", style::dim("not checked")),
+            Finding::Wrong(text) => {
+                wrong += 1;
+                format!("{} {text}\n", style::bad("WRONG"))
+            }
+        };
+        // A reader that has gone away does not end the check.
+        let _ = print(&text);
+    })
+    .map_err(|e| if is_mendable(&e) { Failure::mend(e) } else { Failure::run(e) })?;
+    if wrong > 0 {
+        print(&format!("{}\n", style::bad(&format!("{wrong} findings are wrong"))))?;
+    }
+    Ok(ExitCode::from(u8::from(wrong > 0)))
+}

@@ -1,0 +1,92 @@
+//! Bridges in a launch file: which node asks for one, and whether its options can be.
+
+use whirlstand_bridge::autopilot::AutopilotConfig;
+use whirlstand_bridge::config::{BridgeConfig, BridgeKind, ConfigError};
+use whirlstand_bridge::vehicle::{Bench, Vehicle};
+use whirlstand_bus::Transport;
+use whirlstand_nodes::bridge::link::Address;
+use whirlstand_nodes::bridge::vehicle::inputs_of;
+use whirlstand_nodes::config::{Mode, Role};
+
+use super::document::{LaunchError, Step, at};
+use super::plan::Planner;
+use super::schema::LaunchFile;
+
+impl Planner<'_> {
+    /// The bridge of the bench, with its options checked.
+    pub(super) fn bridge(&self, file: &LaunchFile) -> Result<Option<BridgeConfig>, LaunchError> {
+        let mut asked = file.nodes.iter().filter_map(|(name, section)| Some((name, section.bridge?)));
+        let Some((name, kind)) = asked.next() else { return Ok(None) };
+        let fail =
+            |name: &str, message: String| Err(self.document.error_at(at!["nodes", name, "bridge"], message));
+        if let Some((second, other)) = asked.next() {
+            return fail(
+                second,
+                format!("a bench has one bridge, and node {name} asks for {kind} beside {other}"),
+            );
+        }
+        let place = if kind.is_vehicle() { Role::Plant } else { Role::Controller };
+        if name != place.name() {
+            return fail(name, format!("the bridge {kind} takes the place of the {place}, not of '{name}'"));
+        }
+        if file.transport == Transport::Inproc {
+            let message =
+                "a bridge is a process of its own: transport = \"iceoryx2\" or \"zenoh\" is expected";
+            return Err(self.document.error_at(at!["transport"], message));
+        }
+        let config = BridgeConfig { kind, options: file.bridge.clone() };
+        if kind.is_vehicle() {
+            if file.mode == Mode::Lockstep {
+                let message = "a real vehicle does not wait: mode = \"realtime\" is expected";
+                return Err(self.document.error_at(at!["mode"], message));
+            }
+            self.check_vehicle_bridge(file, &config)?;
+        }
+        if let Some(autopilot) = AutopilotConfig::of(&config) {
+            autopilot
+                .parts(self.vehicle, file.mode == Mode::Lockstep, file.rate_hz)
+                .map_err(|e| self.bridge_error(&e))?;
+            for (key, link) in [("px4", &autopilot.px4.link), ("ardupilot", &autopilot.ardupilot.link)] {
+                link.parse::<Address>()
+                    .map_err(|e| self.bridge_error(&ConfigError::new(&[key, "link"], e.to_string())))?;
+            }
+        }
+        Ok(Some(config))
+    }
+
+    fn check_vehicle_bridge(&self, file: &LaunchFile, config: &BridgeConfig) -> Result<(), LaunchError> {
+        let bench = Bench {
+            inputs: inputs_of(self.vehicle),
+            rate_hz: file.rate_hz,
+            wants_odometry: false,
+            signing: None,
+        };
+        Vehicle::new(config, bench).map_err(|e| self.bridge_error(&e))?;
+        let options = &config.options;
+        let mut links: Vec<(&[&str], &str)> = Vec::new();
+        match (config.kind, &options.mavlink, &options.crsf) {
+            (BridgeKind::Mavlink, Some(own), _) => {
+                links.push((&["mavlink", "link"], &own.link));
+                links.extend(own.output_link.iter().map(|l| (&["mavlink", "output_link"][..], l.as_str())));
+                links.extend(own.forward.iter().map(|l| (&["mavlink", "forward"][..], l.as_str())));
+            }
+            (BridgeKind::Crsf, _, Some(own)) => links.push((&["crsf", "link"], &own.link)),
+            _ => {}
+        }
+        for (path, text) in links {
+            text.parse::<Address>().map_err(|e| self.bridge_error(&ConfigError::new(path, e.to_string())))?;
+        }
+        Ok(())
+    }
+
+    /// An error in the `[bridge]` table, with its line.
+    pub(super) fn bridge_error(&self, error: &ConfigError) -> LaunchError {
+        let step = |key: &'_ str| key.parse::<usize>().ok();
+        let path = error.path.iter().map(|key| match step(key) {
+            Some(index) => Step::Index(index),
+            None => Step::Key(key),
+        });
+        let path: Vec<_> = std::iter::once(Step::Key("bridge")).chain(path).collect();
+        self.document.error_at(&path, error.message.clone())
+    }
+}

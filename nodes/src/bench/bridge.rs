@@ -1,0 +1,316 @@
+//! Latency of the bridges, from the wire over the bus and back to the wire, beside a bare echo on the same kind of wire.
+//!
+//! Here is the other end of the wire: it says an attitude and waits for the channel value that follows from it. The
+//! bridge is the node as it runs on a bench; on the bus a thread answers each `Imu` with a `Command`. The echo is a thread
+//! that sends back what it gets. Both are asked at the same pace, one after the other.
+
+use std::io::{Read, Write};
+use std::net::UdpSocket;
+use std::os::fd::OwnedFd;
+use std::time::{Duration, Instant};
+
+use hdrhistogram::Histogram;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use whirlstand_bridge::arming::ArmBy;
+use whirlstand_bridge::config::{BridgeConfig, BridgeKind, BridgeOptions, CrsfConfig, Pace};
+use whirlstand_bridge::crsf;
+use whirlstand_bridge::mavlink::{Deframer, Encoder, Event, MavMessage, dialect};
+use whirlstand_bus::{Bus, Transport};
+use whirlstand_msgs::{Command, Imu, Message};
+use whirlstand_vehicle::Vehicle;
+
+use super::{BenchError, Figure, Options, config};
+use crate::NodeError;
+use crate::bridge::link::{Address, Link};
+use crate::bridge::vehicle::run_vehicle;
+use crate::config::{Mode, NodeConfig, Role};
+use crate::os::StopFlag;
+use crate::setup::Setup;
+
+/// Between two exchanges, the period of the measured loop.
+const PERIOD: Duration = Duration::from_millis(2);
+
+/// Exchanges before those that count.
+const WARM_UP: u32 = 100;
+
+/// Longest wait for an answer.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A bridge may take this many times as long as the echo.
+const GOAL: f64 = 2.0;
+
+/// The bytes of one exchange: sends, and waits for the answer.
+type Exchange<'a> = dyn FnMut(u32) -> Result<(), BenchError> + 'a;
+
+pub(super) fn bridges(options: &Options) -> Result<Vec<Figure>, BenchError> {
+    let count = (options.seconds / PERIOD.as_secs_f64()) as u32;
+    let mut figures = Vec::new();
+    for measure in [mavlink, crsf_line] {
+        figures.extend(measure(count)?);
+    }
+    Ok(figures)
+}
+
+fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
+    let echo = udp_echo(count)?;
+    let place = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).map_err(failed("find a port"))?;
+    let mavlink = serde_json::from_value(serde_json::json!({
+        "link": format!("udpin://{place}"), "pace": "telemetry", "message_rate_hz": 0.0
+    }))
+    .map_err(|e| BenchError::Member { who: "the bridge".into(), why: e.to_string() })?;
+    let options = BridgeOptions { mavlink: Some(mavlink), ..BridgeOptions::default() };
+    let wire = UdpSocket::bind("127.0.0.1:0").map_err(failed("open a socket"))?;
+    wire.connect(place).map_err(failed("open a socket"))?;
+    wire.set_read_timeout(Some(PATIENCE)).map_err(failed("open a socket"))?;
+    let (mut autopilot, mut deframer) = (Encoder::new(1, 1), Deframer::new());
+    let began = Instant::now();
+    let mut buffer = [0; 1024];
+    let mut exchange = |i: u32| {
+        let now = began.elapsed();
+        let mut bytes = Vec::with_capacity(128);
+        if i.is_multiple_of(200) {
+            let beat = dialect::HEARTBEAT_DATA {
+                autopilot: dialect::MavAutopilot::MAV_AUTOPILOT_GENERIC,
+                base_mode: dialect::MavModeFlag::empty(),
+                ..Default::default()
+            };
+            autopilot.encode(&MavMessage::HEARTBEAT(beat), now, &mut bytes);
+        }
+        let (roll, us) = asked(i);
+        let time_boot_ms = now.as_millis() as u32;
+        let attitude = dialect::ATTITUDE_DATA { time_boot_ms, roll: roll as f32, ..Default::default() };
+        autopilot.encode(&MavMessage::ATTITUDE(attitude), now, &mut bytes);
+        wire.send(&bytes).map_err(failed("send"))?;
+        loop {
+            let length = wire.recv(&mut buffer).map_err(failed("wait for the bridge"))?;
+            deframer.push(&buffer[..length]);
+            while let Some(event) = deframer.next(now) {
+                if let Event::Message(_, MavMessage::RC_CHANNELS_OVERRIDE(m)) = event
+                    && m.chan1_raw.abs_diff(us) <= 1
+                {
+                    return Ok(());
+                }
+            }
+        }
+    };
+    let bridged = with_bridge(BridgeKind::Mavlink, options, count, &mut exchange)?;
+    Ok(figures("mavlink", "UDP", &bridged, &echo))
+}
+
+fn crsf_line(count: u32) -> Result<Vec<Figure>, BenchError> {
+    let echo = pty_echo(count)?;
+    let (wire, path) = pty()?;
+    let link = format!("serial://{path}:{}", crsf::BAUD);
+    let own = CrsfConfig { link, output_rate_hz: None, pace: Pace::Telemetry };
+    let options = BridgeOptions { crsf: Some(own), ..BridgeOptions::default() };
+    let mut parser = crsf::Parser::new();
+    let mut exchange = |i: u32| {
+        let (roll, us) = asked(i);
+        let mut bytes = Vec::with_capacity(16);
+        crsf::write_attitude(&crsf::Attitude { roll, pitch: 0.0, yaw: 0.0 }, &mut bytes);
+        rustix::io::write(&wire, &bytes).map_err(|e| failed("send")(e.into()))?;
+        let mut buffer = [0; 256];
+        loop {
+            let length = read_line(&wire, &mut buffer)?;
+            parser.push(&buffer[..length]);
+            while let Some(event) = parser.next_event() {
+                if let crsf::Event::Channels(c) = event
+                    && (crsf::us_of_ticks(c.0[0]) - f64::from(us)).abs() <= 1.5
+                {
+                    return Ok(());
+                }
+            }
+        }
+    };
+    let bridged = with_bridge(BridgeKind::Crsf, options, count, &mut exchange)?;
+    Ok(figures("crsf", "a pseudo-terminal", &bridged, &echo))
+}
+
+/// Roll that is said in an exchange, rad, and the channel that follows from it, us.
+fn asked(i: u32) -> (f64, u16) {
+    let us = 1300 + (i * 37 % 401) as u16;
+    ((f64::from(us) - 1500.0) / 500.0, us)
+}
+
+/// Makes the exchanges at the pace and takes their times.
+fn times(count: u32, exchange: &mut Exchange<'_>) -> Result<Histogram<u64>, BenchError> {
+    let mut times = Histogram::new_with_bounds(1, 60_000_000_000, 3)
+        .map_err(|e| BenchError::Member { who: "the histogram".into(), why: e.to_string() })?;
+    let mut due = Instant::now();
+    for i in 0..count + WARM_UP {
+        due = (due + PERIOD).max(Instant::now());
+        std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        let start = Instant::now();
+        exchange(i)?;
+        if i >= WARM_UP {
+            times.saturating_record(start.elapsed().as_nanos() as u64);
+        }
+    }
+    Ok(times)
+}
+
+/// Runs the bridge, and a program on the bus that answers it, while the other end of the wire makes its exchanges.
+fn with_bridge(
+    kind: BridgeKind,
+    mut options: BridgeOptions,
+    count: u32,
+    exchange: &mut Exchange<'_>,
+) -> Result<Histogram<u64>, BenchError> {
+    options.safety.arm = ArmBy::Start;
+    options.safety.recover_after_s = Some(0.05);
+    let mut bench = config("bridge", Transport::Iceoryx2, Mode::Realtime, u64::MAX / 2)?;
+    bench.period_ns = PERIOD.as_nanos() as u64;
+    bench.peers = Vec::new();
+    let bridge = BridgeConfig { kind, options };
+    bench.bridge = Some(bridge.clone());
+    let stop = StopFlag::default();
+    std::thread::scope(|scope| {
+        let answering = scope.spawn(|| answer(&bench, &stop));
+        let bridging = scope.spawn(|| run_vehicle(&bench, &bridge, &stop));
+        let result = begin(exchange, || answering.is_finished() || bridging.is_finished())
+            .and_then(|()| times(count, exchange));
+        stop.set();
+        for (who, ended) in [
+            ("the program on the bus", answering.join().map(|r| r.err())),
+            ("the bridge", bridging.join().map(|r| r.err())),
+        ] {
+            let why = match ended {
+                Ok(None) => continue,
+                Ok(Some(e)) => e.to_string(),
+                Err(_) => "it panicked".into(),
+            };
+            return Err(BenchError::Member { who: who.into(), why });
+        }
+        result
+    })
+}
+
+/// The first exchanges fail until all have found each other.
+fn begin(exchange: &mut Exchange<'_>, ended: impl Fn() -> bool) -> Result<(), BenchError> {
+    let until = Instant::now() + 4 * PATIENCE;
+    loop {
+        match exchange(0) {
+            Ok(()) => return Ok(()),
+            Err(e) if ended() || Instant::now() > until => return Err(e),
+            Err(_) => {}
+        }
+    }
+}
+
+/// Answers each `Imu` with the command that turns its roll into the channel's place.
+fn answer(bench: &NodeConfig, stop: &StopFlag) -> Result<(), NodeError> {
+    let full = Vehicle::builtin("quadrotor").map_or(1.0, |v| v.inputs[0].upper);
+    let bus = Bus::open(&Setup::bus_config(bench, Role::Controller))?;
+    let mut imus = bus.subscriber::<Imu>(64)?;
+    let mut commands = bus.publisher::<Command>()?;
+    while !stop.is_set() {
+        bus.wait_until(Instant::now() + Duration::from_millis(50), || {
+            while let Some(imu) = imus.try_recv()? {
+                let mut command = Command { head: imu.head, count: 2, ..Command::zeroed() };
+                command.u[0] = imu.roll * full;
+                commands.send(&command)?;
+            }
+            Ok::<_, NodeError>(false)
+        })?;
+    }
+    Ok(())
+}
+
+fn udp_echo(count: u32) -> Result<Histogram<u64>, BenchError> {
+    let open = || UdpSocket::bind("127.0.0.1:0").map_err(failed("open a socket"));
+    let (here, there) = (open()?, open()?);
+    let place = there.local_addr().map_err(failed("open a socket"))?;
+    here.connect(place).map_err(failed("open a socket"))?;
+    here.set_read_timeout(Some(PATIENCE)).map_err(failed("open a socket"))?;
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            let mut buffer = [0; 1024];
+            // An empty datagram ends it.
+            while let Ok((length @ 1.., from)) = there.recv_from(&mut buffer) {
+                let _ = there.send_to(&buffer[..length], from);
+            }
+        });
+        let mut buffer = [0; 1024];
+        let result = times(count, &mut |i| {
+            here.send(&[i as u8 | 1; 40]).map_err(failed("send"))?;
+            here.recv(&mut buffer).map(drop).map_err(failed("wait for the echo"))
+        });
+        let _ = here.send(&[]);
+        result
+    })
+}
+
+fn pty_echo(count: u32) -> Result<Histogram<u64>, BenchError> {
+    let (wire, path) = pty()?;
+    // The raw settings of a link, without its bookkeeping.
+    let address: Address = format!("serial://{path}:{}", crsf::BAUD)
+        .parse()
+        .map_err(|e| BenchError::Member { who: "the echo".into(), why: format!("{e}") })?;
+    let mut link = Link::new(address);
+    link.maintain(Instant::now());
+    let there =
+        std::fs::OpenOptions::new().read(true).write(true).open(&path).map_err(failed("open a pty"))?;
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            let mut there = there;
+            let mut buffer = [0; 256];
+            // A single zero ends it.
+            while let Ok(length @ 1..) = there.read(&mut buffer) {
+                if buffer[..length] == [0] || there.write_all(&buffer[..length]).is_err() {
+                    break;
+                }
+            }
+        });
+        let mut buffer = [0; 256];
+        let result = times(count, &mut |_| {
+            let mut left = rustix::io::write(&wire, &[0x55; 26]).map_err(|e| failed("send")(e.into()))?;
+            while left > 0 {
+                left = left.saturating_sub(read_line(&wire, &mut buffer)?);
+            }
+            Ok(())
+        });
+        let _ = rustix::io::write(&wire, &[0]);
+        result
+    })
+}
+
+/// A pseudo-terminal: this end, and the path of the other.
+fn pty() -> Result<(OwnedFd, String), BenchError> {
+    let open = || -> rustix::io::Result<(OwnedFd, String)> {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        grantpt(&master)?;
+        unlockpt(&master)?;
+        let path = ptsname(&master, Vec::new())?;
+        Ok((master, path.to_string_lossy().into_owned()))
+    };
+    open().map_err(|e| failed("open a pseudo-terminal")(e.into()))
+}
+
+/// Reads what comes within the patience. While nobody has the other end open a read fails, and is tried again.
+fn read_line(wire: &OwnedFd, buffer: &mut [u8]) -> Result<usize, BenchError> {
+    let mut polled = [PollFd::new(wire, PollFlags::IN)];
+    let patience = Timespec { tv_sec: PATIENCE.as_secs() as i64, tv_nsec: 0 };
+    match poll(&mut polled, Some(&patience)) {
+        Ok(0) => Err(failed("wait for the other end")(std::io::ErrorKind::TimedOut.into())),
+        Ok(_) => rustix::io::read(wire, buffer).map_err(|e| failed("read the line")(e.into())),
+        Err(e) => Err(failed("read the line")(e.into())),
+    }
+}
+
+fn failed(what: &'static str) -> impl Fn(std::io::Error) -> BenchError {
+    move |source| BenchError::Process { what: what.into(), source }
+}
+
+fn figures(name: &str, wire: &str, bridged: &Histogram<u64>, echo: &Histogram<u64>) -> Vec<Figure> {
+    let us = |h: &Histogram<u64>, q| h.value_at_quantile(q) as f64 * 1e-3;
+    let mut figures = Vec::new();
+    for (quantile, word) in [(0.5, "p50"), (0.99, "p99"), (1.0, "max")] {
+        let goal = (quantile == 0.5).then(|| GOAL * us(echo, 0.5));
+        let bare = format!("bare echo over {wire}, {word}");
+        figures.push(Figure::lowest(bare, "us", vec![us(echo, quantile)], None));
+        let ours = format!("{name} bridge, {wire} to bus and back, {word}");
+        figures.push(Figure::lowest(ours, "us", vec![us(bridged, quantile)], goal));
+    }
+    figures
+}

@@ -1,0 +1,259 @@
+//! `whirlstand bridge check`: each axis of a vehicle, live and disarmed.
+//!
+//! First the vehicle is moved by hand, axis by axis, and its attitude and rates must follow with the right sign, that axis
+//! most of all. Then each channel is moved by 100 us and read back where the vehicle tells it (`RC_CHANNELS`). What
+//! is sent passes the same limits as in flight, and an armed vehicle is refused.
+
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use whirlstand_bridge::config::BridgeConfig;
+use whirlstand_bridge::vehicle::Group;
+use whirlstand_msgs::valid;
+
+use super::vehicle::open_vehicle;
+use super::vehicle::wires::{Core, Wires, lock};
+use crate::config::NodeConfig;
+use crate::error::NodeError;
+use crate::gate::Gate;
+use crate::setup::Setup;
+
+/// Turn by hand that counts as one, rad.
+const TURN: f64 = 0.25;
+
+/// Between two looks.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// How long a channel is moved.
+const PUSH: Duration = Duration::from_millis(600);
+
+/// Change of a channel that must show, us.
+const SHOWN_US: f64 = 50.0;
+
+/// The axes, what the hand does, and their place in the attitude.
+const AXES: [(&str, &str); 3] = [
+    ("roll", "roll the vehicle to the right: right side down, by about 30 degrees"),
+    ("pitch", "pitch the vehicle up: nose up, by about 30 degrees"),
+    ("yaw", "yaw the vehicle clockwise, seen from above, by about 30 degrees"),
+];
+
+/// How to check.
+#[derive(Debug, Clone, Copy)]
+pub struct CheckOptions {
+    /// How long to wait for the vehicle and for each axis.
+    pub timeout: Duration,
+    /// Move the channels.
+    pub outputs: bool,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Finding {
+    /// Something that the user is to do.
+    Ask(String),
+    /// Something is right.
+    Good(String),
+    /// Something is wrong.
+    Wrong(String),
+    /// Something cannot be told.
+    Unknown(String),
+}
+
+/// A check under way.
+struct Check<'a> {
+    core: Mutex<Core>,
+    wires: Wires,
+    timeout: Duration,
+    say: &'a mut dyn FnMut(Finding),
+}
+
+/// Checks the bridge to a vehicle; `say` hears each finding as it comes.
+///
+/// # Errors
+/// For options that cannot be, and a vehicle that is not heard.
+pub fn check_vehicle(
+    config: &NodeConfig,
+    bridge: &BridgeConfig,
+    options: &CheckOptions,
+    say: &mut dyn FnMut(Finding),
+) -> Result<(), NodeError> {
+    let setup = Setup::new(config)?;
+    let vehicle = open_vehicle(config, bridge, &setup)?;
+    let wires = Wires::new(bridge)?;
+    let core = wires.core(vehicle, Gate::new(setup.limits, 1), Instant::now());
+    let mut check = Check { core: Mutex::new(core), wires, timeout: options.timeout, say };
+    check.wait_for_vehicle()?;
+    if lock(&check.core).vehicle.is_armed() {
+        (check.say)(Finding::Wrong("the vehicle is armed: disarm it, then check again".into()));
+        return Ok(());
+    }
+    check.link();
+    for (axis, (name, ask)) in AXES.iter().enumerate() {
+        check.axis(axis, name, ask);
+    }
+    if options.outputs {
+        check.outputs();
+    }
+    let mut core = lock(&check.core);
+    let now = core.now();
+    core.vehicle.end(now);
+    core.flush();
+    Ok(())
+}
+
+impl Check<'_> {
+    /// Looks again and again for `limit`, until `done` says what it found.
+    fn until<T>(&mut self, limit: Duration, mut done: impl FnMut(&mut Core) -> Option<T>) -> Option<T> {
+        let end = Instant::now() + limit;
+        while Instant::now() < end {
+            self.wires.wait(LOOK);
+            self.wires.turn(&self.core);
+            let mut core = lock(&self.core);
+            let now = core.now();
+            core.vehicle.poll(now);
+            core.flush();
+            if let Some(found) = done(&mut core) {
+                return Some(found);
+            }
+        }
+        None
+    }
+
+    fn wait_for_vehicle(&mut self) -> Result<(), NodeError> {
+        let heard =
+            self.until(self.timeout, |core| core.vehicle.telemetry().values(Group::Attitude).map(drop));
+        if heard.is_some() {
+            return Ok(());
+        }
+        let figures = lock(&self.core).vehicle.figures();
+        let (waited_s, bytes, messages) = (self.timeout.as_secs_f64(), figures.bytes, figures.messages);
+        Err(NodeError::NoVehicle { waited_s, bytes, messages })
+    }
+
+    /// Rate, losses and the clock.
+    fn link(&mut self) {
+        let before = lock(&self.core).vehicle.figures();
+        let mut attitudes = 0;
+        let second = Duration::from_secs(1);
+        let _: Option<()> = self.until(second, |core| {
+            let (imu, _) = core.vehicle.measure();
+            attitudes += u32::from(imu.valid & valid::FIRST != 0);
+            None
+        });
+        let after = lock(&self.core).vehicle.figures();
+        let (dropped, lost) = (after.dropped - before.dropped, after.lost - before.lost);
+        let text =
+            format!("the attitude comes {attitudes} times a second; {dropped} messages damaged, {lost} lost");
+        (self.say)(if attitudes > 0 && dropped + lost == 0 {
+            Finding::Good(text)
+        } else {
+            Finding::Wrong(text)
+        });
+        match (after.clock_offset_ns, after.round_trip_ns) {
+            (Some(offset), Some(trip)) => (self.say)(Finding::Good(format!(
+                "the vehicle's clock is {:.3} s ahead, by an exchange of {:.2} ms",
+                offset as f64 * 1e-9,
+                trip as f64 * 1e-6
+            ))),
+            _ => (self.say)(Finding::Unknown(
+                "the vehicle does not tell its time: delays cannot be seen".into(),
+            )),
+        }
+    }
+
+    fn axis(&mut self, axis: usize, name: &str, ask: &str) {
+        (self.say)(Finding::Ask(format!("now {ask}")));
+        let Some(start) = lock(&self.core).vehicle.telemetry().values(Group::Attitude) else { return };
+        // The rate of each axis, integrated, must be what its angle did.
+        let mut turned = [0.0; 3];
+        let mut last = Instant::now();
+        let moved = self.until(self.timeout, |core| {
+            let telemetry = core.vehicle.telemetry();
+            let angles = telemetry.values(Group::Attitude)?;
+            let step = last.elapsed().as_secs_f64();
+            last = Instant::now();
+            for (sum, rate) in turned.iter_mut().zip(telemetry.values(Group::Rates).unwrap_or([0.0; 3])) {
+                *sum += rate * step;
+            }
+            let change: [f64; 3] = std::array::from_fn(|i| wrapped(angles[i] - start[i]));
+            change.iter().any(|c| c.abs() >= TURN).then_some(change)
+        });
+        let Some(change) = moved else {
+            return (self.say)(Finding::Unknown(format!("{name}: nothing moved in time")));
+        };
+        let most = (0..3).max_by(|a, b| change[*a].abs().total_cmp(&change[*b].abs())).unwrap_or(axis);
+        let has_rates = lock(&self.core).vehicle.telemetry().values(Group::Rates).is_some();
+        (self.say)(if most != axis {
+            Finding::Wrong(format!("{name}: it is {} that moved; the axes are exchanged", AXES[most].0))
+        } else if change[axis] < 0.0 {
+            let trim = format!("set bridge.measured.{name}.scale = -1");
+            Finding::Wrong(format!("{name}: the sign is turned; {trim}, and the same for {name}_rate"))
+        } else if has_rates && turned[axis] < 0.25 * change[axis] {
+            Finding::Wrong(format!(
+                "{name}_rate: the angle moved by {:.2} rad, and the rate adds up to {:.2}; its sign, scale or axis is wrong",
+                change[axis], turned[axis]
+            ))
+        } else {
+            Finding::Good(format!("{name}: {:+.2} rad, and its rate agrees", change[axis]))
+        });
+        (self.say)(Finding::Ask("and back".into()));
+        let _: Option<()> = self.until(self.timeout, |core| {
+            let angles = core.vehicle.telemetry().values(Group::Attitude)?;
+            (wrapped(angles[axis] - start[axis]).abs() < 0.3 * TURN).then_some(())
+        });
+    }
+
+    fn outputs(&mut self) {
+        let in_use = *lock(&self.core).vehicle.channels().1;
+        for channel in (0..in_use.len()).filter(|c| in_use[*c]) {
+            let number = channel + 1;
+            let rest = self.pushed(channel, 0.0);
+            let up = self.pushed(channel, 100.0);
+            let (Some(rest), Some(up)) = (rest, up) else {
+                let text = format!("channel {number}: the vehicle does not tell its channels (RC_CHANNELS)");
+                (self.say)(Finding::Unknown(text));
+                continue;
+            };
+            let change: Vec<_> = up.iter().zip(&rest).map(|(a, b)| a - b).collect();
+            let others = (0..change.len()).filter(|i| *i != channel && change[*i].abs() > SHOWN_US);
+            let others: Vec<_> = others.map(|i| (i + 1).to_string()).collect();
+            (self.say)(match change.get(channel) {
+                Some(c) if *c > SHOWN_US && others.is_empty() => {
+                    Finding::Good(format!("channel {number}: {c:+.0} us came back for +100"))
+                }
+                Some(c) if *c < -SHOWN_US => {
+                    Finding::Wrong(format!("channel {number}: {c:+.0} us came back for +100"))
+                }
+                _ if !others.is_empty() => {
+                    let list = others.join(", ");
+                    Finding::Wrong(format!(
+                        "channel {number} was moved, and channel {list} moved at the vehicle"
+                    ))
+                }
+                _ => Finding::Wrong(format!("channel {number} was moved, and nothing moved at the vehicle")),
+            });
+        }
+    }
+
+    /// The vehicle's channels after one of ours was pushed for a while.
+    fn pushed(&mut self, channel: usize, by_us: f64) -> Option<Vec<f64>> {
+        let end = Instant::now() + PUSH;
+        let mut newest = None;
+        let _: Option<()> = self.until(PUSH, |core| {
+            let now = core.now();
+            core.vehicle.push(channel, by_us, now);
+            core.flush();
+            // What comes in the second half knows of the push.
+            if Instant::now() + PUSH / 2 > end {
+                newest = core.vehicle.told_channels(PUSH / 2, now);
+            }
+            None
+        });
+        newest
+    }
+}
+
+/// An angle between -pi and pi.
+fn wrapped(angle: f64) -> f64 {
+    angle.sin().atan2(angle.cos())
+}

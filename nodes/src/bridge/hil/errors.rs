@@ -1,0 +1,84 @@
+//! What the bus's sensors say, less what is true: the errors that the autopilot's sensors shall have as well.
+
+use whirlstand_bridge::sensors::{Errors, Motion};
+use whirlstand_msgs::{Imu, Odometry, valid};
+use whirlstand_vehicle::Vehicle;
+
+/// Which errors there are: those of outputs that the vehicle has.
+#[derive(Debug, Clone)]
+pub(super) struct ErrorMap {
+    angles: [bool; 3],
+    rates: [bool; 3],
+    positions: [bool; 3],
+    speeds: [bool; 3],
+    /// The errors of values that are not fresh stay what they were.
+    last: Errors,
+}
+
+impl ErrorMap {
+    pub(super) fn new(vehicle: &Vehicle) -> Self {
+        let both = |name: &str| vehicle.output_index(name).is_some() && vehicle.state_index(name).is_some();
+        Self {
+            angles: ["roll", "pitch", "yaw"].map(both),
+            rates: ["roll_rate", "pitch_rate", "yaw_rate"].map(both),
+            positions: ["longitudinal_position", "lateral_position", "height"].map(both),
+            speeds: ["longitudinal_speed", "lateral_speed", "vertical_speed"].map(both),
+            last: Errors::default(),
+        }
+    }
+
+    /// The errors at a step whose motion is `truth`.
+    pub(super) fn of(&mut self, imu: &Imu, odometry: Option<&Odometry>, truth: &Motion) -> Errors {
+        let last = &mut self.last;
+        let fresh = |flags: u32, bit: u32| flags & bit != 0;
+        if fresh(imu.valid, valid::FIRST) {
+            differ(&mut last.angles, self.angles, [imu.roll, imu.pitch, imu.yaw], truth.angles.map(Some));
+        }
+        if fresh(imu.valid, valid::SECOND) {
+            let measured = [imu.roll_rate, imu.pitch_rate, imu.yaw_rate];
+            differ(&mut last.rates, self.rates, measured, truth.rates.map(Some));
+        }
+        if let Some(o) = odometry {
+            if fresh(o.valid, valid::FIRST) {
+                let measured = [o.longitudinal_position, o.lateral_position, o.height];
+                differ(&mut last.position, self.positions, measured, truth.axes.map(|a| a.position));
+            }
+            if fresh(o.valid, valid::SECOND) {
+                let measured = [o.longitudinal_speed, o.lateral_speed, o.vertical_speed];
+                differ(&mut last.speed, self.speeds, measured, truth.axes.map(|a| a.speed));
+            }
+        }
+        *last
+    }
+}
+
+fn differ(errors: &mut [f64; 3], present: [bool; 3], measured: [f64; 3], truth: [Option<f64>; 3]) {
+    for (((error, present), measured), truth) in errors.iter_mut().zip(present).zip(measured).zip(truth) {
+        if let Some(truth) = truth.filter(|_| present && measured.is_finite()) {
+            *error = measured - truth;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_msgs::Message;
+
+    #[test]
+    fn errors_are_those_of_fresh_values_of_outputs_that_are_there() {
+        let mut map = ErrorMap::new(&Vehicle::builtin("quadrotor").unwrap());
+        let truth = Motion { angles: [0.1, 0.2, 0.3], rates: [1.0, 2.0, 3.0], ..Motion::default() };
+        let mut imu = Imu { roll: 0.15, pitch: 0.2, yaw: 9.0, roll_rate: 0.5, valid: 1, ..Imu::zeroed() };
+        let errors = map.of(&imu, None, &truth);
+        assert!((errors.angles[0] - 0.05).abs() < 1e-12);
+        assert_eq!(errors.angles[2], 0.0, "the vehicle has no yaw");
+        assert_eq!(errors.rates, [0.0; 3], "not fresh");
+        imu.valid = 2;
+        imu.roll = 77.0;
+        imu.pitch_rate = f64::NAN;
+        let errors = map.of(&imu, None, &truth);
+        assert!((errors.angles[0] - 0.05).abs() < 1e-12, "stays");
+        assert_eq!((errors.rates[0], errors.rates[1]), (-0.5, 0.0));
+    }
+}

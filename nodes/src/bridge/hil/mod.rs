@@ -1,0 +1,352 @@
+//! An autopilot in the place of estimator and controller: the bench's vehicle flies under it.
+//!
+//! On `Imu` j the node derives the full sensors from `Truth` j, sends them to the autopilot, takes its actuator outputs,
+//! and publishes command j. An autopilot that waits for its sensors is waited for as well; one that runs freely gets
+//! half a period to answer, and counts with its newest outputs.
+//!
+//! Before the run the vehicle stands still where it starts, and its sensors are streamed in real time while the plant
+//! waits for command 0: the autopilot starts, its estimator settles, and it is armed. Then the run begins.
+//!
+//! Nothing but neutral inputs leaves before the autopilot is armed and after it disarms. Outputs that are too old, not
+//! finite, or missing because the link is gone are no command at all: the plant holds the last one, then goes to its
+//! failsafe, and the log says why.
+
+mod errors;
+mod inbox;
+mod links;
+mod state;
+
+use std::time::{Duration, Instant};
+
+use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Begin, Counts, Event, Parts, Rc, Stage};
+use whirlstand_bridge::mixer::Mixer;
+use whirlstand_bridge::sensors::{SensorModel, Sensors, StateMap};
+use whirlstand_bus::{Bus, Publisher};
+use whirlstand_msgs::{Command, Health, Message, NodeState, Setpoint};
+
+use crate::clock::{Clock, Turn};
+use crate::config::{Mode, NodeConfig, Role};
+use crate::error::NodeError;
+use crate::gate::InputLimits;
+use crate::peers::Peers;
+use crate::process::Follower;
+use crate::setup::Setup;
+use inbox::{At, Inbox};
+use links::Links;
+use state::{Fault, Flight};
+
+/// So much of nothing but what cannot be read is told as a wrong link.
+const GIBBERISH: u64 = 200;
+
+/// The node.
+pub struct Hil {
+    inbox: Inbox,
+    commands: Publisher<Command>,
+    setpoints: Publisher<Setpoint>,
+    peers: Peers,
+    autopilot: Box<dyn Autopilot>,
+    name: &'static str,
+    links: Links,
+    model: SensorModel,
+    states: StateMap,
+    mixer: Mixer,
+    limits: InputLimits,
+    rc: Rc,
+    flight: Flight,
+    /// Longest wait for an answer.
+    patience: Duration,
+    period: Duration,
+    /// What the vehicle did last, as the sensors saw it.
+    at: Option<At>,
+    /// When the standing vehicle is to be sensed again.
+    stand_due: Instant,
+    /// When sensors were sent last.
+    sensed_at: Instant,
+    last: Option<Command>,
+    origin: Instant,
+    steps: u64,
+    told: Counts,
+}
+
+impl Hil {
+    /// Prepares sensors and mixer, and opens the ports.
+    ///
+    /// # Errors
+    /// [`NodeError`] for a vehicle without attitude, a mixer that does not fit, or ports that cannot be opened.
+    pub fn open(
+        bus: &Bus,
+        config: &NodeConfig,
+        setup: &Setup,
+        options: &AutopilotConfig,
+    ) -> Result<Self, NodeError> {
+        let vehicle = &setup.vehicle;
+        let lockstep = config.mode == Mode::Lockstep;
+        let Parts { states, mixer, rc } = options
+            .parts(vehicle, lockstep, 1e9 / config.period_ns as f64)
+            .map_err(|e| NodeError::Config {
+                field: format!("bridge.{}", e.path.join(".")),
+                value: options.kind.autopilot().into(),
+                reason: e.message,
+            })?;
+        let links = Links::new(options)?;
+        let period = Duration::from_nanos(config.period_ns);
+        Ok(Self {
+            inbox: Inbox::open(bus, vehicle)?,
+            commands: bus.publisher()?,
+            setpoints: bus.publisher()?,
+            peers: Peers::open(bus, Role::Controller, vec![])?,
+            autopilot: options.autopilot(config.period_ns),
+            name: options.kind.autopilot(),
+            links,
+            model: SensorModel::new(options.sensors.clone(), config.period_ns, config.seed),
+            states,
+            limits: setup.limits,
+            flight: Flight::new(&options.flight, options.mixer.frame),
+            mixer,
+            rc,
+            patience: Duration::from_secs_f64(options.flight.answer_timeout_s),
+            period,
+            at: None,
+            stand_due: Instant::now(),
+            sensed_at: Instant::now(),
+            last: None,
+            origin: Instant::now(),
+            steps: 0,
+            told: Counts::default(),
+        })
+    }
+
+    fn now(&self) -> Duration {
+        self.origin.elapsed()
+    }
+
+    /// Takes in what the autopilot sent.
+    fn listen(&mut self) {
+        let now = self.now();
+        self.links.receive(self.autopilot.as_mut(), now);
+        while let Some(event) = self.autopilot.next() {
+            match event {
+                Event::Outputs(outputs) => self.flight.take(outputs, now),
+                Event::Restarted => {
+                    tracing::warn!("{} began anew: neutral until it is armed again", self.name);
+                    self.flight.forget();
+                }
+            }
+        }
+        if let Some(why) = self.links.take_lost() {
+            tracing::warn!("{why}: neutral until {} is armed again", self.name);
+            self.flight.forget();
+        }
+    }
+
+    /// Sees every step that has come; the newest one's number, if there is one.
+    fn next_step(&mut self) -> Result<Option<u64>, NodeError> {
+        let before = self.at.map(|at| at.step);
+        let seen = self.inbox.drain(&self.states)?;
+        if let Some(at) = seen {
+            if before.is_some_and(|before| at.step < before) {
+                tracing::warn!(step = at.step, "the plant began a new run");
+                self.model.rewind();
+            }
+            self.at = Some(at);
+        }
+        Ok(seen.map(|at| at.step))
+    }
+
+    /// Reads the sensors `periods` after the last time and sends them.
+    fn sense(&mut self, periods: u64) {
+        let Some(At { motion, errors, .. }) = self.at else { return };
+        let sensors = self.model.step_after(periods, &motion, &errors);
+        self.send(&sensors);
+    }
+
+    fn send(&mut self, sensors: &Sensors) {
+        let now = self.now();
+        let linked = self.flight.is_fresh(now);
+        let before = self.rc.stage();
+        let stage = self.rc.turn(linked, self.flight.may_arm(), now);
+        if stage != before {
+            match stage {
+                Stage::Off => tracing::warn!("disarming {}", self.name),
+                Stage::Grace => tracing::info!("{} is here: sticks neutral, switch off", self.name),
+                Stage::Arming => tracing::info!("arming {}: switch on, throttle low", self.name),
+                Stage::Flying => tracing::info!("throttle up"),
+            }
+        }
+        self.sensed_at = Instant::now();
+        let links = &mut self.links;
+        self.autopilot.sense(sensors, &self.rc, now, &mut |port, bytes| links.send(port, bytes));
+    }
+
+    /// Waits until the autopilot has answered, at most as long as it may take.
+    fn await_answer(&mut self) {
+        let patience =
+            if self.autopilot.is_lockstep() { self.patience } else { self.patience.min(self.period / 2) };
+        let until = Instant::now() + patience;
+        loop {
+            self.listen();
+            if self.autopilot.is_answered() || !self.links.wait(until) {
+                return;
+            }
+        }
+    }
+
+    /// Streams the sensors of a vehicle that stands still, until the run can begin.
+    fn stand(&mut self) -> Result<Turn, NodeError> {
+        let step = self.next_step()?;
+        self.listen();
+        if self.at.is_none() {
+            return Ok(Turn::Idle);
+        }
+        let now = Instant::now();
+        if now >= self.stand_due {
+            // No burst after a pause.
+            self.stand_due =
+                if now >= self.stand_due + self.period { now } else { self.stand_due } + self.period;
+            // One that waits gets its next sensors when it has answered, or when its answer seems lost.
+            let patience = if self.autopilot.is_lockstep() { self.patience } else { Duration::ZERO };
+            if self.autopilot.is_answered() || now >= self.sensed_at + patience {
+                self.sense(1);
+            }
+        }
+        let ready = match self.flight.begin() {
+            Begin::Linked => self.flight.is_fresh(self.now()),
+            Begin::Armed => self.flight.is_flying(&self.mixer, self.now()) && self.rc_is_done(),
+        };
+        if ready {
+            tracing::info!("{} flies: the run begins", self.name);
+            self.flight.start();
+            self.answer(self.at.map_or(0, |at| at.step))?;
+        }
+        Ok(if step.is_some() || ready { Turn::Worked } else { Turn::Idle })
+    }
+
+    /// Whether the throttle is up, where this bridge is the one to raise it.
+    fn rc_is_done(&self) -> bool {
+        matches!(self.rc.stage(), Stage::Off | Stage::Flying)
+    }
+
+    /// Publishes the command of a step, if there is one.
+    fn answer(&mut self, step: u64) -> Result<(), NodeError> {
+        let now = self.now();
+        let mut u = [0.0; whirlstand_msgs::MAX_INPUTS];
+        let count = self.mixer.inputs();
+        let verdict = self.flight.inputs(&self.mixer, &self.limits, now, &mut u[..count]);
+        if let Some(change) = self.flight.take_change() {
+            match change {
+                Some(fault) => tracing::warn!(step, "{}: {}", self.name, fault.text()),
+                None => tracing::warn!(step, "{} flies again", self.name),
+            }
+        }
+        if let Err(fault) = verdict
+            && fault != Fault::Disarmed
+        {
+            return Ok(());
+        }
+        let mut command = Command { count: count as u32, u, ..Command::zeroed() };
+        command.head.step = step;
+        command.head.stamp_ns = step * self.period.as_nanos() as u64;
+        self.commands.send(&command)?;
+        let mut setpoint = Setpoint::zeroed();
+        setpoint.head = command.head;
+        self.setpoints.send(&setpoint)?;
+        self.last = Some(command);
+        self.steps += 1;
+        Ok(())
+    }
+
+    fn fly(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
+        let before = self.at.map(|at| at.step);
+        let Some(step) = self.next_step()? else {
+            self.listen();
+            return Ok(Turn::Idle);
+        };
+        let since = clock.now();
+        match before {
+            Some(last) if last == step => {
+                if let Some(command) = self.last.filter(|c| c.head.step == step) {
+                    self.commands.send_again(&command)?;
+                }
+                return Ok(Turn::Worked);
+            }
+            _ => {}
+        }
+        self.sense(before.map_or(1, |last| step.saturating_sub(last)));
+        self.await_answer();
+        self.answer(step)?;
+        if clock.is_exact() {
+            self.peers.record_latency(clock.now().saturating_duration_since(since));
+        }
+        Ok(Turn::Worked)
+    }
+
+    fn count(&mut self) {
+        let counts = self.autopilot.counts();
+        let report = &mut self.peers.report;
+        report.head.step = self.last.map_or(0, |l| l.head.step);
+        report.steps = self.steps;
+        report.lost = self.inbox.lost() + counts.lost + counts.skipped;
+        report.rejected = self.inbox.refused() + counts.dropped() + self.flight.refused();
+        if counts.dropped() > 0 && self.told.dropped() == 0 {
+            tracing::warn!("{} sent what its protocol does not know: {counts:?}", self.name);
+        }
+        let nothing_else = |c: &Counts| c.outputs == 0 && c.malformed > GIBBERISH;
+        if nothing_else(&counts) && !nothing_else(&self.told) {
+            tracing::warn!(
+                "{} bytes or packets came, and none is of {}: on a serial line, is the baud rate right?",
+                counts.malformed,
+                self.name
+            );
+        }
+        self.told = counts;
+    }
+}
+
+impl Follower for Hil {
+    fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
+        if self.flight.has_begun() { self.fly(clock) } else { self.stand() }
+    }
+
+    fn housekeeping(&mut self, now: Instant) -> Result<(), NodeError> {
+        self.count();
+        self.peers.turn(now)
+    }
+
+    fn wake_at(&self) -> Instant {
+        if self.flight.has_begun() || self.at.is_none() {
+            self.peers.due()
+        } else {
+            self.peers.due().min(self.stand_due)
+        }
+    }
+
+    fn is_due(&self, now: Instant) -> bool {
+        self.peers.is_due(now)
+    }
+
+    fn is_starting(&self) -> bool {
+        self.peers.is_starting()
+    }
+
+    fn stop(&mut self) -> Result<Health, NodeError> {
+        // The autopilot is told to disarm while its link is still there.
+        if self.rc.stage() != Stage::Off {
+            self.flight.forget();
+            for _ in 0..2 {
+                self.sense(1);
+                self.links.wait(Instant::now() + Duration::from_millis(25));
+                self.listen();
+            }
+        }
+        tracing::info!(
+            unsent = self.links.unsent(),
+            "the conversation with {} ends: {:?}",
+            self.name,
+            self.autopilot.counts()
+        );
+        self.count();
+        self.peers.set_state(NodeState::Stopping);
+        self.peers.publish(Instant::now())?;
+        Ok(self.peers.report)
+    }
+}

@@ -1,0 +1,121 @@
+//! Where a link goes, written as an address.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// The other end of a link.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Address {
+    /// A serial port.
+    Serial {
+        /// Device.
+        path: PathBuf,
+        /// Any rate that the port can do.
+        baud: u32,
+        /// 8E2 as SBUS has it; otherwise 8N1.
+        even_two: bool,
+    },
+    /// Bound here; answers go to whoever was heard last.
+    UdpIn(SocketAddr),
+    /// Sent there; answers come back.
+    UdpOut(SocketAddr),
+    /// Waits for one peer at a time.
+    TcpIn(SocketAddr),
+    /// Connects there.
+    TcpOut(SocketAddr),
+}
+
+/// An address that cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "'{text}' is no address of a link: {reason}; serial:///dev/ttyACM0:921600, serial:///dev/ttyUSB0:100000:8E2, \
+     udpin://0.0.0.0:14550, udpout://192.0.2.7:14550, tcpin://127.0.0.1:5760 or tcpout://127.0.0.1:5760 is expected"
+)]
+pub struct AddressError {
+    text: String,
+    reason: String,
+}
+
+impl FromStr for Address {
+    type Err = AddressError;
+
+    fn from_str(text: &str) -> Result<Self, AddressError> {
+        let fail = |reason: String| AddressError { text: text.into(), reason };
+        let (scheme, rest) = text.split_once("://").ok_or_else(|| fail("it has no ://".into()))?;
+        if scheme == "serial" {
+            return serial(rest).map_err(fail);
+        }
+        let socket = |rest: &str| {
+            rest.parse().map_err(|_| fail(format!("'{rest}' is no numeric address with a port")))
+        };
+        match scheme {
+            "udpin" => socket(rest).map(Self::UdpIn),
+            "udpout" => socket(rest).map(Self::UdpOut),
+            "tcpin" => socket(rest).map(Self::TcpIn),
+            "tcpout" => socket(rest).map(Self::TcpOut),
+            other => Err(fail(format!("there is no '{other}'"))),
+        }
+    }
+}
+
+fn serial(rest: &str) -> Result<Address, String> {
+    let (rest, even_two) = match rest.strip_suffix(":8E2") {
+        Some(rest) => (rest, true),
+        None => (rest.strip_suffix(":8N1").unwrap_or(rest), false),
+    };
+    let (path, baud) = rest.rsplit_once(':').ok_or_else(|| "it has no baud rate".to_string())?;
+    let baud = baud.parse().ok().filter(|b| *b > 0).ok_or_else(|| format!("'{baud}' is no baud rate"))?;
+    if !path.starts_with('/') {
+        return Err(format!("'{path}' is no absolute path"));
+    }
+    Ok(Address::Serial { path: path.into(), baud, even_two })
+}
+
+impl std::fmt::Display for Address {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Serial { path, baud, even_two } => {
+                write!(f, "serial://{}:{baud}{}", path.display(), if *even_two { ":8E2" } else { "" })
+            }
+            Self::UdpIn(at) => write!(f, "udpin://{at}"),
+            Self::UdpOut(at) => write!(f, "udpout://{at}"),
+            Self::TcpIn(at) => write!(f, "tcpin://{at}"),
+            Self::TcpOut(at) => write!(f, "tcpout://{at}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_as_they_are_written() {
+        for text in [
+            "serial:///dev/ttyACM0:921600",
+            "serial:///dev/ttyUSB0:100000:8E2",
+            "udpin://0.0.0.0:14550",
+            "udpout://127.0.0.1:14550",
+            "tcpin://127.0.0.1:5760",
+            "tcpout://[::1]:5760",
+        ] {
+            assert_eq!(text.parse::<Address>().unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn mistakes_are_told_with_what_is_expected() {
+        for (text, word) in [
+            ("/dev/ttyACM0", "://"),
+            ("serial:///dev/ttyACM0", "baud"),
+            ("serial:///dev/ttyACM0:fast", "'fast'"),
+            ("serial://ttyACM0:57600", "absolute"),
+            ("udpin://localhost:14550", "numeric"),
+            ("udp://0.0.0.0:14550", "'udp'"),
+        ] {
+            let error = text.parse::<Address>().unwrap_err().to_string();
+            assert!(error.contains(word) && error.contains("udpin://0.0.0.0:14550"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! The thread that puts commands on the wire as they come.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::sync_channel;
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_msgs::{Command, Estimate, MAX_STATES};
+
+use super::wires::{Core, lock};
+use crate::config::{NodeConfig, Role};
+use crate::error::NodeError;
+use crate::gate::Fault;
+use crate::os::StopFlag;
+use crate::ports::receive;
+use crate::setup::Setup;
+
+/// Queue for commands and estimates; one of each is awaited at a time.
+const DEPTH: usize = 16;
+
+/// Longest sleep, after which the request to end is looked at.
+const LONGEST_SLEEP: Duration = Duration::from_millis(50);
+
+/// The thread and its counts.
+pub(super) struct Commands {
+    thread: Option<JoinHandle<Result<(), NodeError>>>,
+    stop: StopFlag,
+    counts: Arc<Counts>,
+    locators: Vec<String>,
+}
+
+#[derive(Default)]
+struct Counts {
+    lost: AtomicU64,
+    refused: AtomicU64,
+}
+
+impl Commands {
+    /// Starts the thread; returns when it hears commands.
+    ///
+    /// # Errors
+    /// The bus cannot be opened.
+    pub fn start(config: &NodeConfig, core: Arc<Mutex<Core>>, stop: StopFlag) -> Result<Self, NodeError> {
+        let mut bus_config = Setup::bus_config(config, Role::Plant);
+        bus_config.node = "plant-commands".into();
+        for endpoint in &mut bus_config.zenoh.listen {
+            // The port that was asked for is that of the measurements.
+            if let Some((host, _)) = endpoint.rsplit_once(':') {
+                *endpoint = format!("{host}:0");
+            }
+        }
+        let counts = Arc::<Counts>::default();
+        let own = StopFlag::default();
+        let (ready, opened) = sync_channel(1);
+        let thread = {
+            let (counts, own) = (counts.clone(), own.clone());
+            std::thread::Builder::new()
+                .name("commands".into())
+                .spawn(move || {
+                    let bus = match Bus::open(&bus_config) {
+                        Ok(bus) => bus,
+                        Err(e) => return Err(e.into()),
+                    };
+                    let mut ears =
+                        Ears { commands: bus.subscriber(DEPTH)?, estimates: bus.subscriber(DEPTH)? };
+                    // Nobody waits any more when the starting thread has failed.
+                    let _ = ready.send(bus.locators().to_vec());
+                    while !own.is_set() && !stop.is_set() {
+                        bus.wait_until(Instant::now() + LONGEST_SLEEP, || {
+                            ears.listen(&core, &counts).map(|()| false)
+                        })?;
+                    }
+                    Ok(())
+                })
+                .map_err(|source| NodeError::System { action: "start a thread", source })?
+        };
+        let mut started = Self { thread: Some(thread), stop: own, counts, locators: Vec::new() };
+        match opened.recv() {
+            Ok(locators) => started.locators = locators,
+            Err(_) => started.join()?,
+        }
+        Ok(started)
+    }
+
+    /// Endpoints on which the thread listens.
+    pub fn locators(&self) -> &[String] {
+        &self.locators
+    }
+
+    /// Commands and estimates that were lost on the way.
+    pub fn lost(&self) -> u64 {
+        self.counts.lost.load(Ordering::Relaxed)
+    }
+
+    /// Messages of another version.
+    pub fn refused(&self) -> u64 {
+        self.counts.refused.load(Ordering::Relaxed)
+    }
+
+    /// Whether the thread is well.
+    ///
+    /// # Errors
+    /// What ended it.
+    pub fn check(&mut self) -> Result<(), NodeError> {
+        match &self.thread {
+            Some(thread) if thread.is_finished() && !self.stop.is_set() => self.join(),
+            _ => Ok(()),
+        }
+    }
+
+    fn join(&mut self) -> Result<(), NodeError> {
+        match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(result)) => result,
+            Some(Err(panic)) => std::panic::resume_unwind(panic),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Drop for Commands {
+    fn drop(&mut self) {
+        self.stop.set();
+        if let Some(thread) = self.thread.take() {
+            // Its error was told by `check`, or does not matter at the end.
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Ears {
+    commands: Subscriber<Command>,
+    estimates: Subscriber<Estimate>,
+}
+
+impl Ears {
+    fn listen(&mut self, core: &Mutex<Core>, counts: &Counts) -> Result<(), NodeError> {
+        let mut refused = 0;
+        while let Some(estimate) = receive(&mut self.estimates, &mut refused)? {
+            let states = (estimate.count as usize).min(MAX_STATES);
+            let mut core = lock(core);
+            let now = core.now();
+            core.vehicle.estimate(&estimate.x[..states], estimate.nis, estimate.dof, now);
+        }
+        while let Some(command) = receive(&mut self.commands, &mut refused)? {
+            obey(&mut lock(core), &command);
+            counts.lost.store(self.commands.lost() + self.estimates.lost(), Ordering::Relaxed);
+        }
+        if refused > 0 {
+            counts.refused.fetch_add(refused, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+}
+
+fn obey(core: &mut Core, command: &Command) {
+    let Some(awaited) = core.awaited else { return };
+    let now = core.now();
+    match core.gate.offer(command, awaited) {
+        Ok(()) | Err(Fault::OutOfRange) => {
+            if let Some(accepted) = core.gate.accepted() {
+                let count = command.count as usize;
+                core.vehicle.command(&accepted.u[..count], now);
+                core.flush();
+                core.latency = Some(core.published.elapsed());
+            }
+        }
+        // It is refused, and the controller is no longer believed.
+        Err(Fault::NotFinite) => {
+            core.vehicle.command(&[f64::NAN], now);
+            core.flush();
+        }
+        Err(Fault::WrongCount | Fault::Stale | Fault::Early | Fault::Repeated) => {}
+    }
+}

@@ -1,0 +1,376 @@
+//! A real vehicle in the plant's place.
+//!
+//! Two threads: this one waits for bytes and deadlines, publishes the measurements and keeps the steps; the other waits
+//! for commands on the bus and puts them on the wire as they come. Between them is the [`Core`], behind a lock that is
+//! held for microseconds. A command is sent at once: the period of latency that the law accounts for is spent on
+//! the way to the vehicle. What is late, early, repeated or not finite is refused by the same gate as in the
+//! simulated plant.
+
+mod commands;
+#[cfg(feature = "gamepad")]
+mod gamepad;
+mod needs;
+pub(super) mod wires;
+
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use whirlstand_bridge::channels::Input;
+use whirlstand_bridge::config::{BridgeConfig, BridgeKind, Pace};
+use whirlstand_bridge::mavlink::Signing;
+use whirlstand_bridge::vehicle::{Bench, Figures, Group, Vehicle};
+use whirlstand_bus::{Bus, Publisher};
+use whirlstand_msgs::{Head, Health, Imu, NodeState, Odometry};
+
+use crate::config::{NodeConfig, Role};
+use crate::error::NodeError;
+use crate::gate::Gate;
+use crate::os::StopFlag;
+use crate::peers::Peers;
+use crate::process::get_ready;
+use crate::setup::Setup;
+use commands::Commands;
+use needs::read_key;
+use wires::{Core, Wires, lock};
+
+/// Longest sleep: a request to end that comes just before the sleep is noticed after it.
+const LONGEST_SLEEP: Duration = Duration::from_millis(50);
+
+/// Repetition of an unanswered step 0.
+const REPEAT: Duration = Duration::from_millis(200);
+
+/// With the vehicle's pace: part of a period before which no step follows another, and after which one is made
+/// without the vehicle.
+const SOONEST: f64 = 0.5;
+const LATEST: f64 = 1.5;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    /// Waiting for the other nodes and for the vehicle's attitude.
+    Joining { until: Instant },
+    /// Step 0 is out, its command awaited.
+    Answering { until: Instant, repeat: Instant },
+    /// In the loop.
+    Looping,
+    /// The last step is out.
+    Ending { until: Instant },
+}
+
+/// The bridge as a node.
+struct VehicleNode {
+    core: Arc<Mutex<Core>>,
+    wires: Wires,
+    imu: Publisher<Imu>,
+    odometry: Option<Publisher<Odometry>>,
+    peers: Peers,
+    phase: Phase,
+    pace: Pace,
+    period: Duration,
+    period_ns: u64,
+    steps: u64,
+    start_timeout: Duration,
+    /// The step to do next.
+    step: u64,
+    /// Deadline of that step by the clock.
+    due: Instant,
+    /// When the last step was made.
+    stepped: Instant,
+    /// Periods that this node was not running.
+    overruns: u64,
+    last_imu: Imu,
+    told_failsafe: bool,
+    commands: Commands,
+}
+
+/// Runs the bridge in the plant's place until the last step, or until `stop` asks for the end.
+///
+/// # Errors
+/// [`NodeError`] for options that cannot be, nodes or a vehicle that do not come, or a transport that fails.
+pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) -> Result<Health, NodeError> {
+    let setup = Setup::new(config)?;
+    let vehicle = open_vehicle(config, bridge, &setup)?;
+    let gate = Gate::new(setup.limits, config.plant.misses_to_failsafe);
+    let wires = Wires::new(bridge)?;
+    let core = Arc::new(Mutex::new(wires.core(vehicle, gate, Instant::now())));
+    #[cfg(feature = "gamepad")]
+    gamepad::listen(bridge, core.clone())?;
+    #[cfg(not(feature = "gamepad"))]
+    needs::refuse_gamepad(bridge)?;
+    let commands = Commands::start(config, core.clone(), stop.clone())?;
+    let bus = Bus::open(&Setup::bus_config(config, Role::Plant))?;
+    let imu = bus.publisher()?;
+    let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
+    let peers = Peers::open(&bus, Role::Plant, config.peers.clone())?;
+    let now = Instant::now();
+    let start_timeout = Duration::from_secs_f64(config.start_timeout_s);
+    let mut node = VehicleNode {
+        core,
+        wires,
+        imu,
+        odometry,
+        peers,
+        phase: Phase::Joining { until: now + start_timeout },
+        pace: pace(bridge),
+        period: Duration::from_nanos(config.period_ns),
+        period_ns: config.period_ns,
+        steps: config.steps,
+        start_timeout,
+        step: 0,
+        due: now,
+        stepped: now,
+        overruns: 0,
+        last_imu: whirlstand_msgs::Message::zeroed(),
+        told_failsafe: false,
+        commands,
+    };
+    get_ready(Role::Plant, config, &bus, node.commands.locators())?;
+    let result = node.run(stop);
+    node.end();
+    result?;
+    node.peers.set_state(NodeState::Stopping);
+    node.report(Instant::now())?;
+    Ok(node.peers.report)
+}
+
+/// The inputs of a vehicle, as a bridge wants them.
+pub fn inputs_of(vehicle: &whirlstand_vehicle::Vehicle) -> Vec<Input> {
+    let input = |i: &whirlstand_vehicle::Input| Input {
+        name: i.name.clone(),
+        full: i.upper.abs().max(i.lower.abs()),
+    };
+    vehicle.inputs.iter().map(input).collect()
+}
+
+/// The state machine for a bench.
+///
+/// # Errors
+/// [`NodeError::Config`] for options that cannot be, and a key file that cannot be read.
+pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -> Result<Vehicle, NodeError> {
+    let signing = match bridge.options.mavlink.as_ref().and_then(|m| m.signing_key.as_ref()) {
+        Some(path) => {
+            let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+            Some(Signing::new(read_key(path)?, 0, unix))
+        }
+        None => None,
+    };
+    let bench = Bench {
+        inputs: inputs_of(&setup.vehicle),
+        rate_hz: 1e9 / config.period_ns as f64,
+        wants_odometry: setup.map.has_odometry(),
+        signing,
+    };
+    Vehicle::new(bridge, bench).map_err(|e| NodeError::Config {
+        field: format!("bridge.{}", e.path.join(".")),
+        value: "what is written there".into(),
+        reason: e.message,
+    })
+}
+
+impl VehicleNode {
+    fn run(&mut self, stop: &StopFlag) -> Result<(), NodeError> {
+        loop {
+            if stop.is_set() {
+                return Ok(());
+            }
+            let fresh = self.wires.turn(&self.core);
+            let now = Instant::now();
+            match self.phase {
+                Phase::Joining { until } => self.join(now, until)?,
+                Phase::Answering { until, repeat } => self.await_answer(now, until, repeat)?,
+                Phase::Looping => {
+                    if self.is_due(now, fresh) {
+                        self.advance(now)?;
+                        if self.step == self.steps {
+                            self.phase = Phase::Ending { until: now + self.period * 2 };
+                        }
+                    }
+                }
+                Phase::Ending { until } => {
+                    if now >= until || lock(&self.core).gate.is_ready() {
+                        return Ok(());
+                    }
+                }
+            }
+            self.attend(now)?;
+            self.sleep();
+        }
+    }
+
+    /// What is due by time alone: silence noticed, heartbeats, notes, health.
+    fn attend(&mut self, now: Instant) -> Result<(), NodeError> {
+        let mut core = lock(&self.core);
+        let at = core.now();
+        if at >= core.vehicle.wake_at(at) {
+            core.vehicle.poll(at);
+            core.flush();
+        }
+        while let Some(note) = core.vehicle.note() {
+            let step = self.step.saturating_sub(1);
+            if note.warn {
+                tracing::warn!(step, "{}", note.text);
+            } else {
+                tracing::info!(step, "{}", note.text);
+            }
+        }
+        let failed = core.vehicle.has_failed();
+        let latency = core.latency.take();
+        drop(core);
+        if let Some(latency) = latency {
+            self.peers.record_latency(latency);
+        }
+        if failed != self.told_failsafe && self.phase == Phase::Looping {
+            self.told_failsafe = failed;
+            self.peers.set_state(if failed { NodeState::Failsafe } else { NodeState::Running });
+        }
+        self.commands.check()?;
+        if self.peers.is_due(now) { self.report(now) } else { Ok(()) }
+    }
+
+    fn join(&mut self, now: Instant, until: Instant) -> Result<(), NodeError> {
+        self.peers.turn(now)?;
+        let heard = self.peers.not_running().next().is_none();
+        let flies = lock(&self.core).vehicle.telemetry().values(Group::Attitude).is_some();
+        if heard && flies {
+            self.peers.set_state(NodeState::Running);
+            self.phase = Phase::Answering { until: now + self.start_timeout, repeat: now + REPEAT };
+            return self.advance(now);
+        }
+        if now < until {
+            return Ok(());
+        }
+        let waited_s = self.start_timeout.as_secs_f64();
+        if !heard {
+            return Err(NodeError::PeersAbsent { missing: self.peers.not_running().collect(), waited_s });
+        }
+        let figures = lock(&self.core).vehicle.figures();
+        Err(NodeError::NoVehicle { waited_s, bytes: figures.bytes, messages: figures.messages })
+    }
+
+    fn await_answer(&mut self, now: Instant, until: Instant, repeat: Instant) -> Result<(), NodeError> {
+        let (ready, rejected) = {
+            let core = lock(&self.core);
+            (core.gate.is_ready(), core.gate.rejected())
+        };
+        if ready {
+            self.phase = if self.step == self.steps { Phase::Ending { until: now } } else { Phase::Looping };
+            self.due = now + self.period;
+            return Ok(());
+        }
+        if now >= until {
+            return Err(NodeError::NoAnswer { waited_s: self.start_timeout.as_secs_f64(), rejected });
+        }
+        if now >= repeat {
+            self.imu.send_again(&self.last_imu)?;
+            self.phase = Phase::Answering { until, repeat: now + REPEAT };
+        }
+        Ok(())
+    }
+
+    fn is_due(&self, now: Instant, fresh: bool) -> bool {
+        match self.pace {
+            Pace::Clock => now >= self.due,
+            Pace::Telemetry => {
+                let since = now.saturating_duration_since(self.stepped);
+                let waits = fresh || lock(&self.core).vehicle.has_attitude();
+                since >= self.period.mul_f64(LATEST) || (waits && since >= self.period.mul_f64(SOONEST))
+            }
+        }
+    }
+
+    /// Does step `self.step`.
+    fn advance(&mut self, now: Instant) -> Result<(), NodeError> {
+        let head = Head { seq: 0, step: self.step, stamp_ns: self.step * self.period_ns };
+        let (imu, odometry) = {
+            let mut core = lock(&self.core);
+            if self.step > 0 {
+                core.gate.close(false);
+            }
+            let (mut imu, mut odometry) = core.vehicle.measure();
+            (imu.head, odometry.head) = (head, head);
+            core.awaited = Some(self.step);
+            core.published = Instant::now();
+            (imu, odometry)
+        };
+        if let Some(publisher) = &mut self.odometry {
+            publisher.send(&odometry)?;
+        }
+        self.imu.send(&imu)?;
+        self.last_imu = imu;
+        self.step += 1;
+        self.stepped = now;
+        // A node that stood still does not catch up: the periods that it missed are misses.
+        let late = now.saturating_duration_since(self.due).as_nanos() / u128::from(self.period_ns);
+        let late = if self.pace == Pace::Clock { u32::try_from(late).unwrap_or(u32::MAX) } else { 0 };
+        self.overruns += u64::from(late);
+        self.due += self.period * (late + 1);
+        Ok(())
+    }
+
+    /// Waits for bytes, or until something is due.
+    fn sleep(&self) {
+        let now = Instant::now();
+        let mut until = now + LONGEST_SLEEP;
+        let waits = {
+            let core = lock(&self.core);
+            let at = core.now();
+            until = until.min(now + core.vehicle.wake_at(at).saturating_sub(at));
+            core.vehicle.has_attitude()
+        };
+        until = until.min(self.peers.due());
+        if self.phase == Phase::Looping {
+            until = until.min(match self.pace {
+                Pace::Clock => self.due,
+                Pace::Telemetry => self.stepped + self.period.mul_f64(if waits { SOONEST } else { LATEST }),
+            });
+        }
+        self.wires.wait(until.saturating_duration_since(now));
+    }
+
+    fn report(&mut self, now: Instant) -> Result<(), NodeError> {
+        let (misses, rejected, figures, dropped) = {
+            let mut core = lock(&self.core);
+            let figures = core.vehicle.figures();
+            (core.gate.misses(), core.gate.rejected(), figures, core.dropped())
+        };
+        let report = &mut self.peers.report;
+        report.head.step = self.step.saturating_sub(1);
+        report.steps = self.step;
+        report.deadline_misses = misses + self.overruns;
+        report.lost = figures.lost + self.commands.lost();
+        report.rejected = rejected + figures.dropped + figures.refused + self.commands.refused() + dropped;
+        self.peers.turn(now)
+    }
+
+    /// Leaves the vehicle at neutral.
+    fn end(&mut self) {
+        let mut core = lock(&self.core);
+        let now = core.now();
+        core.vehicle.end(now);
+        core.flush();
+        tell_figures(&core.vehicle.figures(), core.dropped());
+    }
+}
+
+fn tell_figures(f: &Figures, dropped: u64) {
+    tracing::info!(
+        messages = f.messages,
+        dropped = f.dropped,
+        lost = f.lost,
+        refused = f.refused,
+        outputs = f.outputs,
+        clamped = f.clamped,
+        unsent = dropped,
+        clock_offset_ms = f.clock_offset_ns.map(|ns| ns / 1_000_000),
+        round_trip_us = f.round_trip_ns.map(|ns| ns / 1000),
+        "the bridge ends"
+    );
+}
+
+fn pace(bridge: &BridgeConfig) -> Pace {
+    let options = &bridge.options;
+    let asked = match bridge.kind {
+        BridgeKind::Crsf => options.crsf.as_ref().map(|own| own.pace),
+        _ => options.mavlink.as_ref().map(|own| own.pace),
+    };
+    asked.unwrap_or_default()
+}

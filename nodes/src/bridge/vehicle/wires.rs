@@ -1,0 +1,175 @@
+//! The links of a bridge to a vehicle, and what of the vehicle two threads share.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use whirlstand_bridge::config::{BridgeConfig, BridgeKind, PilotSource};
+use whirlstand_bridge::vehicle::{Port, Vehicle};
+
+use super::super::link::{Address, Link, LinkEvent, LinkSender, Received};
+use crate::error::NodeError;
+use crate::gate::Gate;
+
+/// Longest datagram, and most of a stream taken at once.
+const BUFFER: usize = 4096;
+
+/// Pieces taken from one link before the others and the steps have their turn: a flood must not hold them up.
+const AT_ONCE: usize = 64;
+
+/// The vehicle, the gate in front of it, and the way out.
+pub(in crate::bridge) struct Core {
+    pub vehicle: Vehicle,
+    pub gate: Gate,
+    /// The step whose command counts; `None` before step 0.
+    pub awaited: Option<u64>,
+    /// When that step was published.
+    pub published: Instant,
+    /// How long the command of that step took.
+    pub latency: Option<Duration>,
+    senders: Vec<(Port, LinkSender)>,
+    origin: Instant,
+}
+
+impl Core {
+    /// Time as the vehicle's state machine counts it.
+    pub fn now(&self) -> Duration {
+        self.origin.elapsed()
+    }
+
+    /// Sends what waits to be sent.
+    pub fn flush(&mut self) {
+        for (port, sender) in &self.senders {
+            let bytes = self.vehicle.output(*port);
+            if !bytes.is_empty() {
+                sender.send(bytes);
+                bytes.clear();
+            }
+        }
+    }
+
+    /// Messages to hardware that could not go out.
+    pub fn dropped(&self) -> u64 {
+        self.senders.iter().filter(|(port, _)| *port != Port::Ground).map(|(_, s)| s.dropped()).sum()
+    }
+}
+
+/// The vehicle behind its lock; a thread that panicked has ended the process.
+pub(in crate::bridge) fn lock(core: &Mutex<Core>) -> MutexGuard<'_, Core> {
+    core.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The links, on the thread that receives.
+pub(in crate::bridge) struct Wires {
+    pub links: Vec<(Port, Link)>,
+    buffer: Vec<u8>,
+}
+
+impl Wires {
+    /// The links that the options ask for.
+    ///
+    /// # Errors
+    /// An address cannot be read.
+    pub fn new(config: &BridgeConfig) -> Result<Self, NodeError> {
+        let options = &config.options;
+        let mut links = Vec::new();
+        let mut add = |port, key: &str, text: &str| match text.parse::<Address>() {
+            Ok(address) => {
+                links.push((port, Link::new(address)));
+                Ok(())
+            }
+            Err(e) => Err(NodeError::Config {
+                field: format!("bridge.{key}"),
+                value: text.into(),
+                reason: e.to_string(),
+            }),
+        };
+        match (config.kind, &options.mavlink, &options.crsf) {
+            (BridgeKind::Mavlink, Some(own), _) => {
+                add(Port::Link, "mavlink.link", &own.link)?;
+                if let Some(link) = &own.output_link {
+                    add(Port::Output, "mavlink.output_link", link)?;
+                }
+                if let Some(link) = &own.forward {
+                    add(Port::Ground, "mavlink.forward", link)?;
+                }
+            }
+            (BridgeKind::Crsf, _, Some(own)) => add(Port::Link, "crsf.link", &own.link)?,
+            _ => {}
+        }
+        if let Some(pilot) = &options.pilot {
+            match (pilot.source, &pilot.link) {
+                (PilotSource::Sbus | PilotSource::Crsf, Some(link)) => add(Port::Pilot, "pilot.link", link)?,
+                (PilotSource::Sbus | PilotSource::Crsf, None) => {
+                    return Err(NodeError::Config {
+                        field: "bridge.pilot.link".into(),
+                        value: "nothing".into(),
+                        reason: "the receiver needs its serial port".into(),
+                    });
+                }
+                (PilotSource::Mavlink | PilotSource::Gamepad, _) => {}
+            }
+        }
+        Ok(Self { links, buffer: vec![0; BUFFER] })
+    }
+
+    /// What both threads share.
+    pub fn core(&self, vehicle: Vehicle, gate: Gate, origin: Instant) -> Core {
+        let senders = self.links.iter().map(|(port, link)| (*port, link.sender())).collect();
+        Core { vehicle, gate, awaited: None, published: origin, latency: None, senders, origin }
+    }
+
+    /// Waits for bytes, for at most `limit`, or until a link that is down is to be tried again.
+    pub fn wait(&self, limit: Duration) {
+        let now = Instant::now();
+        let retry = self.links.iter().filter_map(|(_, link)| link.retry_at());
+        let left = retry.fold(limit, |left, at| left.min(at.saturating_duration_since(now)));
+        let timeout = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
+        let fds: Vec<_> = self.links.iter().filter_map(|(_, link)| link.fd()).collect();
+        let mut polled: Vec<_> = fds.iter().map(|fd| PollFd::new(fd, PollFlags::IN)).collect();
+        // All outcomes, a signal among them, mean the same: look again.
+        let _ = poll(&mut polled, Some(&timeout));
+    }
+
+    /// Opens what is down, and takes in what came. Returns whether a new attitude came.
+    pub fn turn(&mut self, core: &Mutex<Core>) -> bool {
+        let mut fresh = false;
+        for (port, link) in &mut self.links {
+            if let Some(event) = link.maintain(Instant::now()) {
+                tell(*port, &event);
+                if event == LinkEvent::Up {
+                    lock(core).vehicle.connected(*port);
+                }
+            }
+            for _ in 0..AT_ONCE {
+                let (bytes, end) = match link.receive(&mut self.buffer) {
+                    Ok(Received::Nothing) => break,
+                    Ok(Received::Stream(length)) => (&self.buffer[..length], false),
+                    Ok(Received::Datagram(length)) => (&self.buffer[..length], true),
+                    Err(event) => {
+                        tell(*port, &event);
+                        break;
+                    }
+                };
+                let mut core = lock(core);
+                let now = core.now();
+                fresh |= core.vehicle.receive(*port, bytes, end, now);
+                core.flush();
+            }
+        }
+        fresh
+    }
+}
+
+fn tell(port: Port, event: &LinkEvent) {
+    let what = match port {
+        Port::Link => "the vehicle's link",
+        Port::Output => "the line of the channels",
+        Port::Pilot => "the pilot's line",
+        Port::Ground => "the ground station's link",
+    };
+    match event {
+        LinkEvent::Up => tracing::info!("{what} is open"),
+        LinkEvent::Down(why) => tracing::warn!("{what}: {why}"),
+    }
+}

@@ -1,0 +1,231 @@
+//! Stand-ins for autopilots, written in Python by the protocols' published layouts, fly the bench's vehicle over
+//! loopback sockets: they hold it level against a gust with what the bridge lets them see, and note every fault.
+
+mod support;
+
+use std::net::{TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use support::{json, python, run};
+
+/// Roll may be pushed so far by the gust, rad, and is back after so long, s.
+const PEAK: f64 = 0.35;
+
+struct Flight {
+    summary: Value,
+    report: Value,
+    stderr: String,
+}
+
+impl Flight {
+    fn roll(&self) -> &Value {
+        &self.summary["runs"][0]["outputs"]["roll"]
+    }
+
+    /// The vehicle came back from the gust, nobody was lost, and the stand-in saw nothing wrong.
+    #[track_caller]
+    fn well(self) -> Self {
+        assert_eq!(self.report["faults"], serde_json::json!([]), "{}", self.stderr);
+        let run = &self.summary["runs"][0];
+        assert_eq!(run["ended"]["how"], "complete", "{}", self.stderr);
+        let roll = self.roll();
+        assert_eq!(roll["recovered"], true, "{roll}\n{}", self.stderr);
+        let peak = roll["peak"].as_f64().unwrap();
+        assert!((0.02..PEAK).contains(&peak), "the gust was felt and held: {roll}");
+        self
+    }
+}
+
+fn free_tcp() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+fn free_udp() -> u16 {
+    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// Runs the quadrotor with a stand-in as a further node of the bench; `changes` end the command line.
+fn fly(
+    bridge: &str,
+    program: &str,
+    arguments: &[String],
+    options: &[String],
+    rest: &[&str],
+) -> Option<Flight> {
+    let python = python()?;
+    let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots").join(program);
+    let dir = tempfile::tempdir().unwrap();
+    let report: PathBuf = dir.path().join("report.json");
+    let mut exec = vec![python.display().to_string(), program.display().to_string()];
+    exec.extend(
+        arguments.iter().map(|a| if a == "REPORT" { report.display().to_string() } else { a.clone() }),
+    );
+    let mut args: Vec<String> = ["run", "quadrotor", "--duration", "10"].map(Into::into).to_vec();
+    let mut set = |assignment: String| args.extend(["--set".to_string(), assignment]);
+    set(format!("nodes.controller.bridge={bridge}"));
+    set(format!("nodes.autopilot.exec={exec:?}"));
+    set("nodes.autopilot.ready=start".into());
+    set("setpoint=[]".into());
+    // Deadlines of a busy test machine are not what is tested; losses are.
+    set("expect={max_restarts=0}".into());
+    options.iter().cloned().for_each(&mut set);
+    args.extend(rest.iter().map(ToString::to_string));
+    args.extend(["--out".into(), dir.path().join("out").display().to_string()]);
+    let end = run(&args).success();
+    let summary = json(dir.path().join("out/summary.json"));
+    Some(Flight { summary, report: json(&report), stderr: end.stderr })
+}
+
+fn px4(options: &[&str], rest: &[&str]) -> Option<Flight> {
+    let port = free_tcp();
+    let mut arguments = vec![port.to_string(), "REPORT".into()];
+    arguments.extend(options.iter().map(ToString::to_string));
+    fly("px4-hil", "px4.py", &arguments, &[format!("bridge.px4.link=tcpin://127.0.0.1:{port}")], rest)
+}
+
+#[test]
+fn px4s_side_of_mavlink_hil_flies_in_lockstep() {
+    let Some(flight) =
+        px4(&[], &["--mode", "lockstep", "--set", "rate_hz=250", "--set", "bridge.px4.rc=true"])
+    else {
+        return;
+    };
+    let flight = flight.well();
+    let seen = |kind: &str| flight.report["seen"][kind].as_u64().unwrap_or(0);
+    // 10 s at 250 Hz, and what it took to start.
+    let sensors = seen("HIL_SENSOR");
+    assert!(sensors >= 2500, "{}", flight.report);
+    for (kind, share) in [("HIL_GPS", 25), ("HIL_STATE_QUATERNION", 2), ("RC_CHANNELS", 6)] {
+        assert!(seen(kind) >= sensors / share - 5, "{kind}: {}", flight.report);
+    }
+    // What it estimates from gyroscope and accelerometer is the attitude, to the sensors' errors.
+    assert!(flight.report["roll_error"].as_f64().unwrap() < 0.03, "{}", flight.report);
+}
+
+#[test]
+fn px4s_side_of_mavlink_hil_flies_freely_at_500_hz() {
+    let Some(flight) = px4(&["--free"], &["--mode", "realtime", "--set", "rate_hz=500"]) else { return };
+    let flight = flight.well();
+    assert!(flight.report["steps"].as_u64().unwrap() > 4000, "{}", flight.report);
+}
+
+#[test]
+fn an_autopilot_that_connects_again_is_told_and_the_plant_is_in_failsafe_meanwhile() {
+    let Some(flight) = px4(&["--reconnect-after", "1500"], &["--mode", "realtime"]) else { return };
+    assert_eq!(flight.report["connections"], 2, "{}", flight.stderr);
+    assert_eq!(flight.report["faults"], serde_json::json!([]));
+    let said = |words: &str| assert!(flight.stderr.contains(words), "{words}:\n{}", flight.stderr);
+    said("the other end closed it");
+    said("neutral until PX4 is armed again");
+    said("not armed: inputs at neutral");
+    said("PX4 flies again");
+}
+
+fn ardupilot(options: &[&str], rest: &[&str]) -> Option<Flight> {
+    let port = free_udp();
+    let mut arguments = vec![port.to_string(), "REPORT".into()];
+    arguments.extend(options.iter().map(ToString::to_string));
+    fly(
+        "ardupilot-json",
+        "ardupilot.py",
+        &arguments,
+        &[format!("bridge.ardupilot.link=udpin://127.0.0.1:{port}")],
+        rest,
+    )
+}
+
+#[test]
+fn ardupilots_side_of_its_json_interface_flies_in_lockstep() {
+    let Some(flight) = ardupilot(&["--resend", "100"], &["--mode", "lockstep", "--set", "rate_hz=400"])
+    else {
+        return;
+    };
+    let flight = flight.well();
+    let resent = flight.report["resent"].as_u64().unwrap();
+    assert!(resent >= 40 && flight.report["resent_same"] == resent, "{}", flight.report);
+    assert!(flight.report["roll_error"].as_f64().unwrap() < 0.03, "{}", flight.report);
+}
+
+#[test]
+fn ardupilot_with_32_channels_flies_in_realtime_and_may_start_again() {
+    let Some(flight) = ardupilot(&["--wide", "--restart-after", "1200"], &["--mode", "realtime"]) else {
+        return;
+    };
+    assert_eq!(flight.report["faults"], serde_json::json!([]), "{}", flight.stderr);
+    assert_eq!(flight.report["restarts"], 1);
+    assert!(flight.stderr.contains("ArduPilot began anew"), "{}", flight.stderr);
+    assert!(flight.stderr.contains("ArduPilot flies again"), "{}", flight.stderr);
+}
+
+#[test]
+fn betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm() {
+    let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
+    let mut arguments: Vec<String> = ports.iter().map(ToString::to_string).collect();
+    arguments.push("REPORT".into());
+    let options = [
+        format!("bridge.betaflight.ports={ports:?}"),
+        "bridge.rc.arm=true".into(),
+        "bridge.rc.grace_s=2.0".into(),
+        "bridge.rc.arming_s=0.3".into(),
+        "bridge.rc.throttle=0.4".into(),
+    ];
+    let rest = ["--mode", "realtime", "--set", "rate_hz=500"];
+    let Some(flight) = fly("betaflight-sitl", "betaflight.py", &arguments, &options, &rest) else { return };
+    let flight = flight.well();
+    let report = &flight.report;
+    assert!(report["armed_at"].as_f64().unwrap() > 1.9, "not before the grace: {report}");
+    assert_eq!(report["disarmed"], true, "disarmed at the end: {report}");
+    assert_eq!(report["rc"][2], 1000, "throttle low at the end: {report}");
+    // Betaflight's clock is as fast as the wall's, and in no moment several times as fast.
+    let ratio = report["clock_ratio"].as_f64().unwrap();
+    assert!((ratio - 1.0).abs() < 0.02, "{report}");
+    let typical = report["rates"][1].as_f64().unwrap();
+    assert!((0.9..1.1).contains(&typical), "{report}");
+}
+
+#[test]
+fn an_autopilot_that_is_not_armed_never_begins() {
+    let Some(_) = python() else { return };
+    let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
+    let dir = tempfile::tempdir().unwrap();
+    let set = format!("bridge.betaflight.ports={ports:?}");
+    let out = dir.path().display().to_string();
+    let end = run([
+        "run",
+        "quadrotor",
+        "--set",
+        "nodes.controller.bridge=betaflight-sitl",
+        "--set",
+        &set,
+        "--set",
+        "bridge.rc.arm=true",
+        "--set",
+        "plant.start_timeout_s=2",
+        "--out",
+        &out,
+    ]);
+    assert_ne!(end.code(), 0);
+    assert!(end.stderr.contains("no usable command came for step 0"), "{}", end.stderr);
+}
+
+#[test]
+fn what_an_autopilots_bridge_cannot_be_is_refused_with_its_place() {
+    for (assignments, words) in [
+        (["nodes.controller.bridge=px4-hil", "bridge.mixer.roll.input=u_rol"], "u_roll, u_pitch"),
+        (["nodes.controller.bridge=px4-hill", "seed=1"], "px4-hil"),
+        (["nodes.plant.bridge=px4-hil", "seed=1"], "place of the controller"),
+        (["nodes.controller.bridge=px4-hil", "bridge.px4.link=nowhere"], "tcpin://"),
+        (["nodes.controller.bridge=px4-hil", "bridge.px4.lnk=nowhere"], "'link'"),
+        (["nodes.controller.bridge=betaflight-sitl", "mode=lockstep"], "realtime"),
+        (["nodes.controller.bridge=betaflight-sitl", "bridge.rc.throttle=2"], "0 to 1"),
+        (["nodes.controller.bridge=ardupilot-json", "bridge.sensors.heading=90 m"], "m"),
+        (["nodes.controller.bridge=ardupilot-json", "bridge.flight.stale_s=0"], "above 0"),
+    ] {
+        let mut args = vec!["run", "quadrotor"];
+        assignments.iter().for_each(|a| args.extend(["--set", a]));
+        let end = run(args);
+        assert_eq!(end.code(), 2, "{assignments:?}: {}", end.stderr);
+        assert!(end.stderr.contains(words), "{assignments:?}: {}", end.stderr);
+    }
+}

@@ -1,0 +1,99 @@
+"""A stand-in for Betaflight's software-in-the-loop build, strict about pace, layout and arming.
+
+    betaflight.py RAW MOTORS STATE CHANNELS REPORT
+
+Its clock follows the ratio of simulated to wall time as Betaflight's does; it arms after its boot grace on AUX 1 going
+from low to high at low throttle.
+"""
+
+import argparse
+import math
+import select
+import socket
+import struct
+import time
+
+import flight
+
+BOOT_GRACE_S = 1.0
+FDM = struct.Struct("<18d")
+RC = struct.Struct("<d16H")
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    for port in ("raw", "motors", "state", "channels"):
+        parser.add_argument(port, type=int)
+    parser.add_argument("report")
+    args = parser.parse_args()
+    report = flight.Report(args.report)
+    flight.end_in_order(report)
+    state, channels = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    state.bind(("127.0.0.1", args.state))
+    channels.bind(("127.0.0.1", args.channels))
+    out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    attitude, last, last_wall, clock = flight.Attitude(), None, None, 0.0
+    began = None
+    armed, seen_low, aux, throttle = False, False, 1000, 1000
+    report["rates"] = []
+    report["armed_at"] = report["rc"] = None
+    rates = []
+    while True:
+        ready, _, _ = select.select([state, channels], [], [], 1.0)
+        now = time.monotonic()
+        if channels in ready:
+            data = channels.recv(4096)
+            report.demand(len(data) == 40, f"{len(data)} bytes of channels")
+            _, *pulses = RC.unpack(data)
+            report.demand(all(1000 <= p <= 2000 for p in pulses), f"pulses {pulses}")
+            report["rc"] = pulses
+            throttle, aux = pulses[2], pulses[4]
+            grace_over = began is not None and now - began > BOOT_GRACE_S
+            if grace_over and aux < 1300 and throttle <= 1050:
+                seen_low = True
+            if not armed and aux > 1700:
+                report.demand(grace_over and seen_low and throttle <= 1050, "armed too early or with throttle up")
+                armed = grace_over and seen_low and throttle <= 1050
+                report["armed_at"] = now - began if began else None
+            if armed and aux < 1300:
+                armed = False
+                report["disarmed"] = True
+        if state not in ready:
+            continue
+        data = state.recv(4096)
+        report.demand(len(data) == 144, f"{len(data)} bytes of state")
+        f = FDM.unpack(data)
+        report.demand(all(math.isfinite(x) for x in f), "not finite")
+        began = now if began is None else began
+        if last is not None:
+            sim, wall = f[0] - last, now - last_wall
+            report.demand(sim > 0, "time does not grow")
+            # Betaflight multiplies its clock by this until the next packet.
+            if 0 < sim < 0.02 and wall > 0:
+                rates.append(sim / wall)
+            clock += sim
+        gyro = (f[1], f[2], f[3])
+        accel = (f[4], f[5], f[6])
+        report.demand(abs(flight.norm(accel) - flight.G) < 1.0 and accel[2] < -8.0, f"accelerometer {accel}")
+        report.demand(abs(flight.norm(f[7:11]) - 1.0) < 1e-9, f"quaternion {f[7:11]}")
+        report.demand(abs(f[14] - 8.545594) < 0.01 and abs(f[15] - 47.397742) < 0.01, f"place {f[14:17]}")
+        report.demand(400 < f[16] < 600 and 90_000 < f[17] < 101_325, f"height {f[16]}, pressure {f[17]}")
+        dt = 0.0 if last is None else f[0] - last
+        last, last_wall = f[0], now
+        attitude.step(gyro, accel, dt)
+        thrust = armed and throttle > 1200
+        fr, rl, fl, rr = flight.quad_x(*flight.level(attitude, gyro)) if thrust else [0.055 if armed else 0.0] * 4
+        # Motor 1 is rear right, then front right, rear left, front left.
+        motors = [rr, fr, rl, fl]
+        pulses = [1000 + 1000 * m for m in motors] + [1500.0] * 4 + [0.0] * 8
+        out.sendto(struct.pack("<H2x16f", 4, *pulses), ("127.0.0.1", args.raw))
+        out.sendto(struct.pack("<4f", *motors), ("127.0.0.1", args.motors))
+        report["steps"] += 1
+        if report["steps"] % 50 == 0:
+            ordered = sorted(rates)
+            report["rates"] = [ordered[0], ordered[len(ordered) // 2], ordered[-1]]
+            report["clock_ratio"] = clock / (now - began)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""What the stand-ins for autopilots have in common: an attitude controller and a strict eye.
+
+Written from the published layouts of the protocols, not from the bridge. Each stand-in estimates attitude from gyroscope
+and accelerometer alone, holds it level, and notes everything that its autopilot would trip over.
+"""
+
+import json
+import math
+import signal
+import sys
+
+G = 9.80665
+
+
+class Report:
+    """Notes kept in a file, so that they outlive the process."""
+
+    def __init__(self, path):
+        self.path = path
+        self.notes = {"faults": [], "steps": 0}
+
+    def __setitem__(self, key, value):
+        self.notes[key] = value
+
+    def __getitem__(self, key):
+        return self.notes[key]
+
+    def demand(self, holds, what):
+        """Notes a fault when something does not hold."""
+        if not holds and len(self.notes["faults"]) < 20:
+            self.notes["faults"].append(what)
+
+    def write(self):
+        with open(self.path, "w") as file:
+            json.dump(self.notes, file)
+
+
+def end_in_order(report):
+    """Writes the report when asked to end."""
+
+    def stop(*_):
+        report.write()
+        sys.exit(0)
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)
+
+
+class Attitude:
+    """A complementary filter: forward, right, down; roll right and nose up are positive."""
+
+    def __init__(self):
+        self.roll = self.pitch = None
+
+    def step(self, gyro, accel, dt):
+        felt = math.atan2(-accel[1], -accel[2]), math.atan2(accel[0], math.hypot(accel[1], accel[2]))
+        if self.roll is None:
+            self.roll, self.pitch = felt
+        share = math.exp(-dt / 0.5)
+        self.roll = share * (self.roll + gyro[0] * dt) + (1.0 - share) * felt[0]
+        self.pitch = share * (self.pitch + gyro[1] * dt) + (1.0 - share) * felt[1]
+
+
+def level(attitude, gyro):
+    """Demands of roll and pitch, -1 to 1, that bring the paper's quadrotor level."""
+    roll = -20.0 * attitude.roll - 9.0 * gyro[0]
+    pitch = -5.0 * attitude.pitch - 1.0 * gyro[1]
+    size = max(1.0, abs(roll) + abs(pitch))
+    return roll / size, pitch / size
+
+
+def quad_x(roll, pitch):
+    """Motors front right, rear left, front left, rear right."""
+    return [0.5 + 0.5 * (-roll + pitch), 0.5 + 0.5 * (roll - pitch), 0.5 + 0.5 * (roll + pitch), 0.5 + 0.5 * (-roll - pitch)]
+
+
+def norm(v):
+    return math.sqrt(sum(x * x for x in v))

@@ -1,0 +1,125 @@
+"""A stand-in for PX4: connects to the simulator with pymavlink and flies by its sensors.
+
+    px4.py PORT REPORT [--free] [--reconnect-after STEPS]
+
+`--free`: without lockstep, as hardware in the loop is.
+"""
+
+import argparse
+import math
+import socket
+import time
+
+from pymavlink.dialects.v20 import common
+
+import flight
+
+GROUPS = {"accel": 0x7, "gyro": 0x38, "mag": 0x1C0, "baro": 0x1A00, "diff": 0x400}
+
+
+def connect(port):
+    until = time.monotonic() + 30
+    while True:
+        try:
+            link = socket.create_connection(("127.0.0.1", port), timeout=20)
+            link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            return link
+        except OSError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.02)
+
+
+def check_sensor(report, s, last):
+    bits = s.fields_updated
+    for name, group in GROUPS.items():
+        report.demand(bits & group in (0, group), f"group {name} is not whole: {bits:#x}")
+    report.demand(bits & ~0x1FFF == 0, f"unknown bits {bits:#x}")
+    report.demand(bits & 0x3F == 0x3F, "no accelerometer or gyroscope")
+    report.demand(s.id == 0, f"id {s.id}")
+    report.demand(last is None or s.time_usec > last, f"time {last} to {s.time_usec}")
+    accel = (s.xacc, s.yacc, s.zacc)
+    report.demand(abs(flight.norm(accel) - flight.G) < 1.0 and s.zacc < -8.0, f"accelerometer {accel}")
+    if bits & GROUPS["mag"]:
+        field = flight.norm((s.xmag, s.ymag, s.zmag))
+        report.demand(0.2 < field < 0.7 and s.zmag > 0.2, f"magnetometer in gauss {field}")
+    if bits & GROUPS["baro"]:
+        report.demand(900 < s.abs_pressure < 1013.25, f"pressure in hPa {s.abs_pressure}")
+        report.demand(400 < s.pressure_alt < 600, f"height {s.pressure_alt}")
+        report.demand(-50 < s.temperature < 50, f"temperature {s.temperature}")
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("port", type=int)
+    parser.add_argument("report")
+    parser.add_argument("--free", action="store_true")
+    parser.add_argument("--reconnect-after", type=int)
+    args = parser.parse_args()
+    report = flight.Report(args.report)
+    flight.end_in_order(report)
+    report["seen"] = seen = {}
+    report["connections"] = 0
+    steps = 0
+    while True:
+        try:
+            link = connect(args.port)
+        except OSError:
+            report.write()
+            return
+        report["connections"] += 1
+        steps = converse(link, args, report, seen, steps)
+        link.close()
+        if steps is None:
+            report.write()
+            return
+
+
+def converse(link, args, report, seen, steps):
+    mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    send = lambda message: link.sendall(message.pack(mav))
+    send(mav.heartbeat_encode(2, 12, 0, 0, 4))
+    # PX4 asks for the truth every 5 ms.
+    send(mav.command_long_encode(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0))
+    attitude, last, turned, began = flight.Attitude(), None, 0.0, None
+    first_time = None
+    while True:
+        try:
+            data = link.recv(65536)
+        except OSError:
+            data = b""
+        if not data:
+            return None
+        for message in mav.parse_buffer(data) or []:
+            kind = message.get_type()
+            seen[kind] = seen.get(kind, 0) + 1
+            report.demand(kind != "BAD_DATA", "bad data")
+            if kind == "HIL_GPS":
+                report.demand(message.fix_type == 3 and message.satellites_visible > 5, "no fix")
+                report.demand(abs(message.lat - 473977420) < 10000 and abs(message.alt - 488000) < 5000, "place")
+            if kind == "HIL_STATE_QUATERNION":
+                q = message.attitude_quaternion
+                report.demand(abs(flight.norm(q) - 1.0) < 1e-3, f"quaternion {q}")
+                truth = math.atan2(2 * (q[0] * q[1] + q[2] * q[3]), 1 - 2 * (q[1] ** 2 + q[2] ** 2))
+                report["roll_error"] = max(report.notes.get("roll_error", 0.0), abs(truth - (attitude.roll or truth)))
+            if kind != "HIL_SENSOR":
+                continue
+            check_sensor(report, message, last)
+            first_time = first_time or message.time_usec
+            dt = 0.0 if last is None else (message.time_usec - last) * 1e-6
+            last = message.time_usec
+            gyro = (message.xgyro, message.ygyro, message.zgyro)
+            attitude.step(gyro, (message.xacc, message.yacc, message.zacc), dt)
+            # Half a second to start, then armed.
+            armed = last - first_time > 500_000
+            controls = flight.quad_x(*flight.level(attitude, gyro)) if armed else [0.0] * 4
+            controls += [math.nan] * 12
+            send(mav.hil_actuator_controls_encode(last, controls, 129 if armed else 1, 0 if args.free else 1))
+            steps += 1
+            report["steps"] = steps
+            if args.reconnect_after == steps:
+                return steps
+
+
+if __name__ == "__main__":
+    main()

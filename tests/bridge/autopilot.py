@@ -1,0 +1,313 @@
+#!/usr/bin/env python3
+"""An autopilot for the tests, made with pymavlink and nothing of Whirlstand's: the vehicle side of a MAVLink link.
+
+As a node of a bench (`--bench` or the environment of the launcher, over Zenoh) the bench's own plant is the vehicle:
+its `Imu` goes out as ATTITUDE, and the override that comes back is the `Command`. Without a bench the attitude is a
+slow wave, and `--events` injures the stream. At its end it writes what it saw to `--report`, and it is strict: what
+the protocol does not allow is listed under `faults`.
+"""
+
+import argparse
+import json
+import math
+import os
+import queue
+import select
+import signal
+import socket
+import sys
+import time
+
+os.environ["MAVLINK20"] = "1"
+from pymavlink import mavutil  # noqa: E402
+from pymavlink.dialects.v20 import common as mav  # noqa: E402
+
+IGNORE = 65535
+FULL = 20.0
+
+
+class Autopilot:
+    def __init__(self, options):
+        self.options = options
+        self.link = mavutil.mavlink_connection(
+            options.link, baud=options.baud, source_system=1, source_component=1, dialect="common"
+        )
+        if options.key:
+            self.link.setup_signing(bytes.fromhex(options.key), sign_outgoing=True)
+        self.start = time.monotonic()
+        self.armed_at = None
+        self.first_override = None
+        self.first_beat = None
+        self.u = [0.0, 0.0]
+        self.seen = {}
+        self.faults = []
+        self.history = []
+        self.moved_before_armed = 0
+        self.gap = 0.0
+        self.last_override = None
+        self.next_beat = 0.0
+        self.silent_until = 0.0
+        self.not_a_number_until = 0.0
+        self.disarmed = False
+        self.rc = [1500, 1500, 1000, 1500] + [1500] * 12
+        self.requested = {}
+
+    def now(self):
+        return time.monotonic() - self.start
+
+    def boot_ms(self):
+        return int((self.now() + self.options.boot) * 1000) & 0xFFFFFFFF
+
+    def armed(self):
+        return self.armed_at is not None and not self.disarmed
+
+    def fault(self, text):
+        if len(self.faults) < 20:
+            self.faults.append(f"{self.now():.3f} s: {text}")
+
+    def beat(self):
+        if self.now() < self.next_beat:
+            return
+        self.next_beat = self.now() + 0.5
+        mode = mav.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+        if self.armed():
+            mode |= mav.MAV_MODE_FLAG_SAFETY_ARMED
+        self.link.mav.heartbeat_send(
+            mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_GENERIC, mode, 0, mav.MAV_STATE_ACTIVE
+        )
+
+    def attitude(self, roll, pitch, yaw, p, q, r):
+        if self.now() < self.silent_until:
+            return
+        if self.now() < self.not_a_number_until:
+            roll = math.nan
+        self.link.mav.attitude_send(self.boot_ms(), roll, pitch, yaw, p, q, r)
+        if 65 in self.requested:
+            self.link.mav.rc_channels_send(self.boot_ms(), 16, *self.rc, 0, 0, 255)
+
+    def listen(self):
+        while True:
+            message = self.link.recv_msg()
+            if message is None:
+                return
+            kind = message.get_type()
+            self.seen[kind] = self.seen.get(kind, 0) + 1
+            if message.get_srcSystem() != 255 or message.get_srcComponent() != 190:
+                self.fault(f"{kind} comes from {message.get_srcSystem()}/{message.get_srcComponent()}")
+            handler = getattr(self, "on_" + kind.lower(), None)
+            if handler:
+                handler(message)
+            elif kind == "BAD_DATA":
+                self.fault(f"damaged bytes: {message.data[:20]!r}")
+            else:
+                self.fault(f"{kind} was not expected")
+
+    def on_heartbeat(self, m):
+        self.first_beat = self.first_beat or self.now()
+        if m.type != mav.MAV_TYPE_GCS or m.autopilot != mav.MAV_AUTOPILOT_INVALID:
+            self.fault("the heartbeat is not that of a ground station")
+
+    def on_timesync(self, m):
+        if m.tc1 == 0:
+            theirs = int((self.now() + self.options.boot) * 1e9)
+            self.link.mav.timesync_send(theirs, m.ts1)
+
+    def on_command_long(self, m):
+        result = mav.MAV_RESULT_UNSUPPORTED
+        if m.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL:
+            result = mav.MAV_RESULT_ACCEPTED
+            self.requested[int(m.param1)] = m.param2
+        else:
+            self.fault(f"command {m.command} was not expected")
+        if (m.target_system, m.target_component) != (1, 1):
+            self.fault(f"a command for {m.target_system}/{m.target_component}")
+        self.link.mav.command_ack_send(m.command, result)
+
+    def on_rc_channels_override(self, m):
+        if (m.target_system, m.target_component) != (1, 1):
+            self.fault(f"an override for {m.target_system}/{m.target_component}")
+        now = self.now()
+        us = [m.chan1_raw, m.chan2_raw]
+        for i, value in enumerate(us):
+            if value not in (0, IGNORE) and not 1000 <= value <= 2000:
+                self.fault(f"channel {i + 1} is {value} us")
+        others = [getattr(m, f"chan{i}_raw") for i in range(3, 9)]
+        if any(value != IGNORE for value in others):
+            self.fault(f"channels that nobody mapped are {others}")
+        for i, value in enumerate(us):
+            if 1000 <= value <= 2000:
+                self.rc[i] = value
+        released = us[0] == 0
+        if not self.armed() and not released and us != [1500, 1500]:
+            # One that was on its way while this end disarmed is no fault; a second later it is.
+            self.moved_before_armed += 1
+        if self.first_override is None:
+            self.first_override = now
+        if self.last_override is not None and self.armed():
+            self.gap = max(self.gap, now - self.last_override)
+        self.last_override = now
+        neutral = released or us == [1500, 1500]
+        if not self.history or self.history[-1][1] != neutral:
+            self.history.append((round(now, 4), neutral, us))
+        self.u = [0.0, 0.0] if released else [(value - 1500) / 500 * FULL for value in us]
+
+    def arm_when_due(self):
+        due = self.first_override is not None and self.now() > self.first_override + self.options.arm_after
+        if self.armed_at is None and due:
+            self.armed_at = self.now()
+            self.next_beat = 0.0
+
+    def report(self):
+        if not self.options.report:
+            return
+        with open(self.options.report, "w") as out:
+            json.dump(
+                {
+                    "seen": self.seen,
+                    "faults": self.faults,
+                    "history": self.history[:1000],
+                    "armed_at": self.armed_at,
+                    "moved_before_armed": self.moved_before_armed,
+                    "longest_gap_s": self.gap,
+                    "requested": {str(k): v for k, v in self.requested.items()},
+                    "seconds": self.now(),
+                },
+                out,
+            )
+
+
+def notify_ready():
+    address = os.environ.get("NOTIFY_SOCKET")
+    if address:
+        if address.startswith("@"):
+            address = "\0" + address[1:]
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+            sock.sendto(b"READY=1", address)
+
+
+def fly_bench(autopilot, ended):
+    """The plant of a bench is the vehicle."""
+    import zenoh
+    from whirlstand_messages import Command, Imu
+
+    config = zenoh.Config()
+    connect = [e for e in os.environ.get("WHIRLSTAND_ZENOH_CONNECT", "").split(",") if e]
+    listen = [e for e in os.environ.get("WHIRLSTAND_ZENOH_LISTEN", "").split(",") if e]
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("scouting/gossip/enabled", "false")
+    config.insert_json5("listen/endpoints", json.dumps(listen or ["tcp/127.0.0.1:0"]))
+    config.insert_json5("connect/endpoints", json.dumps(connect))
+    key = f"whirlstand/{os.environ['WHIRLSTAND_BENCH']}/"
+    with zenoh.open(config) as session:
+        arrived = queue.SimpleQueue()
+        session.declare_subscriber(key + Imu.TOPIC, arrived.put)
+        commands = session.declare_publisher(
+            key + Command.TOPIC,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+        notify_ready()
+        sent = 0
+        while not ended():
+            try:
+                imu = Imu.decode(arrived.get(timeout=0.05).payload.to_bytes())
+            except queue.Empty:
+                autopilot.listen()
+                autopilot.beat()
+                continue
+            autopilot.listen()
+            autopilot.attitude(imu.roll, imu.pitch, imu.yaw, imu.roll_rate, imu.pitch_rate, imu.yaw_rate)
+            command = Command()
+            command.head.seq = sent
+            command.head.step = imu.head.step
+            command.head.stamp_ns = imu.head.stamp_ns
+            command.count = 2
+            command.u[0], command.u[1] = autopilot.u
+            commands.put(command.encode())
+            sent += 1
+            autopilot.beat()
+            autopilot.arm_when_due()
+
+
+def fly_alone(autopilot, ended):
+    """The attitude is a slow wave."""
+    period = 1.0 / autopilot.options.rate
+    due = time.monotonic()
+    events = sorted(json.loads(autopilot.options.events), key=lambda e: e["at"])
+    while not ended() and autopilot.now() < autopilot.options.seconds:
+        due = max(due + period, time.monotonic() - 0.1)
+        while (left := due - time.monotonic()) > 0:
+            try:
+                select.select([autopilot.link.fd], [], [], left)
+            except (OSError, ValueError, TypeError):
+                time.sleep(left)
+            autopilot.listen()
+        autopilot.listen()
+        since = autopilot.now() - (autopilot.armed_at or 1e9)
+        while events and since >= events[0]["at"]:
+            event = events.pop(0)
+            if event["do"] == "silence":
+                autopilot.silent_until = autopilot.now() + event["for"]
+            elif event["do"] == "nan":
+                autopilot.not_a_number_until = autopilot.now() + event["for"]
+            elif event["do"] == "disarm":
+                autopilot.disarmed, autopilot.next_beat = True, 0.0
+            elif event["do"] == "arm":
+                autopilot.disarmed, autopilot.next_beat = False, 0.0
+            autopilot.history.append((round(autopilot.now(), 4), event["do"], []))
+        t = autopilot.now()
+        autopilot.beat()
+        autopilot.arm_when_due()
+        if autopilot.options.hand:
+            waited = t - autopilot.first_beat if autopilot.first_beat else 0.0
+            autopilot.attitude(*hand(autopilot.options.hand.split(","), waited))
+            continue
+        autopilot.attitude(0.02 * math.sin(t), 0.02 * math.cos(t), 0.5, 0.02 * math.cos(t), -0.02 * math.sin(t), 0.0)
+
+
+def hand(axes, t):
+    """Somebody turns the vehicle about one axis after the other, there and back, each for two seconds after a pause."""
+    turn = 2.0
+    index, within = int((t - 2.5) // turn), (t - 2.5) % turn
+    values = [0.0] * 6
+    if t > 2.5 and index < len(axes):
+        axis = axes[index]
+        sign = -1.0 if axis.startswith("-") else 1.0
+        place = ["roll", "pitch", "yaw"].index(axis.lstrip("-"))
+        omega = 2 * math.pi / turn
+        values[place] = sign * 0.25 * (1 - math.cos(omega * within))
+        values[place + 3] = sign * 0.25 * omega * math.sin(omega * within)
+    return values
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--link", required=True, help="as pymavlink has it: udpout:HOST:PORT, tcp:HOST:PORT, /dev/...")
+    parser.add_argument("--baud", type=int, default=115200)
+    parser.add_argument("--rate", type=float, default=250.0)
+    parser.add_argument("--boot", type=float, default=100.0, help="age of this autopilot at the start, s")
+    parser.add_argument("--arm-after", type=float, default=1.0, help="s after the first override")
+    parser.add_argument("--seconds", type=float, default=1e9)
+    parser.add_argument("--events", default="[]")
+    parser.add_argument("--hand", default="", help="axes that somebody turns the vehicle about, such as roll,-pitch")
+    parser.add_argument("--key", default="", help="secret of a signed link, 64 hexadecimal digits")
+    parser.add_argument("--report", default="")
+    options = parser.parse_args()
+    asked = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: asked.append(True))
+    autopilot = Autopilot(options)
+    try:
+        if os.environ.get("WHIRLSTAND_BENCH"):
+            fly_bench(autopilot, lambda: bool(asked))
+        else:
+            fly_alone(autopilot, lambda: bool(asked))
+    finally:
+        autopilot.report()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

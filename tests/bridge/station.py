@@ -1,0 +1,35 @@
+#!/usr/bin/env python3
+"""A ground station made with MAVSDK: connects, and writes the attitudes that it reads as JSON."""
+
+import json
+import math
+import os
+import sys
+import time
+
+from mavsdk import ComponentType, Configuration, Mavsdk
+from mavsdk.plugins.telemetry import Telemetry
+
+
+def main():
+    address, wanted = sys.argv[1], int(sys.argv[2])
+    mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+    mavsdk.add_any_connection(address)
+    system = mavsdk.first_autopilot(30.0)
+    if system is None:
+        sys.exit(f"MAVSDK heard no autopilot on {address}")
+    telemetry = Telemetry(system)
+    read = []
+    telemetry.subscribe_attitude_euler(
+        lambda a, *_: read.append([math.radians(a.roll_deg), math.radians(a.pitch_deg), math.radians(a.yaw_deg)])
+    )
+    until = time.monotonic() + 20.0
+    while len(read) < wanted and time.monotonic() < until:
+        time.sleep(0.05)
+    print(json.dumps(read[:wanted]), flush=True)
+    # Its threads do not always end in order.
+    os._exit(0 if len(read) >= wanted else 1)
+
+
+if __name__ == "__main__":
+    main()

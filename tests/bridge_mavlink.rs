@@ -1,0 +1,286 @@
+//! The MAVLink bridge as a whole process, against programs that nobody here wrote: pymavlink is the autopilot, MAVSDK the
+//! ground station. Real UDP and real pseudo-terminals.
+
+mod support;
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+use support::{Running, json, python, run, spawn, whirlstand};
+
+/// A port that nobody uses.
+fn free_port() -> u16 {
+    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+fn script(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bridge").join(name)
+}
+
+/// The autopilot alone, talking to the bridge at `port`.
+fn autopilot(python: &Path, port: u16, report: &Path, more: &[&str]) -> Running {
+    let mut command = Command::new(python);
+    command.arg(script("autopilot.py")).args(["--link", &format!("udpout:127.0.0.1:{port}")]);
+    command.arg("--report").arg(report).args(more);
+    spawn(command)
+}
+
+/// A launch file with the bridge in the plant's place.
+fn launch(dir: &Path, port: u16, more: &str) -> PathBuf {
+    let path = dir.join("bridge.toml");
+    let text = format!(
+        r#"
+vehicle = "quadrotor"
+rate_hz = 250.0
+duration_s = 6.0
+
+[controller]
+law = "lqr"
+
+[nodes.plant]
+bridge = "mavlink"
+
+[bridge.safety]
+arm = "autopilot"
+max_innovation = 1e9          # most of the autopilots here fly a wave that obeys nobody
+
+[bridge.mavlink]
+link = "udpin://127.0.0.1:{port}"
+{more}
+"#
+    );
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+/// The autopilot writes its report when it is asked to end.
+fn end(running: Running) {
+    running.signal(libc::SIGTERM);
+    running.finish().success();
+}
+
+#[test]
+fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let port = free_port();
+    let report = dir.path().join("autopilot.json");
+    // The gust of the built-in bench, on our own plant; its controller is the autopilot, which knows MAVLink alone.
+    let physics = dir.path().join("physics.toml");
+    let text = format!(
+        r#"
+vehicle = "quadrotor"
+transport = "zenoh"
+rate_hz = 250.0
+duration_s = 14.0
+[controller]
+law = "lqr"
+[nodes.controller]
+exec = [{python:?}, {script:?}, "--link", "udpout:127.0.0.1:{port}", "--report", {report:?}]
+env = {{ PYTHONPATH = {examples:?} }}
+restart = "never"
+[[effects]]
+effect = "pulse_disturbance"
+where = "roll_rate"
+at_s = 8.0
+duration_s = 0.2
+magnitude = "150 deg/s^2"
+"#,
+        script = script("autopilot.py"),
+        examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/python"),
+    );
+    std::fs::write(&physics, text).unwrap();
+    let ours = launch(dir.path(), port, "pace = \"telemetry\"");
+    let (out, sim) = (dir.path().join("physics"), dir.path().join("sim"));
+    let vehicle = spawn(whirlstand(["run", physics.to_str().unwrap(), "--out", out.to_str().unwrap()]));
+    let bridge = spawn(whirlstand([
+        "run",
+        ours.to_str().unwrap(),
+        "--set",
+        "bridge.safety.max_innovation=100",
+        "--duration",
+        "60",
+        "--out",
+        dir.path().join("bridge").to_str().unwrap(),
+    ]));
+    vehicle.finish().success();
+    bridge.signal(libc::SIGINT);
+    let bridged = bridge.finish();
+    // The same bench with the controller inside it.
+    let plain = dir.path().join("plain.toml");
+    let text = std::fs::read_to_string(&physics).unwrap();
+    let foreign = |line: &&str| ["[nodes", "exec", "env", "restart"].iter().any(|w| line.starts_with(w));
+    let kept: Vec<_> = text.lines().filter(|line| !foreign(line)).collect();
+    std::fs::write(&plain, kept.join("\n")).unwrap();
+    run(["run", plain.to_str().unwrap(), "--mode", "lockstep", "--out", sim.to_str().unwrap()]).success();
+
+    let roll = |dir: &Path| json(dir.join("summary.json"))["runs"][0]["outputs"]["roll"].clone();
+    let (real, simulated) = (roll(&out), roll(&sim));
+    assert_eq!(real["recovered"], true, "{real}\n{}", bridged.stderr);
+    let peak = |v: &Value| v["peak"].as_f64().unwrap();
+    assert!(peak(&real) < 1.5 * peak(&simulated), "{real}\n{simulated}");
+    let seen = json(&report);
+    assert_eq!(seen["faults"].as_array().unwrap().len(), 0, "{}", seen["faults"]);
+    assert_eq!(seen["moved_before_armed"], 0, "{seen}");
+    assert!(seen["seen"]["RC_CHANNELS_OVERRIDE"].as_u64().unwrap() > 500, "{}", seen["seen"]);
+    assert!(seen["requested"]["30"].as_f64() == Some(4000.0), "{}", seen["requested"]);
+    assert!(bridged.stderr.contains("the controller is in charge"), "{}", bridged.stderr);
+    assert!(bridged.stderr.contains("FAILSAFE"), "the vehicle was gone at the end: {}", bridged.stderr);
+}
+
+#[test]
+fn a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (port, report) = (free_port(), dir.path().join("autopilot.json"));
+    let events = r#"[{"at": 1.0, "do": "silence", "for": 1.0}, {"at": 2.5, "do": "disarm"}, {"at": 3.5, "do": "arm"}]"#;
+    let file = launch(dir.path(), port, "");
+    let vehicle = autopilot(&python, port, &report, &["--events", events]);
+    let out = dir.path().join("out");
+    let ended = run(["run", file.to_str().unwrap(), "--duration", "8", "--out", out.to_str().unwrap()]);
+    end(vehicle);
+    assert!(
+        ended.stderr.contains("FAILSAFE, outputs at neutral: the vehicle's attitude is stale"),
+        "{}",
+        ended.stderr
+    );
+    let seen = json(&report);
+    assert_eq!(seen["faults"].as_array().unwrap().len(), 0, "{}", seen["faults"]);
+    let history = seen["history"].as_array().unwrap();
+    let at = |entry: &Value| entry[0].as_f64().unwrap();
+    let when = |what: &str| at(history.iter().find(|h| h[1] == what).unwrap());
+    let (silent, disarmed) = (when("silence"), when("disarm"));
+    assert!(history.iter().any(|h| h[1] == false && at(h) < silent), "it was moved before: {history:?}");
+    // 0.25 s of staleness; the rest is what a busy machine may take.
+    let held = history.iter().rfind(|h| h[1].is_boolean() && at(h) < disarmed).unwrap();
+    assert!(held[1] == true && at(held) < silent + 0.6, "{} s after silence: {held}", at(held) - silent);
+    let moved_again = history.iter().any(|h| h[1] == false && at(h) > when("arm"));
+    assert!(moved_again, "{history:?}\n{}", ended.stderr);
+}
+
+#[test]
+fn signed_links_work_and_strangers_are_not_believed() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (port, report) = (free_port(), dir.path().join("autopilot.json"));
+    let key = dir.path().join("key");
+    std::fs::write(&key, "2a".repeat(32)).unwrap();
+    let more = format!("signing_key = {:?}", key.to_str().unwrap());
+    let file = launch(dir.path(), port, &more);
+    let out = dir.path().join("out");
+    let args = ["run", file.to_str().unwrap(), "--duration", "4", "--out", out.to_str().unwrap()];
+    let vehicle = autopilot(&python, port, &report, &["--key", &"2a".repeat(32)]);
+    let ended = run(args);
+    end(vehicle);
+    assert!(ended.stderr.contains("the controller is in charge"), "{}", ended.stderr);
+    let seen = json(&report);
+    assert_eq!(seen["faults"].as_array().unwrap().len(), 0, "{}", seen["faults"]);
+    assert!(seen["seen"]["RC_CHANNELS_OVERRIDE"].as_u64().unwrap() > 200, "{}", seen["seen"]);
+    let stranger = autopilot(&python, port, &report, &["--key", &"2b".repeat(32)]);
+    let ended = run(args.into_iter().chain(["--set", "plant.start_timeout_s=3"]));
+    end(stranger);
+    assert_ne!(ended.code(), 0);
+    assert!(ended.stderr.contains("no attitude came from the vehicle"), "{}", ended.stderr);
+}
+
+#[test]
+fn mavsdk_reads_the_attitude_through_the_bridge() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (port, ground, report) = (free_port(), free_port(), dir.path().join("autopilot.json"));
+    let file = launch(dir.path(), port, &format!("forward = \"udpout://127.0.0.1:{ground}\""));
+    let vehicle = autopilot(&python, port, &report, &[]);
+    let mut station = Command::new(&python);
+    station.arg(script("station.py")).args([&format!("udpin://127.0.0.1:{ground}"), "50"]);
+    let station = spawn(station);
+    let out = dir.path().join("out");
+    let bench = spawn(whirlstand([
+        "run",
+        file.to_str().unwrap(),
+        "--duration",
+        "60",
+        "--out",
+        out.to_str().unwrap(),
+    ]));
+    let read = station.finish().success();
+    bench.signal(libc::SIGINT);
+    bench.finish();
+    end(vehicle);
+    let line = read.stdout.lines().find(|line| line.starts_with("[[")).unwrap();
+    let read: Vec<[f64; 3]> = serde_json::from_str(line).unwrap();
+    assert_eq!(read.len(), 50);
+    for [roll, pitch, yaw] in read {
+        // A wave of 0.02 rad about zero, heading 0.5 rad.
+        assert!(((roll * roll + pitch * pitch).sqrt() - 0.02).abs() < 1e-3 && (yaw - 0.5).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn a_serial_autopilot_is_flown_unplugged_and_plugged_in_again() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let report = dir.path().join("autopilot.json");
+    let plug = dir.path().join("ttyACM0");
+    let file = launch(dir.path(), 1, "");
+    let link = format!("bridge.mavlink.link=serial://{}:921600", plug.display());
+    let out = dir.path().join("out");
+    let mut bench = spawn(whirlstand(
+        ["run", file.to_str().unwrap(), "--duration", "60", "--out", out.to_str().unwrap()]
+            .into_iter()
+            .chain(["--set", &link]),
+    ));
+    let mut line = Command::new(&python);
+    line.arg(script("line.py")).arg(&plug).arg(&python).arg(script("autopilot.py")).arg(&report);
+    let line = spawn(line);
+    bench.wait_for_stderr("the controller is in charge");
+    bench.wait_for_stderr("FAILSAFE");
+    bench.wait_for_stderr("the controller is in charge");
+    bench.signal(libc::SIGINT);
+    bench.finish();
+    line.signal(libc::SIGTERM);
+    line.finish().success();
+    let seen = json(&report);
+    assert_eq!(seen["faults"].as_array().unwrap().len(), 0, "{}", seen["faults"]);
+}
+
+#[test]
+fn the_check_says_which_channel_does_not_arrive() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (port, report) = (free_port(), dir.path().join("autopilot.json"));
+    let file = launch(dir.path(), port, "");
+    let vehicle = autopilot(&python, port, &report, &["--arm-after", "1e9", "--hand", "roll,-pitch,yaw"]);
+    let ended = run(["bridge", "check", "plant", "--launch", file.to_str().unwrap(), "--timeout", "10"]);
+    assert_eq!(ended.code(), 1, "{}\n{}", ended.stdout, ended.stderr);
+    let lines: Vec<_> = ended.stdout.lines().collect();
+    let finds = |words: [&str; 2]| lines.iter().any(|l| words.iter().all(|w| l.contains(w)));
+    assert!(finds(["ok", "roll: +"]), "{}", ended.stdout);
+    assert!(finds(["WRONG", "pitch: the sign is turned"]), "{}", ended.stdout);
+    assert!(finds(["ok", "yaw: +"]), "{}", ended.stdout);
+    assert!(finds(["ok", "channel 1: +100 us"]), "{}", ended.stdout);
+    assert!(finds(["ok", "channel 2: +100 us"]), "{}", ended.stdout);
+    end(vehicle);
+}
+
+#[test]
+fn wrong_options_are_told_with_their_line() {
+    let dir = tempfile::tempdir().unwrap();
+    for (more, words) in [
+        ("putput = \"sbus\"", ["line 18", "output"]),
+        ("output = \"crsf\"", ["line 16", "output_link"]),
+        ("[[bridge.channels]]\nchannel = 1\nfrom = \"u_rol\"", ["line 20", "u_roll"]),
+        ("[bridge.measured.rol]\nscale = -1", ["line 18", "roll_rate"]),
+    ] {
+        let file = launch(dir.path(), 1, more);
+        let ended = run(["run", file.to_str().unwrap(), "--no-log"]);
+        assert_eq!(ended.code(), 2, "{}", ended.stderr);
+        for word in words {
+            assert!(ended.stderr.contains(word), "{more}: {}", ended.stderr);
+        }
+    }
+    let file = launch(dir.path(), 1, "");
+    let ended = run(["run", file.to_str().unwrap(), "--no-log", "--mode", "lockstep"]);
+    assert!(ended.code() == 2 && ended.stderr.contains("does not wait"), "{}", ended.stderr);
+}
