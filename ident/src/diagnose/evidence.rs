@@ -21,9 +21,11 @@ pub(super) fn figures(
     gains: &Gains,
     answer: &Diagnosis,
 ) -> Figures {
-    let inputs = vehicle.inputs.iter().enumerate().map(|(j, input)| {
-        (input.name.clone(), input.unit.si_symbol(), data.input(j).collect())
-    });
+    let inputs = vehicle
+        .inputs
+        .iter()
+        .enumerate()
+        .map(|(j, input)| (input.name.clone(), input.unit.si_symbol(), data.input(j).collect()));
     let ranges = data.ranges();
     let outputs = data.channels.iter().zip(&ranges).map(|(channel, range)| {
         let output = &vehicle.outputs[channel.output];
