@@ -26,10 +26,16 @@ pub struct Left {
     pub sigmas: f64,
 }
 
-/// Tests the residual of a fit. `None` when nothing could be tried.
-pub fn left(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes) -> Option<Left> {
+/// Tests the residual of a fit, but for the channels that are `known` to have errors of their own. `None` when nothing
+/// could be tried.
+pub fn left(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) -> Option<Left> {
     let data = model.runner.data;
     let frame = Frame::new(data, &fit.profile.noise, &fit.residual, &fit.columns);
+    let ranges = data.ranges();
+    let unknown = |mut samples: Vec<f64>| {
+        known.iter().for_each(|c| samples[ranges[*c].clone()].fill(0.0));
+        samples
+    };
     let vehicle = model.vehicle(&fit.values)?;
     let states = states(&vehicle, model, fit)?;
     let functions = functions(model, &states);
@@ -50,10 +56,10 @@ pub fn left(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes) -> Option<Left> {
         .par_iter()
         .filter_map(|(state, force)| {
             let response = response(model, fit, &vehicle, *state, force, sizes.slopes[*state])?;
-            Some(frame.signature(&response))
+            Some(unknown(frame.signature(&response)))
         })
         .collect();
-    columns.extend(sensors(model, fit).iter().map(|s| frame.signature(s)));
+    columns.extend(sensors(model, fit).iter().map(|s| unknown(frame.signature(s))));
     columns.retain_mut(|c| {
         let norm = dot(c, c).sqrt();
         // What nuisances explain tells nothing.

@@ -88,6 +88,10 @@ pub fn stuck(data: &mut Data, vehicle: &Vehicle) -> Vec<DataFinding> {
                 from = k;
             }
         }
+        // A coarse sensor repeats itself by rounding.
+        if !runs.is_empty() && super::samples::is_coarse(channel, &vehicle.outputs[channel.output]) {
+            continue;
+        }
         let spread = channel.values.iter().filter(|v| v.is_finite()).fold((f64::INFINITY, f64::NEG_INFINITY), |s, v| {
             (s.0.min(*v), s.1.max(*v))
         });

@@ -177,7 +177,9 @@ impl Data {
     /// done to a residual and to a signature alike, and the two stay comparable.
     pub fn fill(&self, samples: &mut [f64]) {
         for (channel, range) in self.channels.iter().zip(self.ranges()) {
-            fill(&mut samples[range], &channel.good);
+            if channel.good.contains(&false) {
+                fill(&mut samples[range], &channel.good);
+            }
         }
     }
 }

@@ -78,8 +78,10 @@ fn on_state(
     let best = |d: usize| {
         let energies = energy(d);
         let mut best = (0.0, 0, d, 0.0);
-        for t in 0..times {
-            let end = if d > 0 { (t + d).min(times) } else { times };
+        // A pulse that does not end within the record is a step.
+        let latest = if d > 0 { times - d } else { times };
+        for t in 0..latest {
+            let end = if d > 0 { t + d } else { times };
             let product = products[t] - if d > 0 { products[end] } else { 0.0 };
             let mut left = energies[times - t];
             let whole = left;

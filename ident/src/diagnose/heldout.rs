@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 
 use super::data::Data;
-use super::model::{Fit, dot};
+use super::model::{Fit, Model, dot};
 use super::noise::Noise;
 use crate::identify::normal::pseudo_inverse;
 
@@ -17,13 +17,15 @@ const BLOCKS: usize = 12;
 /// extended one. Blocks are cut so that in each the two predictions differ by as much: an event that lasts a second
 /// has its blocks within that second. Whitened, residuals of one block say nothing about those of the next.
 ///
-/// The first `states` values of a fit, the initial state, are left as they are: without the first block nothing would be
-/// known of them.
-pub fn gain_in_sigmas(data: &Data, states: usize, reduced: &Fit, extended: &Fit) -> f64 {
+/// Some values are left as they are: the initial state, as without the first block nothing would be known of it, and
+/// when an event was, which no other part of a record could tell.
+pub fn gain_in_sigmas(reduced: (&Model<'_, '_>, &Fit), extended: (&Model<'_, '_>, &Fit)) -> f64 {
+    let data = reduced.0.runner.data;
+    let ((small, reduced), (large, extended)) = (reduced, extended);
     let noise = &extended.profile.noise;
     let cuts = cuts(data, noise, reduced, extended);
-    let of = |fit: &Fit| left_out(data, noise, fit, states, &cuts);
-    let (Some(before), Some(after)) = (of(reduced), of(extended)) else { return 0.0 };
+    let of = |model: &Model<'_, '_>, fit: &Fit| left_out(data, noise, fit, &estimated(model), &cuts);
+    let (Some(before), Some(after)) = (of(small, reduced), of(large, extended)) else { return 0.0 };
     let gains: Vec<f64> = before.iter().zip(&after).map(|(b, a)| 0.5 * (b - a)).collect();
     let n = gains.len() as f64;
     if n < 3.0 {
@@ -32,6 +34,14 @@ pub fn gain_in_sigmas(data: &Data, states: usize, reduced: &Fit, extended: &Fit)
     let mean = gains.iter().sum::<f64>() / n;
     let variance = gains.iter().map(|g| (g - mean) * (g - mean)).sum::<f64>() / (n - 1.0);
     if variance > 0.0 { mean / (variance / n).sqrt() } else { 0.0 }
+}
+
+/// Values that every part of a record tells something about.
+fn estimated(model: &Model<'_, '_>) -> Vec<usize> {
+    let free = model.states()..model.base();
+    let tunables = model.terms.iter().enumerate().flat_map(|(t, term)| model.range(t).zip(&term.tunables));
+    let lasting = tunables.filter(|(_, tunable)| !matches!(tunable.name, "at_s" | "duration_s"));
+    free.chain(lasting.map(|(i, _)| i)).collect()
 }
 
 /// First steps of the blocks, and the end.
@@ -62,14 +72,12 @@ fn cuts(data: &Data, noise: &Noise, reduced: &Fit, extended: &Fit) -> Vec<usize>
 }
 
 /// Sum of squared whitened errors of every block when it is left out.
-fn left_out(data: &Data, noise: &Noise, fit: &Fit, states: usize, cuts: &[usize]) -> Option<Vec<f64>> {
+fn left_out(data: &Data, noise: &Noise, fit: &Fit, estimated: &[usize], cuts: &[usize]) -> Option<Vec<f64>> {
     let residual = noise.whiten(data, &fit.residual);
-    let columns: Vec<Vec<f64>> = fit
-        .columns
+    let columns: Vec<Vec<f64>> = estimated
         .iter()
-        .skip(states)
-        .map(|c| {
-            let mut filled = c.clone();
+        .map(|i| {
+            let mut filled = fit.columns[*i].clone();
             data.fill(&mut filled);
             noise.whiten(data, &filled)
         })

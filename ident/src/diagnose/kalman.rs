@@ -4,13 +4,14 @@
 //! frequencies would drown the noise.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use whirlstand_vehicle::{Vehicle, discretise};
 
 use super::data::Data;
 use super::noise::MOST;
 
 /// Steps after which a filter's covariance is taken as settled.
-const SETTLED: usize = 2000;
+const SETTLED: usize = 400;
 
 /// Parameters of the noises: logarithms of the turbulence's standard deviation and bandwidth, then for every channel the
 /// logarithm of its standard deviation and its pole.
@@ -24,6 +25,75 @@ pub struct Noises {
     pub poles: Vec<f64>,
 }
 
+impl Noises {
+    /// Index of the first pole among all values.
+    fn poles_from(&self) -> usize {
+        2 + self.own.len()
+    }
+
+    /// A pole of zero stays there.
+    fn is_open(&self, value: usize) -> bool {
+        value < self.poles_from() || self.poles[value - self.poles_from()] != 0.0
+    }
+
+    /// All values moved: logarithms, then the poles' inverse hyperbolic tangents.
+    fn moved(&self, step: &[f64]) -> Self {
+        let mut next = self.clone();
+        next.common.iter_mut().chain(&mut next.own).zip(step).for_each(|(v, d)| *v += d);
+        for (pole, d) in next.poles.iter_mut().zip(&step[self.poles_from()..]).filter(|(pole, _)| **pole != 0.0) {
+            *pole = (pole.atanh() + d).tanh().clamp(-0.9999, 0.9999);
+        }
+        next
+    }
+}
+
+/// The filter of one set of noises: states of the vehicle, the turbulence, and one state for each channel whose noise
+/// has a pole.
+struct Filter {
+    f: DMatrix<f64>,
+    q: DMatrix<f64>,
+    h: DMatrix<f64>,
+    r: DMatrix<f64>,
+    /// Index and variance of the turbulence, whose spread at the beginning is its own.
+    turbulence: (usize, f64),
+}
+
+impl Filter {
+    fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
+        let (n, p) = (vehicle.states.len(), data.channels.len());
+        let coloured: Vec<usize> = (0..p).filter(|c| noises.poles[*c] != 0.0).collect();
+        let order = n + 1 + coloured.len();
+        let (std, rate) = (noises.common[0].exp(), std::f64::consts::TAU * noises.common[1].exp());
+        let mut push = DMatrix::zeros(n, 1);
+        push[(state, 0)] = 1.0;
+        let (phi, gamma) = discretise(&vehicle.a, &push, data.period_s).ok()?;
+        let decay = (-rate * data.period_s).exp();
+        let mut f = DMatrix::zeros(order, order);
+        f.view_mut((0, 0), (n, n)).copy_from(&phi);
+        f.view_mut((0, n), (n, 1)).copy_from(&gamma);
+        f[(n, n)] = decay;
+        let mut q = DMatrix::zeros(order, order);
+        q[(n, n)] = std * std * (1.0 - decay * decay);
+        let (mut h, mut r) = (DMatrix::zeros(p, order), DMatrix::zeros(p, p));
+        for (c, channel) in data.channels.iter().enumerate() {
+            for j in 0..n {
+                h[(c, j)] = vehicle.c[(channel.output, j)];
+            }
+            let variance = (2.0 * noises.own[c]).exp();
+            match coloured.iter().position(|i| *i == c) {
+                None => r[(c, c)] = variance,
+                Some(i) => {
+                    let at = n + 1 + i;
+                    h[(c, at)] = 1.0;
+                    f[(at, at)] = noises.poles[c];
+                    q[(at, at)] = variance;
+                }
+            }
+        }
+        Some(Self { f, q, h, r, turbulence: (n, std * std) })
+    }
+}
+
 /// Logarithm of the likelihood of a residual, without constants, over the rows that every noise model is judged by; all
 /// channels must have one sample a step. `None` when the filter has no finite gain.
 pub fn log_likelihood(
@@ -33,67 +103,64 @@ pub fn log_likelihood(
     residual: &[f64],
     noises: &Noises,
 ) -> Option<f64> {
-    let (n, p) = (vehicle.states.len(), data.channels.len());
-    let order = n + 1 + p;
-    let (std, rate) = (noises.common[0].exp(), std::f64::consts::TAU * noises.common[1].exp());
-    let mut push = DMatrix::zeros(n, 1);
-    push[(state, 0)] = 1.0;
-    let (phi, gamma) = discretise(&vehicle.a, &push, data.period_s).ok()?;
-    let decay = (-rate * data.period_s).exp();
-    let mut f = DMatrix::zeros(order, order);
-    f.view_mut((0, 0), (n, n)).copy_from(&phi);
-    f.view_mut((0, n), (n, 1)).copy_from(&gamma);
-    f[(n, n)] = decay;
-    let mut q = DMatrix::zeros(order, order);
-    q[(n, n)] = std * std * (1.0 - decay * decay);
-    let mut h = DMatrix::zeros(p, order);
-    for (c, channel) in data.channels.iter().enumerate() {
-        for j in 0..n {
-            h[(c, j)] = vehicle.c[(channel.output, j)];
-        }
-        h[(c, n + 1 + c)] = 1.0;
-        f[(n + 1 + c, n + 1 + c)] = noises.poles[c];
-        q[(n + 1 + c, n + 1 + c)] = (2.0 * noises.own[c]).exp();
-    }
-    let mut covariance = q.clone();
-    covariance[(n, n)] = std * std;
+    let filter = Filter::new(data, vehicle, state, noises)?;
+    let (f, h) = (&filter.f, &filter.h);
+    let p = data.channels.len();
+    let mut covariance = filter.q.clone();
+    let (turbulence, variance) = filter.turbulence;
+    covariance[(turbulence, turbulence)] = variance;
+    // The initial state was fitted as if there were no turbulence: it is open again. The rows that no likelihood counts
+    // settle it.
+    let open = 100.0 * residual.iter().fold(0.0f64, |m, r| m.max(r.abs()));
+    (0..turbulence).for_each(|i| covariance[(i, i)] += open * open);
     let ranges = data.ranges();
     let rows = ranges.iter().map(|r| r.len()).min()?;
-    let mut x = DVector::zeros(order);
+    let mut x = DVector::zeros(f.nrows());
+    let mut next = x.clone();
     let mut e = DVector::zeros(p);
-    let (mut sum, mut settled) = (0.0, None);
+    let (mut sum, mut settled) = (0.0, false);
+    // Gain, inverse factor of the innovations' covariance, logarithm of its determinant.
+    let mut update = (DMatrix::zeros(f.nrows(), p), DMatrix::zeros(p, p), 0.0);
     for k in 0..rows {
         for (c, range) in ranges.iter().enumerate() {
             e[c] = residual[range.start + k];
         }
-        e -= &h * &x;
-        let (gain, inverse, log_det) = match &settled {
-            Some(known) => known,
-            None => {
-                let innovation = &h * &covariance * h.transpose();
-                let factor = innovation.cholesky()?;
-                let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-                let inverse = factor.inverse();
-                let gain = &f * &covariance * h.transpose() * &inverse;
-                let next = &f * &covariance * f.transpose() + &q - &gain * &h * &covariance * f.transpose();
-                let change = (&next - &covariance).amax() / next.amax().max(f64::MIN_POSITIVE);
-                covariance = (&next + next.transpose()) * 0.5;
-                if k > SETTLED || change < 1e-9 {
-                    settled = Some((gain.clone(), inverse.clone(), log_det));
-                }
-                &(gain, inverse, log_det)
-            }
-        };
-        if k >= MOST {
-            sum -= 0.5 * (log_det + e.dot(&(inverse * &e)));
+        e.gemv(-1.0, h, &x, 1.0);
+        if !settled {
+            let crossed = &covariance * h.transpose();
+            let factor = (h * &crossed + &filter.r).cholesky()?;
+            let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+            let shifted = f * &crossed;
+            let gain = factor.solve(&shifted.transpose()).transpose();
+            let after = f * &covariance * f.transpose() + &filter.q - &gain * shifted.transpose();
+            let change = (&after - &covariance).amax() / after.amax().max(f64::MIN_POSITIVE);
+            covariance = (&after + after.transpose()) * 0.5;
+            settled = k > SETTLED || change < 1e-6;
+            update = (gain, factor.inverse(), log_det);
         }
-        x = &f * &x + gain * &e;
+        let (gain, inverse, log_det) = &update;
+        if k >= MOST {
+            let mut square = 0.0;
+            for j in 0..p {
+                for i in 0..p {
+                    square += inverse[(i, j)] * e[i] * e[j];
+                }
+            }
+            sum -= 0.5 * (log_det + square);
+        }
+        next.gemv(1.0, f, &x, 0.0);
+        next.gemv(1.0, gain, &e, 1.0);
+        std::mem::swap(&mut x, &mut next);
     }
     sum.is_finite().then_some(sum)
 }
 
-/// Climbs from `noises` to the greatest likelihood, one value after the other by parabolas; what the climb gained last is
-/// below a tenth. Returns noises, likelihood and standard errors of the first two values.
+/// Rounds of a climb, at most.
+const ROUNDS: usize = 15;
+
+/// Climbs from `noises` to the greatest likelihood by Newton's steps with the curvatures of the single values, those of
+/// the turbulence's two together; what the climb gained last is below a tenth. Returns noises, likelihood and standard
+/// errors of the first two values.
 pub fn climb(
     data: &Data,
     vehicle: &Vehicle,
@@ -103,36 +170,40 @@ pub fn climb(
 ) -> Option<(Noises, f64, [f64; 2])> {
     let value = |noises: &Noises| log_likelihood(data, vehicle, state, residual, noises);
     let mut best = value(&noises)?;
-    let count = 2 + noises.own.len();
-    let mut steps = vec![0.3; count];
+    let count = 2 + noises.own.len() + noises.poles.len();
+    let mut reach = vec![0.1; count];
     let mut curvatures = vec![0.0; count];
-    for _ in 0..12 {
-        let before = best;
-        for i in 0..count {
-            let moved = |by: f64| {
-                let mut next = noises.clone();
-                if i < 2 { next.common[i] += by } else { next.own[i - 2] += by }
-                next
-            };
-            let (up, down) = (value(&moved(steps[i])), value(&moved(-steps[i])));
-            let (Some(up), Some(down)) = (up, down) else { continue };
-            let curvature = (2.0 * best - up - down) / (steps[i] * steps[i]);
-            curvatures[i] = curvature;
-            let slope = (up - down) / (2.0 * steps[i]);
-            let by = if curvature > 0.0 {
-                (slope / curvature).clamp(-4.0 * steps[i], 4.0 * steps[i])
-            } else {
-                2.0 * steps[i].copysign(slope)
-            };
-            let next = moved(by);
-            match value(&next) {
-                Some(v) if v > best && v >= up.max(down) => (noises, best) = (next, v),
-                _ if up > best && up >= down => (noises, best) = (moved(steps[i]), up),
-                _ if down > best => (noises, best) = (moved(-steps[i]), down),
-                _ => {}
-            }
-            steps[i] = (0.7 * by.abs()).clamp(0.01, 0.6);
+    for _ in 0..ROUNDS {
+        let moved = |i: usize, by: f64| {
+            let mut step = vec![0.0; count];
+            step[i] = by;
+            value(&noises.moved(&step))
+        };
+        let open: Vec<usize> = (0..count).filter(|i| noises.is_open(*i)).collect();
+        let sides: Vec<Option<(f64, f64)>> =
+            open.par_iter().map(|i| Some((moved(*i, reach[*i])?, moved(*i, -reach[*i])?))).collect();
+        let mut step = vec![0.0; count];
+        for (i, side) in open.into_iter().zip(sides) {
+            let (up, down) = side?;
+            let slope = (up - down) / (2.0 * reach[i]);
+            curvatures[i] = (2.0 * best - up - down) / (reach[i] * reach[i]);
+            // Where the likelihood is not yet curved as at a top: a bold step uphill.
+            step[i] = if curvatures[i] > 0.0 { slope / curvatures[i] } else { slope.signum() };
+            step[i] = step[i].clamp(-1.0, 1.0);
         }
+        let before = best;
+        let mut share = 1.0;
+        while share > 0.05 {
+            let next = noises.moved(&step.iter().map(|d| share * d).collect::<Vec<_>>());
+            if let Some(v) = value(&next)
+                && v > best
+            {
+                (noises, best) = (next, v);
+                break;
+            }
+            share *= 0.5;
+        }
+        reach.iter_mut().zip(&step).for_each(|(r, d)| *r = (0.5 * d.abs()).clamp(0.02, 0.3));
         if best - before < 0.1 {
             break;
         }

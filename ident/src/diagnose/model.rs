@@ -8,10 +8,25 @@ use super::noise::{Noise, Profile};
 use super::runner::Runner;
 use crate::identify::normal::pseudo_inverse;
 
-/// Steps of Levenberg and Marquardt under one noise model.
-const INNER: usize = 6;
-/// How often the noise model is fitted anew.
-const OUTER: usize = 5;
+/// How far a fit is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// A few steps under one noise model: enough to see what a candidate could come to. Sensitivities are not kept.
+    Glance,
+    /// To the optimum.
+    Full,
+}
+
+impl Effort {
+    /// How often the noise model is fitted anew, and steps of Levenberg and Marquardt under each.
+    fn rounds(self) -> (usize, usize) {
+        match self {
+            Effort::Glance => (1, 3),
+            Effort::Full => (5, 6),
+        }
+    }
+}
+
 /// Gain of the log-likelihood below which a fit is done.
 const DONE: f64 = 0.02;
 
@@ -145,12 +160,24 @@ impl<'r, 'd> Model<'r, 'd> {
         residual
     }
 
-    /// Fits all values, the noise model in turn with them. `initial` are sensitivities by the initial state from a
-    /// model nearby: the search follows them, the answer does not depend on them.
+    /// Fits all values to the optimum, the noise model in turn with them. `initial` are sensitivities by the initial
+    /// state from a model nearby: the search follows them, the answer does not depend on them.
     ///
     /// `None` when the start cannot be simulated.
     pub fn fit(&self, start: Vec<f64>, noise: Option<&Noise>, initial: Option<&[Vec<f64>]>) -> Option<Fit> {
+        self.follow(start, noise, initial, Effort::Full)
+    }
+
+    /// As [`Model::fit`], as far as asked.
+    pub fn follow(
+        &self,
+        start: Vec<f64>,
+        noise: Option<&Noise>,
+        initial: Option<&[Vec<f64>]>,
+        effort: Effort,
+    ) -> Option<Fit> {
         let data = self.runner.data;
+        let (outer, inner) = effort.rounds();
         let measured = data.measured();
         let slots = self.slots();
         let mut values = start;
@@ -163,12 +190,20 @@ impl<'r, 'd> Model<'r, 'd> {
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
         let mut columns = Vec::new();
         let mut damping = 1e-4;
-        for _ in 0..OUTER {
+        for _ in 0..outer {
             let mut white = used.whiten(data, &residual);
             let mut cost = dot(&white, &white);
-            for _ in 0..INNER {
+            // Given sensitivities are the same in every step: they are whitened once.
+            let known = initial.map(|columns| whitened(&used, data, columns));
+            for _ in 0..inner {
                 columns = self.columns(&values, &predicted, &slots, initial)?;
-                let (information, right) = normal(&used, data, &columns, &white);
+                let (information, right) = match &known {
+                    Some(known) => {
+                        let own = whitened(&used, data, &columns[known.len()..]);
+                        normal(known.iter().chain(&own), &white)
+                    }
+                    None => normal(whitened(&used, data, &columns).iter(), &white),
+                };
                 let mut moved = None;
                 for _ in 0..6 {
                     let Some(step) = damped(&information, &right, damping) else { break };
@@ -204,7 +239,9 @@ impl<'r, 'd> Model<'r, 'd> {
                 break;
             }
         }
-        if initial.is_some() || columns.is_empty() {
+        if effort == Effort::Glance {
+            columns.clear();
+        } else if initial.is_some() || columns.is_empty() {
             columns = self.columns(&values, &predicted, &slots, initial)?;
         }
         Some(Fit { values, predicted, residual, profile, columns })
@@ -215,34 +252,35 @@ impl<'r, 'd> Model<'r, 'd> {
         let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
         let data = self.runner.data;
         let zero = vec![0.0; fit.residual.len()];
-        let (information, _) = normal(&fit.profile.noise, data, &columns, &zero);
+        let (information, _) = normal(whitened(&fit.profile.noise, data, &columns).iter(), &zero);
         pseudo_inverse(&information)
     }
 }
 
-fn normal(
-    noise: &Noise,
-    data: &super::data::Data,
-    columns: &[Vec<f64>],
+fn whitened(noise: &Noise, data: &super::data::Data, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let white = |c: &Vec<f64>| {
+        let mut c = c.clone();
+        data.fill(&mut c);
+        noise.whiten(data, &c)
+    };
+    columns.iter().map(white).collect()
+}
+
+/// Information matrix and gradient from whitened columns and residual.
+fn normal<'c>(
+    columns: impl Iterator<Item = &'c Vec<f64>>,
     white: &[f64],
 ) -> (DMatrix<f64>, DVector<f64>) {
-    let whitened: Vec<Vec<f64>> = columns
-        .iter()
-        .map(|c| {
-            let mut c = c.clone();
-            data.fill(&mut c);
-            noise.whiten(data, &c)
-        })
-        .collect();
-    let n = whitened.len();
+    let columns: Vec<&Vec<f64>> = columns.collect();
+    let n = columns.len();
     let mut information = DMatrix::zeros(n, n);
     for i in 0..n {
         for j in 0..=i {
-            let v = dot(&whitened[i], &whitened[j]);
+            let v = dot(columns[i], columns[j]);
             (information[(i, j)], information[(j, i)]) = (v, v);
         }
     }
-    (information, DVector::from_iterator(n, whitened.iter().map(|c| dot(c, white))))
+    (information, DVector::from_iterator(n, columns.iter().map(|c| dot(c, white))))
 }
 
 /// The step of Levenberg and Marquardt; directions that the data do not show stay.

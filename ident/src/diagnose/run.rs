@@ -138,7 +138,8 @@ pub fn diagnose(records: &[Record], vehicle: &Vehicle, options: &Options) -> Res
     let mut rest = None;
     let mut withheld = Vec::new();
     if exact && !blocked && random.is_none() && noise.is_empty() {
-        rest = left(&selection.model, &selection.fit, &sizes);
+        let rounded = samples.iter().filter(|e| e.kind == Kind::Quantization).map(|e| e.channel);
+        rest = left(&selection.model, &selection.fit, &sizes, &rounded.collect::<Vec<_>>());
         if let Some(more) = rest.filter(|l| l.sigmas > SIGMAS && l.energy > SURE)
             && !selection.model.terms.is_empty()
         {

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use whirlstand_vehicle::{Kind, Vehicle};
+use whirlstand_vehicle::{Kind, Output, Vehicle};
 
 use super::data::{Channel, Data};
 use crate::stats::{mad_std, median};
@@ -27,6 +27,10 @@ pub struct SampleEffect {
 const COARSE: f64 = 0.5;
 /// Fewer samples than this are no effect.
 const FEW: usize = 5;
+/// Values of fewer levels may be switched, not rounded.
+const LEVELS: usize = 3;
+/// With fewer steps from the least to the greatest, a limit cannot be told from rounding.
+const CLIPPED: f64 = 8.0;
 /// A wild value stands this many standard deviations away from its neighbours.
 const WILD: f64 = 6.5;
 /// Neighbours on each side to which a value is compared.
@@ -57,6 +61,12 @@ pub fn measured_effects(data: &mut Data, vehicle: &Vehicle) -> Vec<SampleEffect>
     found
 }
 
+/// True when a sensor's values are multiples of a step that is coarser than its noise.
+pub fn is_coarse(channel: &Channel, output: &Output) -> bool {
+    let noise = if output.noise > 0.0 { output.noise } else { fast_noise(channel) };
+    rounding(channel, noise).is_some()
+}
+
 /// Standard deviation of what changes from sample to sample.
 fn fast_noise(channel: &Channel) -> f64 {
     let differences: Vec<f64> = channel.values.windows(2).map(|w| w[1] - w[0]).collect();
@@ -69,7 +79,7 @@ fn rounding(channel: &Channel, least: f64) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     let tiny = 1e-9 * values.last()?.abs().max(values.first()?.abs());
     let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|g| *g > tiny).collect();
-    if gaps.len() < 4 || gaps.len() * 2 > values.len() {
+    if gaps.len() < LEVELS - 1 || gaps.len() * 2 > values.len() {
         return None;
     }
     let smallest = gaps.iter().copied().fold(f64::INFINITY, f64::min);
@@ -96,7 +106,7 @@ fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Optio
     let finite = || channel.values.iter().copied().filter(|v| v.is_finite());
     let (top, bottom) = (finite().fold(f64::NEG_INFINITY, f64::max), finite().fold(f64::INFINITY, f64::min));
     let width = (top - bottom).abs();
-    if width.is_nan() || width <= 0.0 {
+    if width.is_nan() || width <= 0.0 || width < CLIPPED * step {
         return None;
     }
     let near = 1e-9 * width;

@@ -111,6 +111,12 @@ impl<'d> Frame<'d> {
         Look { amplitude: product / energy, score: product * product / energy, energy }
     }
 
+    /// The score of a raw signature that has one size only: it is taken whole or not at all, and may do harm.
+    pub fn whole(&self, samples: &[f64]) -> f64 {
+        let s = self.signature(samples);
+        2.0 * dot(&s, &self.residual) - dot(&s, &s)
+    }
+
     /// The whitened, projected residual.
     pub fn residual(&self) -> &[f64] {
         &self.residual

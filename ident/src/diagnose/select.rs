@@ -24,6 +24,13 @@ pub const ALIKE: f64 = 0.95;
 /// Difference in BIC up to which a rival is as good.
 const AS_GOOD: f64 = 6.0;
 
+/// Difference in BIC from which on a candidate is not believed beside a better one that was refused.
+const OVERSHADOWED: f64 = 30.0;
+/// Difference in BIC below which two causes that do not look alike cannot both be excluded: odds of about seven to one.
+const UNDECIDED: f64 = 4.0;
+/// Exchanges for better rivals in the end, at most.
+const EXCHANGES: usize = 6;
+
 /// Evidence for a term.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weight {
@@ -102,12 +109,16 @@ pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Sel
         refused = Vec::new();
         let mut best = None;
         let left = hypotheses.saturating_sub(model.terms.len()).max(1);
+        let most = trials.first().map_or(0.0, |t| t.delta_bic);
         for trial in trials {
-            if best.is_some() {
+            // What explains less than one that was refused is no better for that.
+            if best.is_some() || trial.delta_bic < most - OVERSHADOWED {
                 refused.push((trial, "others explain more".into()));
                 continue;
             }
-            match judge(&model, &fit, &trial, left, scene.share) {
+            let j = judge(&model, &fit, &trial, left, scene.share);
+            if std::env::var("DBG").is_ok() && trial.delta_bic > 0.0 { eprintln!("loop {} dbic {:.1} {:?}", trial.candidate.name(), trial.delta_bic, j); }
+            match j {
                 Judgement::Accepted(_) if model.terms.len() < MOST => best = Some(trial),
                 Judgement::Accepted(_) => refused.push((trial, format!("{MOST} causes were named already"))),
                 Judgement::Refused(why) => refused.push((trial, why)),
@@ -125,15 +136,40 @@ pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Sel
     }
     let mut accepted = Vec::new();
     let mut term = 0;
+    let mut exchanges = 0;
     while term < model.terms.len() {
         let (reduced, without) = without(&model, &fit, term)?;
         let known = first.take_if(|_| reduced.terms.is_empty());
         let trials = known.unwrap_or_else(|| survey(&reduced, &without, scene));
         let own = own_trial(&reduced, &without, &model, &fit, term);
+        if std::env::var("DBG").is_ok() { eprintln!("prune {} {:?}", model.terms[term].name(), own.as_ref().map(|own| (own.delta_bic, judge(&reduced, &without, own, trials.len(), scene.share)))); for r in own.as_ref().map(|o| rivals(&reduced,&without,o,&trials)).unwrap_or_default() { eprintln!("   rival {} gap {:.1} kappa {:.2}", r.candidate.name(), r.gap, r.kappa); } }
         match own.as_ref().map(|own| judge(&reduced, &without, own, trials.len(), scene.share)) {
             Some(Judgement::Accepted(weight)) => {
                 let own = own?;
                 let rivals = rivals(&reduced, &without, &own, &trials);
+                let better = rivals.iter().find(|r| r.gap < -1.0).filter(|_| exchanges < EXCHANGES);
+                let trial = better.and_then(|r| fitted(&reduced, &without, &r.candidate, r.values.clone()));
+                let judged = trial.map(|t| (judge(&reduced, &without, &t, trials.len(), scene.share), t));
+                if let Some((Judgement::Accepted(_), Trial { candidate, fit: Some(better), .. })) = judged {
+                    exchanges += 1;
+                    model = reduced;
+                    model.terms.push(candidate);
+                    fit = better;
+                    accepted.truncate(0);
+                    term = 0;
+                    continue;
+                }
+                if let Some(rival) = rivals.iter().find(|r| r.gap < UNDECIDED && r.kappa <= ALIKE) {
+                    let why = format!(
+                        "{} explains as much, and the two do not look alike (gains in BIC differ by {:.1}, signatures alike to {:.2})",
+                        rival.candidate.name(), rival.gap.abs(), rival.kappa
+                    );
+                    refused.insert(0, (own, why));
+                    (model, fit) = (reduced, without);
+                    accepted.truncate(0);
+                    term = 0;
+                    continue;
+                }
                 accepted.push(Accepted { weight, rivals });
                 term += 1;
             }
@@ -280,9 +316,17 @@ pub fn judge(
         if !tunable.size {
             continue;
         }
-        let error = covariance[(from + i, from + i)].max(0.0).sqrt();
         let null = if i + 1 == k { trial.candidate.null } else { 0.0 };
         let size = (extended.values[from + i] - null).abs();
+        let mut variance = covariance[(from + i, from + i)];
+        // Of a short pulse a record shows the area; how high and how long it was go together.
+        if let Some(d) = trial.candidate.tunables.iter().position(|t| t.name == "duration_s") {
+            let share = size / extended.values[from + d].abs().max(f64::MIN_POSITIVE);
+            let sign = (extended.values[from + i] - null).signum();
+            let both = covariance[(from + i, from + d)];
+            variance += share * share * covariance[(from + d, from + d)] + 2.0 * sign * share * both;
+        }
+        let error = variance.max(0.0).sqrt();
         if error > LARGEST_ERROR * size {
             return refuse(format!(
                 "its {} is known to {:.0} % only",
@@ -291,7 +335,7 @@ pub fn judge(
             ));
         }
     }
-    let heldout = gain_in_sigmas(model.runner.data, model.states(), fit, extended);
+    let heldout = gain_in_sigmas((model, fit), (&whole, extended));
     if heldout <= LEAST_GAIN {
         return refuse(format!("on data left out of the fit it gains {heldout:.1} standard errors; 2 are asked"));
     }

@@ -167,8 +167,16 @@ fn responses(vehicle: &Vehicle, data: &Data, cross: &Cross) -> Option<Vec<DMatri
         .collect()
 }
 
-/// Looks for turbulence on any state in a residual; `None` when noise of every channel for itself does as well.
+/// Largest relative standard errors of size and bandwidth with which turbulence is named.
+const KNOWN: (f64, f64) = (0.3, 1.0);
+
+/// Looks for turbulence on any state in a residual; `None` when noise of every channel for itself does as well, or when
+/// the record does not determine it.
 pub fn turbulence(model: &Model<'_, '_>, fit: &Fit) -> Option<Turbulence> {
+    likeliest(model, fit).filter(|t| t.std.1 < KNOWN.0 && t.bandwidth_hz.1 < KNOWN.1)
+}
+
+fn likeliest(model: &Model<'_, '_>, fit: &Fit) -> Option<Turbulence> {
     let data = model.runner.data;
     let noise = &fit.profile.noise.channels;
     if noise.iter().filter(|ar| ar.order() > 0).count() < 2 {
@@ -200,6 +208,11 @@ pub fn turbulence(model: &Model<'_, '_>, fit: &Fit) -> Option<Turbulence> {
 /// States whose fit is refined by the exact likelihood: the best of Whittle's.
 const REFINED: usize = 3;
 
+/// A gain in BIC by Whittle's likelihood below which the exact one is not asked.
+const UNLIKELY: f64 = -30.0;
+/// A residual this many times the noise is far above it.
+const FAR: f64 = 2.5;
+
 /// The exact likelihood of the most likely states.
 fn refined(
     data: &Data,
@@ -220,6 +233,15 @@ fn refined(
             others,
         });
     }
+    // Whittle's likelihood may be trusted to say that there is none, but not where the motion stands far above the noise.
+    let far = data.channels.iter().enumerate().any(|(c, channel)| {
+        let declared = vehicle.outputs[channel.output].noise;
+        let floor = if declared > 0.0 { declared } else { fit.profile.noise.channels[c].variance.sqrt() };
+        fit.profile.noise.total[c] > FAR * floor
+    });
+    if !far {
+        fits.retain(|f| f.2 > UNLIKELY);
+    }
     let p = data.channels.len();
     let alone = fit.profile.bic(0);
     let rows = (fit.profile.rows as f64).ln();
@@ -227,23 +249,14 @@ fn refined(
         .par_iter()
         .take(REFINED)
         .filter_map(|(state, shaped, whittle)| {
-            // Far above the noise Whittle's likelihood is none, and no start either.
-            let values = if *whittle > 0.0 { &shaped.values } else { &shaped.first };
-            let poles: Vec<f64> = values[2 + p..].iter().map(|v| v.tanh()).collect();
-            // A weak pole is none.
-            let poles: Vec<f64> = poles.into_iter().map(|a| if a.abs() < 0.3 { 0.0 } else { a }).collect();
-            // What one channel's own past foretells is no less than all channels' together: the noise is at most that.
-            let own = values[2..2 + p].iter().zip(&fit.profile.noise.channels);
-            let own = own.map(|(v, ar)| v.min(0.5 * ar.variance.ln())).collect();
-            let noises = Noises {
-                common: [values[0], values[1].max(-4.6)],
-                own,
-                poles: poles.clone(),
-            };
-            let (noises, likelihood, errors) = climb(data, vehicle, *state, &fit.residual, noises)?;
-            let parameters = 2 + p + poles.iter().filter(|a| **a != 0.0).count();
-            let bic = -2.0 * likelihood + parameters as f64 * rows;
-            Some((*state, noises.common, errors, alone - bic))
+            let starts = starts(data, vehicle, fit, shaped, *whittle > 0.0);
+            let tops = starts.into_iter().filter_map(|noises| {
+                let (noises, likelihood, errors) = climb(data, vehicle, *state, &fit.residual, noises)?;
+                let parameters = 2 + p + noises.poles.iter().filter(|a| **a != 0.0).count();
+                let bic = -2.0 * likelihood + parameters as f64 * rows;
+                Some((*state, noises.common, errors, alone - bic))
+            });
+            tops.max_by(|a, b| a.3.total_cmp(&b.3))
         })
         .collect();
     exact.sort_by(|a, b| b.3.total_cmp(&a.3));
@@ -256,6 +269,33 @@ fn refined(
         delta_bic,
         others,
     })
+}
+
+/// Noises from which the exact likelihood is climbed. Far above the noise Whittle's likelihood is none, and no start
+/// either: then the noise is what the vehicle declares, white or of first order.
+fn starts(data: &Data, vehicle: &Vehicle, fit: &Fit, shaped: &Shaped, trusted: bool) -> Vec<Noises> {
+    let p = data.channels.len();
+    let values = if trusted { &shaped.values } else { &shaped.first };
+    let common = [values[0], values[1].max(-4.6)];
+    let noises = |own: &dyn Fn(usize) -> f64, poles: Vec<f64>| {
+        // What one channel's own past foretells is no less than all channels' together: the noise is at most that.
+        let most = |c: usize| 0.5 * fit.profile.noise.channels[c].variance.ln();
+        Noises { common, own: (0..p).map(|c| own(c).min(most(c))).collect(), poles }
+    };
+    // A weak pole is none.
+    let strong = |a: f64| if a.abs() < 0.3 { 0.0 } else { a };
+    if trusted {
+        return vec![noises(&|c| values[2 + c], values[2 + p..].iter().map(|v| strong(v.tanh())).collect())];
+    }
+    let declared = |c: usize| vehicle.outputs[data.channels[c].output].noise;
+    [0.0, 0.9f64]
+        .into_iter()
+        .map(|pole| {
+            let innovation = 0.5 * (1.0 - pole * pole).ln();
+            let own = |c: usize| if declared(c) > 0.0 { declared(c).ln() + innovation } else { values[2 + c] };
+            noises(&own, vec![pole; p])
+        })
+        .collect()
 }
 
 /// First-order shaped noise on one state beside noise of the channels, white or with one pole each. Values: logarithms

@@ -1,16 +1,24 @@
 //! The survey: every candidate weighed against the residual of a model, the best of them fitted.
 
 use rayon::prelude::*;
+use whirlstand_vehicle::Kind;
 
 use super::library::Candidate;
 use super::library::Sizes;
-use super::model::{Fit, Model};
+use super::model::{Effort, Fit, Model};
 use super::noise::Noise;
 use super::screen::Frame;
 use super::{events, tones};
 
-/// Candidates that are fitted, at most.
-const FITTED: usize = 12;
+/// Candidates that are fitted a few steps, at most.
+const GLANCED: usize = 12;
+/// Candidates that are fitted to their optimum, at most, and how far in BIC behind the best of them.
+const FITTED: usize = 5;
+const BEHIND: f64 = 40.0;
+/// Score of a transition whose time is still far off, at most.
+const UNSURE: f64 = 100.0;
+/// Gain in BIC below which the first look leaves no hope that a fit would be accepted.
+const HOPELESS: f64 = -20.0;
 /// Candidates of each frame whose noise model is fitted anew before that choice.
 const WEIGHED: usize = 40;
 
@@ -94,8 +102,15 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
             let cost = candidate.tunables.len() as f64 * rows;
             let mut best = (-cost, candidate.starts.first().cloned().unwrap_or_default());
             for shot in &shots {
-                let gain = if promising[index] {
-                    profiled(model, fit, &frames[shot.frame], &candidate, shot).unwrap_or(-cost)
+                let gain = if promising[index] && candidate.kind == Kind::ModeTransition {
+                    let (gain, at) = located(model, fit, &frames[shot.frame], &candidate, shot);
+                    if gain > best.0 {
+                        best = (gain, at);
+                    }
+                    continue;
+                } else if promising[index] {
+                    let values = &candidate.starts[shot.start];
+                    profiled(model, fit, &frames[shot.frame], &candidate, values, shot.amplitude).unwrap_or(-cost)
                 } else if shot.frame == 0 {
                     shot.score - cost
                 } else {
@@ -111,14 +126,27 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         .collect();
     trials.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
     once(&mut trials);
-    let fitted: Vec<Option<Trial>> = trials
+    let mut glances: Vec<(Trial, usize)> = trials
         .par_iter()
-        .take(FITTED)
-        .map(|(trial, start)| fitted(model, fit, &trial.candidate, start.clone()))
+        .enumerate()
+        .take(GLANCED)
+        .filter(|(_, (trial, _))| trial.delta_bic > HOPELESS)
+        .filter_map(|(i, (t, start))| Some((followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?, i)))
         .collect();
-    for ((trial, _), fitted) in trials.iter_mut().zip(fitted) {
+    glances.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
+    let best = glances.first().map_or(0.0, |g| g.0.delta_bic);
+    glances.truncate(FITTED);
+    glances.retain(|(glance, _)| glance.delta_bic > best - BEHIND);
+    let fitted: Vec<(Option<Trial>, usize)> = glances
+        .into_par_iter()
+        .map(|(glance, i)| {
+            let own = |fit: Fit| fit.values[fit.values.len() - glance.candidate.tunables.len()..].to_vec();
+            (glance.fit.and_then(|f| fitted(model, fit, &glance.candidate, own(f))), i)
+        })
+        .collect();
+    for (fitted, i) in fitted {
         if let Some(fitted) = fitted {
-            *trial = fitted;
+            trials[i].0 = fitted;
         }
     }
     trials.sort_by(|a, b| {
@@ -168,7 +196,13 @@ fn shots(model: &Model<'_, '_>, fit: &Fit, frames: &[Frame<'_>], candidate: &Can
     for (start, values) in candidate.starts.iter().enumerate() {
         let Some(signature) = signature(model, fit, candidate, values) else { continue };
         for (f, frame) in frames.iter().enumerate() {
-            let look = frame.look(&signature);
+            let mut look = frame.look(&signature);
+            if candidate.kind == Kind::ModeTransition {
+                // It has one size only. Far from the true time it may be too much even so: then its shape must do.
+                let whole = frame.whole(&signature);
+                look.amplitude = if whole > 0.0 { 1.0 } else { look.amplitude };
+                look.score = if whole > 0.0 { whole } else { look.score.min(UNSURE) };
+            }
             // A delay cannot be negative: what points the other way is no sign of it.
             if look.amplitude <= 0.0 && !two_sided(candidate) {
                 continue;
@@ -218,25 +252,55 @@ fn profiled(
     fit: &Fit,
     frame: &Frame<'_>,
     candidate: &Candidate,
-    shot: &Shot,
+    values: &[f64],
+    amplitude: f64,
 ) -> Option<f64> {
     let data = model.runner.data;
-    let mut signature = signature(model, fit, candidate, &candidate.starts[shot.start])?;
+    let mut signature = signature(model, fit, candidate, values)?;
     data.fill(&mut signature);
     let rest: Vec<f64> =
-        fit.residual.iter().zip(&signature).map(|(r, s)| r - shot.amplitude * s).collect();
+        fit.residual.iter().zip(&signature).map(|(r, s)| r - amplitude * s).collect();
     let profile = Noise::fit(data, &frame.without_nuisances(&rest));
     Some(fit.profile.bic(0) - profile.bic(candidate.tunables.len()))
 }
 
+/// Where in time a transition does best near a shot, and its gain in BIC: a search by halves, as a fit by derivatives
+/// would stay at the nearest hump.
+fn located(model: &Model<'_, '_>, fit: &Fit, frame: &Frame<'_>, candidate: &Candidate, shot: &Shot) -> (f64, Vec<f64>) {
+    let gain = |t: f64| profiled(model, fit, frame, candidate, &[t], 1.0).unwrap_or(f64::NEG_INFINITY);
+    let mut at = candidate.starts[shot.start][0];
+    let mut best = gain(at);
+    let mut step = candidate.starts.get(1).map_or(0.0, |second| 0.5 * (second[0] - candidate.starts[0][0]));
+    while step > 2.0 * model.runner.data.period_s {
+        for t in [at - step, at + step] {
+            let here = gain(t.clamp(candidate.tunables[0].lower, candidate.tunables[0].upper));
+            if here > best {
+                (best, at) = (here, t);
+            }
+        }
+        step *= 0.5;
+    }
+    (best, vec![at])
+}
+
 /// The model with the candidate, all values fitted.
 pub fn fitted(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, start: Vec<f64>) -> Option<Trial> {
+    followed(model, fit, candidate, start, Effort::Full)
+}
+
+fn followed(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    candidate: &Candidate,
+    start: Vec<f64>,
+    effort: Effort,
+) -> Option<Trial> {
     let mut extended = model.clone();
     extended.terms.push(candidate.clone());
     let mut values = fit.values.clone();
     values.extend(start);
     let initial = &fit.columns[..model.states()];
-    let result = extended.fit(values, None, Some(initial))?;
+    let result = extended.follow(values, None, Some(initial), effort)?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
     let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
     Some(Trial { candidate: candidate.clone(), fit: Some(result), delta_bic, ratio })

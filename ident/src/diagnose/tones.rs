@@ -66,20 +66,25 @@ fn lines(samples: &[f64], period_s: f64) -> Vec<f64> {
     let bin = length as f64 / n as f64;
     let lowest = (1.5 * bin).ceil() as usize;
     let mut peaks: Vec<(f64, f64)> = Vec::new();
+    // The floor changes slowly: one median serves all lines of a part of its window.
+    let mut known: Option<(usize, f64)> = None;
     for i in lowest.max(2)..power.len() - 2 {
         if power[i] < power[i - 1] || power[i] <= power[i + 1] {
             continue;
         }
         let reach = ((40.0 * bin) as usize).max(i / 8);
-        let own = (3.0 * bin).ceil() as usize;
-        let from = i.saturating_sub(reach).max(lowest);
-        let around: Vec<f64> = (from..(i + reach).min(power.len()))
-            .step_by(bin as usize)
-            .filter(|j| j.abs_diff(i) > own)
-            .map(|j| power[j])
-            .collect();
-        // The median of an exponential distribution is ln 2 of its mean.
-        let floor = median(&around) / std::f64::consts::LN_2;
+        let floor = match known {
+            Some((at, floor)) if i - at < reach / 8 => floor,
+            _ => {
+                let from = i.saturating_sub(reach).max(lowest);
+                let around: Vec<f64> =
+                    (from..(i + reach).min(power.len())).step_by(bin as usize).map(|j| power[j]).collect();
+                // The median of an exponential distribution is ln 2 of its mean.
+                let floor = median(&around) / std::f64::consts::LN_2;
+                known = Some((i, floor));
+                floor
+            }
+        };
         if floor > 0.0 && power[i] > STANDS_OUT * floor {
             let (left, middle, right) = (power[i - 1].ln(), power[i].ln(), power[i + 1].ln());
             let shift = 0.5 * (left - right) / (left - 2.0 * middle + right);
