@@ -244,6 +244,29 @@ pub struct OutputFigure {
 /// Points of a line or a cloud: values below and at the side.
 pub type Points = (Vec<f64>, Vec<f64>);
 
+/// An axis of a plot.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Axis {
+    /// What is on it.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+}
+
+impl Axis {
+    pub(super) fn new(name: &str, unit: &str) -> Self {
+        Self { name: name.into(), unit: if unit == "1" { String::new() } else { unit.into() } }
+    }
+
+    pub(super) fn time(name: &str) -> Self {
+        Self::new(name, "s")
+    }
+
+    pub(super) fn number(name: &str) -> Self {
+        Self::new(name, "")
+    }
+}
+
 /// What the record shows of a cause: what is missing from the simulation against what the cause depends on.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct EvidenceCurve {
@@ -253,10 +276,10 @@ pub struct EvidenceCurve {
     pub accepted: bool,
     /// How to read it, in a sentence.
     pub caption: String,
-    /// What is on the axis below, with its unit.
-    pub x_label: String,
-    /// What is on the axis at the side, with its unit.
-    pub y_label: String,
+    /// The axis below.
+    pub x: Axis,
+    /// The axis at the side.
+    pub y: Axis,
     /// Both axes are logarithmic.
     pub logarithmic: bool,
     /// Single samples of the record, thinned; empty where lines say it all.

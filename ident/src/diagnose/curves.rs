@@ -1,8 +1,9 @@
 //! Clouds and lines of which evidence is drawn.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::answer::Points;
+use super::model::dot;
 
 /// Points of a cloud.
 const CLOUD: usize = 1200;
@@ -51,43 +52,94 @@ pub fn joined(mut a: Points, b: Points) -> Points {
     a
 }
 
-/// The share of a step of `u` that has arrived after a time, from 0 to `reach` steps, where `more` is what is to be added
-/// to `u`: least squares over the moves of `u` in the past, with a little ridge. `None` when `u` does not move.
-pub fn arrived(u: &[f64], more: &[f64], reach: usize, period_s: f64) -> Option<Points> {
-    let every = reach.div_ceil(LAGS).max(1);
-    let lags = (reach / every).max(4);
-    let n = u.len();
-    let first = lags * every;
-    if n < 4 * first {
-        return None;
+/// Standard deviation of how much the arrived share moves from one lag to the next, before the record is asked.
+const MOVES: f64 = 0.3;
+
+/// How a step response is taken: from moves of the input over `every` steps, at `lags` distances.
+pub struct Steps {
+    every: usize,
+    lags: usize,
+    channels: usize,
+    /// What the model answers to the moves, each channel over its noise.
+    answers: Vec<f64>,
+    noise: Vec<f64>,
+    factor: Cholesky<f64, Dyn>,
+}
+
+impl Steps {
+    /// Steps between the lags for a response that lasts `reach` steps.
+    pub fn every(reach: usize) -> usize {
+        reach.div_ceil(LAGS).max(1)
     }
-    let moves: Vec<f64> = (0..n).map(|k| if k >= every { u[k] - u[k - every] } else { 0.0 }).collect();
-    // Every step of the record is one equation; a long record has more than are needed.
-    let rows = (first..n).step_by((n / 20_000).max(1));
-    let mut information: DMatrix<f64> = DMatrix::zeros(lags, lags);
-    let mut right: DVector<f64> = DVector::zeros(lags);
-    let mut past = vec![0.0; lags];
-    for k in rows {
-        for (l, p) in past.iter_mut().enumerate() {
-            *p = moves[k - l * every];
+
+    /// Moves of an input over `every` steps.
+    pub fn moves(u: &[f64], every: usize) -> Vec<f64> {
+        (0..u.len()).map(|k| if k >= every { u[k] - u[k - every] } else { 0.0 }).collect()
+    }
+
+    /// `answers` are what the model answers to the moves, channels side by side, `noise` that of each channel. `None`
+    /// when the record is short or the moves tell nothing.
+    pub fn new(reach: usize, mut answers: Vec<f64>, noise: &[f64]) -> Option<Self> {
+        let (every, channels) = (Self::every(reach), noise.len());
+        let lags = (reach / every).max(4);
+        let n = answers.len() / channels.max(1);
+        if n < 4 * lags * every {
+            return None;
         }
+        for row in answers.chunks_exact_mut(channels) {
+            row.iter_mut().zip(noise).for_each(|(y, n)| *y /= n);
+        }
+        let mut steps =
+            Self { every, lags, channels, answers, noise: noise.to_vec(), factor: Cholesky::new(DMatrix::identity(1, 1))? };
+        let mut information: DMatrix<f64> = DMatrix::zeros(lags, lags);
         for i in 0..lags {
-            if past[i] != 0.0 {
-                right[i] += past[i] * more[k];
-                for j in 0..=i {
-                    information[(i, j)] += past[i] * past[j];
-                }
+            for j in 0..=i {
+                information[(i, j)] = steps.rows().map(|k| dot(steps.past(k, i), steps.past(k, j))).sum();
             }
         }
+        information.fill_upper_triangle_with_lower_triangle();
+        if !(information.trace() > 0.0) {
+            return None;
+        }
+        // The first share is anything from 0 to 1, the next ones are near it.
+        let weight = 1.0 / (MOVES * MOVES);
+        information[(0, 0)] += 1.0;
+        for i in 1..lags {
+            information[(i, i)] += weight;
+            information[(i - 1, i - 1)] += weight;
+            information[(i, i - 1)] -= weight;
+            information[(i - 1, i)] -= weight;
+        }
+        steps.factor = information.cholesky()?;
+        Some(steps)
     }
-    information.fill_upper_triangle_with_lower_triangle();
-    let ridge = 1e-3 * information.trace() / lags as f64;
-    if !(ridge > 0.0) {
-        return None;
+
+    /// Steps that make equations; a long record has more than are needed.
+    fn rows(&self) -> impl Iterator<Item = usize> + use<> {
+        let n = self.answers.len() / self.channels;
+        (self.lags * self.every..n).step_by(n.div_ceil(8000).max(1))
     }
-    (0..lags).for_each(|i| information[(i, i)] += ridge);
-    let shares = information.cholesky()?.solve(&right);
-    Some(((0..lags).map(|l| (l * every) as f64 * period_s).collect(), shares.iter().map(|s| 1.0 + s).collect()))
+
+    /// The answers so many lags before a step.
+    fn past(&self, k: usize, lag: usize) -> &[f64] {
+        let at = (k - lag * self.every) * self.channels;
+        &self.answers[at..at + self.channels]
+    }
+
+    /// The share of a step that has arrived after a time, where `residual` (channels side by side) is what is missing.
+    pub fn arrived(&self, residual: &[f64], period_s: f64) -> Points {
+        let mut right: DVector<f64> = DVector::zeros(self.lags);
+        for k in self.rows() {
+            let row = &residual[k * self.channels..(k + 1) * self.channels];
+            for lag in 0..self.lags {
+                let products = self.past(k, lag).iter().zip(row).zip(&self.noise).map(|((a, r), n)| a * r / n);
+                right[lag] += products.sum::<f64>();
+            }
+        }
+        let shares = self.factor.solve(&right);
+        let times = (0..self.lags).map(|l| (l * self.every) as f64 * period_s).collect();
+        (times, shares.iter().map(|s| 1.0 + s).collect())
+    }
 }
 
 /// The gain by which `u + more` follows `u`, in equal parts of the record.
@@ -124,12 +176,14 @@ mod tests {
     fn a_late_step_arrives_late() {
         let u: Vec<f64> = (0..2000).map(|k| f64::from((k * k / 97) % 5 - 2)).collect();
         let late: Vec<f64> = (0..2000).map(|k| if k < 8 { 0.0 } else { u[k - 8] } - u[k]).collect();
-        let (t, share) = arrived(&u, &late, 20, 0.1).unwrap();
+        // A model that shows the input itself.
+        let steps = Steps::new(20, Steps::moves(&u, Steps::every(20)), &[0.05]).unwrap();
+        let (t, share) = steps.arrived(&late, 0.1);
         for (t, share) in t.iter().zip(&share) {
             let expected = if *t < 0.75 { 0.0 } else { 1.0 };
             assert!((share - expected).abs() < 0.1, "{t} {share}");
         }
-        assert!(arrived(&vec![1.0; 2000], &late, 20, 0.1).is_none());
+        assert!(Steps::new(20, vec![0.0; 2000], &[0.05]).is_none());
     }
 
     #[test]

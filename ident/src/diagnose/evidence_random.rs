@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use whirlstand_vehicle::{Kind, Vehicle};
 
-use super::answer::EvidenceCurve;
+use super::answer::{Axis, EvidenceCurve};
 use super::curves::ends;
 use super::data::Data;
 use super::missing::{Entry, missing};
@@ -40,8 +40,8 @@ pub(super) fn turbulence(
         cause: format!("{} on {}", Kind::Turbulence, state.name),
         accepted: true,
         caption: "A force that goes with no input, level up to its bandwidth and falling beyond; what rises again at high frequency is noise of the sensors.".into(),
-        x_label: "frequency, Hz".into(),
-        y_label: format!("missing in the derivative of {}, {}/s per root of Hz", state.name, state.unit.si_symbol()),
+        x: Axis::new("frequency", "Hz"),
+        y: Axis::new(&format!("missing in the derivative of {}", state.name), &format!("{}/s/√Hz", state.unit.si_symbol())),
         logarithmic: true,
         explained: (f.clone(), f.iter().map(density).collect()),
         measured: (f, measured),
@@ -74,8 +74,8 @@ pub(super) fn noise(channel: usize, findings: &Findings<'_, '_>, data: &Data, ve
         cause: format!("{} on {}", Kind::Noise, output.name),
         accepted: true,
         caption: "What is left is a bell, wider than the declared noise.".into(),
-        x_label: format!("residual of {}, {}", output.name, output.unit.si_symbol()),
-        y_label: "samples".into(),
+        x: Axis::new(&format!("residual of {}", output.name), &output.unit.si_symbol()),
+        y: Axis::number("samples"),
         explained: (centres.clone(), bell(std)),
         without: (centres.clone(), bell(output.noise)),
         measured: (centres, counts),
@@ -119,8 +119,8 @@ pub(super) fn samples(effect: &SampleEffect, data: &Data, vehicle: &Vehicle) -> 
         cause: format!("{} on {}", effect.kind, output.name),
         accepted: true,
         caption: caption.into(),
-        x_label: "time, s".into(),
-        y_label: format!("{}, {}", output.name, output.unit.si_symbol()),
+        x: Axis::time("time"),
+        y: Axis::new(&output.name, &output.unit.si_symbol()),
         cloud: (marked.iter().map(|k| t(*k)).collect(), marked.iter().map(|k| channel.values[*k]).collect()),
         measured: (part.clone().map(t).collect(), channel.values[part].to_vec()),
         ..EvidenceCurve::default()

@@ -81,8 +81,22 @@ pub fn missing(
     traces.iter().flatten().all(|v| v.is_finite()).then_some(traces)
 }
 
+/// What the linear model answers to a sequence at the entry: all channels side by side, step after step.
+pub fn answers(vehicle: &Vehicle, data: &Data, entry: Entry, sequence: &[f64]) -> Option<Vec<f64>> {
+    let (f, h) = augmented(vehicle, data, entry)?;
+    let n = f.nrows();
+    let mut x = DVector::zeros(n);
+    let mut rows: Vec<f64> = Vec::with_capacity(sequence.len() * h.nrows());
+    for v in sequence {
+        x[n - 1] = *v;
+        rows.extend((&h * &x).iter());
+        x = &f * x;
+    }
+    rows.iter().all(|v| v.is_finite()).then_some(rows)
+}
+
 /// Samples of all channels on every step, channels side by side; straight lines between the samples of a slow sensor.
-fn spread(data: &Data, samples: &[f64]) -> Vec<f64> {
+pub fn spread(data: &Data, samples: &[f64]) -> Vec<f64> {
     let p = data.channels.len();
     let mut rows = vec![0.0; data.steps * p];
     for (c, (channel, range)) in data.channels.iter().zip(data.ranges()).enumerate() {

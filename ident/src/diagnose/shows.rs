@@ -2,10 +2,10 @@
 
 use whirlstand_vehicle::{Effect, Kind, Matrix, Place, Vehicle};
 
-use super::answer::{EvidenceCurve, Points};
-use super::curves::{arrived, binned, ends, gains, joined, loudest, thinned};
+use super::answer::{Axis, EvidenceCurve, Points};
+use super::curves::{Steps, binned, ends, gains, joined, loudest, thinned};
 use super::data::Data;
-use super::missing::{Entry, missing};
+use super::missing::{Entry, answers, missing, spread};
 
 /// A cause and what it changes.
 pub(super) struct Shown<'s> {
@@ -47,11 +47,11 @@ struct Lines {
 }
 
 impl Lines {
-    fn curve(self, caption: &str, x_label: String, y_label: String) -> EvidenceCurve {
+    fn curve(self, caption: &str, x: Axis, y: Axis) -> EvidenceCurve {
         EvidenceCurve {
             caption: caption.into(),
-            x_label,
-            y_label,
+            x,
+            y,
             measured: self.measured,
             explained: self.explained,
             rival: self.rival.map(|points| (String::new(), points)),
@@ -60,19 +60,15 @@ impl Lines {
     }
 }
 
-/// `name, unit`.
-fn label(name: &str, unit: &str) -> String {
-    if unit.is_empty() || unit == "1" { name.into() } else { format!("{name}, {unit}") }
-}
-
 /// What shows an effect; name, and name of the rival, are left to the caller. `None` when nothing can be drawn.
 pub(super) fn shows(shown: &Shown<'_>, effect: &Effect) -> Option<EvidenceCurve> {
     let parameter = |name: &str| effect.parameter(name).unwrap_or(0.0);
     let special = match (effect.kind(), effect.resolve(shown.vehicle).ok()?) {
         (
-            Kind::DeadZone | Kind::InputSaturation | Kind::InputGain | Kind::InputBias | Kind::Backlash,
+            Kind::DeadZone | Kind::InputSaturation | Kind::InputGain | Kind::InputBias,
             Place::Input(j),
         ) => shown.characteristic(j, effect.kind()),
+        (Kind::Backlash, Place::Input(j)) => shown.play(j),
         (Kind::InputDelay, Place::Input(j)) => shown.arrival(j, 3.0 * parameter("delay_s")),
         (Kind::ActuatorLag, Place::Input(j)) => shown.arrival(j, 5.0 * parameter("time_constant_s")),
         (Kind::UnmodelledMode, Place::Input(j)) => shown.arrival(j, 3.0 / parameter("frequency_hz").max(1e-3)),
@@ -83,8 +79,8 @@ pub(super) fn shows(shown: &Shown<'_>, effect: &Effect) -> Option<EvidenceCurve>
         (Kind::ParameterChange, Place::Entry(Matrix::B, i, j)) => shown.control(i, j),
         (Kind::QuadraticDrag | Kind::CoulombFriction, Place::State(i)) => shown.force(i, i),
         (Kind::CubicStiffness, Place::StatePair(from, onto)) => shown.force(onto, from),
-        (Kind::StepDisturbance, Place::State(i)) => shown.event(i),
-        (Kind::PulseDisturbance, Place::State(i)) => shown.event(i),
+        (Kind::StepDisturbance, Place::State(i)) => shown.event(i, f64::INFINITY),
+        (Kind::PulseDisturbance, Place::State(i)) => shown.event(i, (8.0 * parameter("duration_s")).max(10.0)),
         (Kind::PeriodicDisturbance, Place::State(i)) => shown.rhythm(i, parameter("frequency_hz")),
         (Kind::SensorBias | Kind::SensorDrift, Place::Output(i)) => shown.offset(i),
         (Kind::SensorScale, Place::Output(i)) => shown.against(i, i),
@@ -127,20 +123,9 @@ impl Shown<'_> {
         let traces = self.traces(Entry::Input(j))?;
         let (u, name, unit) = self.input(j);
         let sum = |more: &[f64]| u.iter().zip(more).map(|(u, m)| u + m).collect::<Vec<f64>>();
-        let rising: Vec<bool> = (0..u.len()).map(|k| u[k] > u[k.saturating_sub(1)]).collect();
-        let falling: Vec<bool> = (0..u.len()).map(|k| u[k] < u[k.saturating_sub(1)]).collect();
-        let draw = |more: &[f64]| {
-            let y = sum(more);
-            if kind == Kind::Backlash {
-                joined(binned(&u, &y, |k| rising[k]), binned(&u, &y, |k| falling[k]))
-            } else {
-                binned(&u, &y, |_| true)
-            }
-        };
         let caption = match kind {
             Kind::DeadZone => "Small inputs do not arrive: the line is flat around zero.",
             Kind::InputSaturation => "Large inputs are cut: the line bends over.",
-            Kind::Backlash => "Rising and falling inputs arrive on two lines apart: play.",
             Kind::InputBias => "The line runs beside the dotted one: a constant is added.",
             _ => "The line has another slope than the dotted one: another gain.",
         };
@@ -148,48 +133,94 @@ impl Shown<'_> {
         Some(EvidenceCurve {
             cloud: thinned(&u, &sum(&traces.measured)),
             without: (vec![low, high], vec![low, high]),
-            ..traces.all(draw).curve(
+            ..traces.all(|more| binned(&u, &sum(more), |_| true)).curve(
                 caption,
-                label(&format!("{name} as sent"), &unit),
-                label(&format!("{name} as it must have arrived"), &unit),
+                Axis::new(&format!("{name} as sent"), &unit),
+                Axis::new(&format!("{name} as it must have arrived"), &unit),
+            )
+        })
+    }
+
+    /// What an input lacks on its way up and on its way down.
+    fn play(&self, j: usize) -> Option<EvidenceCurve> {
+        let traces = self.traces(Entry::Input(j))?;
+        let (u, name, unit) = self.input(j);
+        // Where the input rests, the last move counts.
+        let mut up = vec![false; u.len()];
+        for k in 1..u.len() {
+            up[k] = if u[k] == u[k - 1] { up[k - 1] } else { u[k] > u[k - 1] };
+        }
+        let draw = |y: &[f64]| joined(binned(&u, y, |k| up[k]), binned(&u, y, |k| !up[k]));
+        let (low, high) = ends(&u);
+        Some(EvidenceCurve {
+            cloud: thinned(&u, &traces.measured),
+            without: (vec![low, high], vec![0.0, 0.0]),
+            ..traces.all(draw).curve(
+                "Rising inputs arrive too low, falling ones too high: two lines, half the play to each side.",
+                Axis::new(&format!("{name} as sent"), &unit),
+                Axis::new(&format!("missing in {name}"), &unit),
             )
         })
     }
 
     /// The share of a step that has arrived after a time.
     fn arrival(&self, j: usize, reach_s: f64) -> Option<EvidenceCurve> {
-        let traces = self.traces(Entry::Input(j))?;
         let (u, name, _) = self.input(j);
         let period = self.data.period_s;
         let reach = (reach_s.clamp(12.0 * period, 3.0) / period) as usize;
-        let draw = |more: &[f64]| arrived(&u, more, reach, period).unwrap_or_default();
-        let lines = traces.all(draw);
+        let moves = Steps::moves(&u, Steps::every(reach));
+        let answers = answers(self.vehicle, self.data, Entry::Input(j), &moves)?;
+        let steps = Steps::new(reach, answers, self.noise)?;
+        let draw = |predicted: &[f64]| steps.arrived(&spread(self.data, &self.residual(predicted)), period);
+        let lines = Lines {
+            measured: draw(&self.data.measured()),
+            explained: draw(self.with),
+            rival: self.rival.map(draw),
+        };
         let end = *lines.measured.0.last()?;
         Some(EvidenceCurve {
             without: (vec![0.0, end], vec![1.0, 1.0]),
             ..lines.curve(
                 "How much of a step of the input has arrived: a delay jumps late, a lag climbs from the start, a mode rings.",
-                format!("time after a step of {name}, s"),
-                "share that has arrived".into(),
+                Axis::time(&format!("time after a step of {name}")),
+                Axis::number("share that has arrived"),
             )
         })
     }
 
     /// The input as it arrives, where it matters most.
     fn following(&self, j: usize) -> Option<EvidenceCurve> {
-        let traces = self.traces(Entry::Input(j))?;
         let (u, name, unit) = self.input(j);
         let t = self.time();
-        let part = loudest(&traces.explained, (4.0 / self.data.period_s).ceil().max(60.0) as usize);
-        let draw = |more: &[f64]| -> Points {
-            (t[part.clone()].to_vec(), part.clone().map(|k| u[k] + more[k]).collect())
+        // The whole input is traced back, not only what is missing: its jumps would otherwise meet smoothed ones.
+        let rows = answers(self.vehicle, self.data, Entry::Input(j), &u)?;
+        let p = self.data.channels.len();
+        let nominal: Vec<f64> = self
+            .data
+            .channels
+            .iter()
+            .enumerate()
+            .flat_map(|(c, channel)| (0..channel.values.len()).map(move |k| (c, channel.step(k))))
+            .map(|(c, step)| rows[step * p + c])
+            .collect();
+        let whole = |predicted: &[f64]| {
+            self.residual(predicted).iter().zip(&nominal).map(|(r, n)| r + n).collect::<Vec<f64>>()
         };
+        let (explained, measured) = (whole(self.with), whole(&self.data.measured()));
+        let rival = self.rival.map(whole);
+        let mut all: Vec<&[f64]> = vec![&explained, &measured];
+        all.extend(rival.as_deref());
+        let mut traces = missing(self.vehicle, self.data, Entry::Input(j), self.noise, &all)?.into_iter();
+        let traces = Traces { explained: traces.next()?, measured: traces.next()?, rival: traces.next() };
+        let lacks: Vec<f64> = traces.explained.iter().zip(&u).map(|(e, u)| e - u).collect();
+        let part = loudest(&lacks, (4.0 / self.data.period_s).ceil().max(60.0) as usize);
+        let draw = |y: &[f64]| -> Points { (t[part.clone()].to_vec(), y[part.clone()].to_vec()) };
         Some(EvidenceCurve {
             without: (t[part.clone()].to_vec(), u[part.clone()].to_vec()),
             ..traces.all(draw).curve(
                 "The input arrives on ramps of one slope wherever it was asked to move faster.",
-                "time, s".into(),
-                label(&format!("{name} as it must have arrived"), &unit),
+                Axis::time("time"),
+                Axis::new(&format!("{name} as it must have arrived"), &unit),
             )
         })
     }
@@ -202,8 +233,8 @@ impl Shown<'_> {
             without: (vec![t[0], *t.last()?], vec![1.0, 1.0]),
             ..traces.all(|more| gains(&t, &u, more)).curve(
                 "The gain of the input moves with time.",
-                "time, s".into(),
-                format!("share of {name} that arrives"),
+                Axis::time("time"),
+                Axis::number(&format!("share of {name} that arrives")),
             )
         })
     }
@@ -216,8 +247,8 @@ impl Shown<'_> {
             &u,
             traces,
             "What one input lacks goes with the other input.",
-            label(name, &unit),
-            label(&format!("missing in {other}"), &other_unit),
+            Axis::new(name, &unit),
+            Axis::new(&format!("missing in {other}"), &other_unit),
         ))
     }
 
@@ -229,7 +260,7 @@ impl Shown<'_> {
             &self.states[j],
             traces,
             "Friction shows as a step at zero, viscous damping as a straight line, drag as a curve that grows with the square, a hardening spring as one that grows with the cube.",
-            label(&state.name, &state.unit.si_symbol()),
+            Axis::new(&state.name, &state.unit.si_symbol()),
             self.missing_on(i),
         ))
     }
@@ -242,12 +273,12 @@ impl Shown<'_> {
             &u,
             traces,
             "A straight line: what the input does is wrong by a factor.",
-            label(name, &unit),
+            Axis::new(name, &unit),
             self.missing_on(i),
         ))
     }
 
-    fn missing_on(&self, i: usize) -> String {
+    fn missing_on(&self, i: usize) -> Axis {
         let state = &self.vehicle.states[i];
         let unit = state.unit.si_symbol();
         let unit = match unit.as_str() {
@@ -255,31 +286,32 @@ impl Shown<'_> {
             u if u.ends_with("/s") => format!("{u}^2"),
             u => format!("{u}/s"),
         };
-        format!("missing in the derivative of {}, {unit}", state.name)
+        Axis::new(&format!("missing in the derivative of {}", state.name), &unit)
     }
 
-    fn scatter(&self, x: &[f64], traces: Traces, caption: &str, x_label: String, y_label: String) -> EvidenceCurve {
+    fn scatter(&self, x: &[f64], traces: Traces, caption: &str, x_axis: Axis, y_axis: Axis) -> EvidenceCurve {
         let (low, high) = ends(x);
         EvidenceCurve {
             cloud: thinned(x, &traces.measured),
             without: (vec![low, high], vec![0.0, 0.0]),
-            ..traces.all(|y| binned(x, y, |_| true)).curve(caption, x_label, y_label)
+            ..traces.all(|y| binned(x, y, |_| true)).curve(caption, x_axis, y_axis)
         }
     }
 
     /// The missing force about an event.
-    fn event(&self, i: usize) -> Option<EvidenceCurve> {
+    fn event(&self, i: usize, about_s: f64) -> Option<EvidenceCurve> {
         let traces = self.traces(Entry::State(i))?;
         let t = self.time();
-        let every = t.len().div_ceil(4000).max(1);
+        let part = loudest(&traces.explained, (about_s / self.data.period_s).min(t.len() as f64) as usize);
         let draw = |y: &[f64]| -> Points {
-            (t.iter().step_by(every).copied().collect(), y.iter().step_by(every).copied().collect())
+            let every = part.len().div_ceil(4000).max(1);
+            part.clone().step_by(every).map(|k| (t[k], y[k])).unzip()
         };
         Some(EvidenceCurve {
-            without: (vec![t[0], *t.last()?], vec![0.0, 0.0]),
+            without: (vec![t[part.start], t[part.end - 1]], vec![0.0, 0.0]),
             ..traces.all(draw).curve(
                 "A force that comes, and goes, with no input.",
-                "time, s".into(),
+                Axis::time("time"),
                 self.missing_on(i),
             )
         })
@@ -292,7 +324,7 @@ impl Shown<'_> {
             &x,
             traces,
             "Folded on its period, what is missing is a wave.",
-            format!("time within a period of {frequency_hz:.3} Hz, s"),
+            Axis::time(&format!("time within a period of {frequency_hz:.3} Hz")),
             self.missing_on(i),
         ))
     }
@@ -313,9 +345,9 @@ impl Shown<'_> {
         Some((t, traces))
     }
 
-    fn residual_label(&self, output: usize) -> String {
+    fn residual_label(&self, output: usize) -> Axis {
         let output = &self.vehicle.outputs[output];
-        label(&format!("residual of {}", output.name), &output.unit.si_symbol())
+        Axis::new(&format!("residual of {}", output.name), &output.unit.si_symbol())
     }
 
     /// Simulated values of an output at the samples of another.
@@ -335,7 +367,7 @@ impl Shown<'_> {
             &t,
             traces,
             "A constant error is a bias, one that grows with time a drift; neither goes with the motion.",
-            "time, s".into(),
+            Axis::time("time"),
             self.residual_label(output),
         ))
     }
@@ -349,7 +381,7 @@ impl Shown<'_> {
             &x,
             traces,
             "A straight line through zero: the sensor shows a share of it.",
-            label(&format!("{} as simulated", o.name), &o.unit.si_symbol()),
+            Axis::new(&format!("{} as simulated", o.name), &o.unit.si_symbol()),
             self.residual_label(output),
         ))
     }
@@ -368,7 +400,7 @@ impl Shown<'_> {
             &x,
             traces,
             "A sensor that is late by a time lacks that time's worth of the slope: a falling line.",
-            format!("slope of {} as simulated, {} per s", o.name, o.unit.si_symbol()),
+            Axis::new(&format!("slope of {} as simulated", o.name), &format!("{}/s", o.unit.si_symbol())),
             self.residual_label(output),
         ))
     }
@@ -380,7 +412,7 @@ impl Shown<'_> {
             &x,
             traces,
             "Folded on its period, the residual is a wave.",
-            format!("time within a period of {frequency_hz:.3} Hz, s"),
+            Axis::time(&format!("time within a period of {frequency_hz:.3} Hz")),
             self.residual_label(output),
         ))
     }
@@ -402,7 +434,7 @@ impl Shown<'_> {
             without: (vec![t[part.start], t[part.end - 1]], vec![0.0, 0.0]),
             ..traces.all(draw).curve(
                 "Where it shows best.",
-                "time, s".into(),
+                Axis::time("time"),
                 self.residual_label(output),
             )
         })

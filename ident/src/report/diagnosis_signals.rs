@@ -4,7 +4,7 @@ use super::correlation::correlation;
 use super::page::Section;
 use super::plot::{Look, Plot, Span, SpanKind, Trace};
 use crate::diagnose::Diagnosis;
-use crate::diagnose::answer::{EvidenceCurve, OutputFigure};
+use crate::diagnose::answer::{Axis, EvidenceCurve, OutputFigure};
 use crate::spectrum::welch;
 use crate::units::{shown_factor, shown_unit};
 
@@ -158,17 +158,27 @@ pub(super) fn evidence(answer: &Diagnosis, accepted: bool) -> Vec<Plot> {
     all.enumerate().map(|(i, c)| evidence_plot(c, i)).collect()
 }
 
+fn label(axis: &Axis) -> String {
+    match shown_unit(&axis.unit).as_str() {
+        "" => axis.name.clone(),
+        unit => format!("{}, {unit}", axis.name),
+    }
+}
+
 fn evidence_plot(curve: &EvidenceCurve, place: usize) -> Plot {
     let kind = if curve.accepted { "cause" } else { "rejected" };
     let title = format!("{}{}", if curve.accepted { "" } else { "rejected: " }, curve.cause);
     let id = format!("evidence-{kind}-{place}");
-    let mut plot = Plot::new(id, title, curve.x_label.clone(), curve.y_label.clone());
+    let mut plot = Plot::new(id, title, label(&curve.x), label(&curve.y));
     plot.caption.clone_from(&curve.caption);
     plot.height = 320;
     (plot.log_x, plot.log_y) = (curve.logarithmic, curve.logarithmic);
+    let factors = (shown_factor(&curve.x.unit), shown_factor(&curve.y.unit));
     let mut add = |name: &str, colour: usize, look: Look, points: &(Vec<f64>, Vec<f64>)| {
         if !points.0.is_empty() {
-            plot.traces.push(Trace::new(name, colour, look, &points.0, &points.1));
+            let scaled = |v: &[f64], factor: f64| v.iter().map(|v| v * factor).collect::<Vec<f64>>();
+            let (x, y) = (scaled(&points.0, factors.0), scaled(&points.1, factors.1));
+            plot.traces.push(Trace::new(name, colour, look, &x, &y));
         }
     };
     // Points that are alone are means over parts of the axis; between them nothing is known.

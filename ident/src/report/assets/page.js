@@ -47,7 +47,7 @@
       return { ...common, type: "scatter", mode: "markers", marker: { color: colour("cloud"), size: 3 }, hoverinfo: "skip", hovertemplate: null };
     }
     if (trace.look === "points") {
-      return { ...common, type: "scatter", mode: "markers", marker: { color: colour("v" + (trace.variant % 6)), size: 5 } };
+      return { ...common, type: "scatter", mode: "markers", marker: { color: colour("v" + (trace.variant % 6)), size: 6.5 } };
     }
     return { ...common, type: "scatter", mode: "lines", line: line(trace), connectgaps: false,
       opacity: trace.look === "sensor" ? 0.75 : 1 };
