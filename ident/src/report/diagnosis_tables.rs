@@ -15,8 +15,8 @@ fn row(label: String, cells: Vec<Cell>) -> Row {
 
 /// What was found, with its evidence; `None` without causes.
 pub(super) fn causes(answer: &Diagnosis) -> Option<Section> {
-    let names = ["cause", "parameters (95 % interval), SI", "BIC", "held out", "of the residual", "by chance"];
-    let rows: Vec<Row> = answer.causes.iter().map(cause).collect();
+    let names = ["cause", "value, SI", "95 % from", "to", "BIC", "held out", "of the residual", "by chance"];
+    let rows: Vec<Row> = answer.causes.iter().flat_map(cause).collect();
     let mut notes = Vec::new();
     for cause in &answer.causes {
         notes.extend(cause.notes.iter().map(|n| format!("{} on {}: {n}.", cause.effect, cause.place)));
@@ -38,28 +38,26 @@ pub(super) fn causes(answer: &Diagnosis) -> Option<Section> {
     })
 }
 
-fn cause(cause: &Cause) -> Row {
-    let estimate = |(name, e): (&String, &Estimate)| {
-        if e.low == e.high {
-            format!("{name} {} (given)", number(e.value))
-        } else {
-            format!("{name} {} ({} to {})", number(e.value), number(e.low), number(e.high))
-        }
-    };
-    let mut parameters: Vec<String> = cause.parameters.iter().map(estimate).collect();
-    parameters.extend(cause.text.clone());
+/// A row with the evidence, then one for every parameter.
+fn cause(cause: &Cause) -> Vec<Row> {
     let e = &cause.evidence;
     let chance = if e.p_value < 1e-4 { "< 0.0001".into() } else { format!("{:.4}", e.p_value) };
-    row(
-        format!("{} on {}", cause.effect, cause.place),
-        vec![
-            Cell::new(parameters.join(", ")),
-            Cell::new(format!("+{:.0}", e.delta_bic)),
-            Cell::new(format!("{:+.1} σ", e.heldout_gain_sigma)),
-            Cell::new(format!("{:.0} %", 100.0 * e.share_of_residual)),
-            Cell::new(chance),
-        ],
-    )
+    let evidence = [
+        format!("{:+.0}", e.delta_bic),
+        format!("{:+.1} σ", e.heldout_gain_sigma),
+        format!("{:.0} %", 100.0 * e.share_of_residual),
+        chance,
+    ];
+    let text = cause.text.clone().unwrap_or_default();
+    let cells = [text, String::new(), String::new()].into_iter().chain(evidence).map(Cell::new).collect();
+    let mut rows =
+        vec![Row { label: format!("{} on {}", cause.effect, cause.place), group: true, cells }];
+    rows.extend(cause.parameters.iter().map(|(name, Estimate { value, low, high })| {
+        let ends = if low == high { ["given".into(), String::new()] } else { [number(*low), number(*high)] };
+        let cells = std::iter::once(number(*value)).chain(ends).map(Cell::new);
+        row(name.clone(), cells.chain((0..4).map(|_| Cell::default())).collect())
+    }));
+    rows
 }
 
 /// What is gained on held-out data.
