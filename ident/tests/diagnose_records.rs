@@ -28,7 +28,7 @@ fn identified(vehicle: &Vehicle, record: &Record, part: (f64, f64), period_s: Op
     let source = Source { log: Log { file: record.origin.clone(), sha256: String::new() }, segment };
     let nuisance = Nuisance { initial_state: true, output_offsets: false };
     let options = identify::Options { nuisance, noise: Some(Noise::White), ..identify::Options::default() };
-    identify(vehicle, &[source], &[], &options, &|_| ()).unwrap().vehicle
+    identify(vehicle, &[source], &[], &options, &|_| ()).unwrap()
 }
 
 fn diagnosed(record: Record, vehicle: &Vehicle, period_s: Option<f64>) -> Diagnosis {
@@ -55,7 +55,8 @@ fn named(answer: &Diagnosis, effect: &str, place: &str, parameter: &str) -> f64 
 
 /// Position error over tracking error of a free run, %.
 fn position_error(vehicle: &Vehicle, record: &Record) -> f64 {
-    let rmse = compare(record, vehicle, &CompareOptions::default()).unwrap().outputs["position"].rmse.unwrap();
+    let rmse =
+        compare(record, vehicle, &CompareOptions::default()).unwrap().outputs["position"].rmse.unwrap();
     let signal = |name: &str| &record.signal(name).unwrap().values;
     let behind = signal("reference").iter().zip(signal("position"));
     let power = behind.map(|(r, y)| (r - y).powi(2)).sum::<f64>() / record.time.len() as f64;

@@ -99,7 +99,10 @@ fn a_late_tone_ridden_flight_is_shown_with_its_delay_and_its_tone() {
     }
     assert!(own.contains("12.30 Hz"), "the tone is marked in the spectrum");
     assert!(own.contains("\"kind\":\"held_out\""), "the held-out part is shaded");
-    assert!(own.contains("<span class=\"added\">effect = &quot;input_delay&quot;"), "the effect is in the diff");
+    assert!(
+        own.contains("<span class=\"added\">effect = &quot;input_delay&quot;"),
+        "the effect is in the diff"
+    );
     assert!(!own.contains("<span class=\"removed\">"), "nothing was taken away");
 }
 

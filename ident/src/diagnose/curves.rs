@@ -89,8 +89,14 @@ impl Steps {
         for row in answers.chunks_exact_mut(channels) {
             row.iter_mut().zip(noise).for_each(|(y, n)| *y /= n);
         }
-        let mut steps =
-            Self { every, lags, channels, answers, noise: noise.to_vec(), factor: Cholesky::new(DMatrix::identity(1, 1))? };
+        let mut steps = Self {
+            every,
+            lags,
+            channels,
+            answers,
+            noise: noise.to_vec(),
+            factor: Cholesky::new(DMatrix::identity(1, 1))?,
+        };
         let mut information: DMatrix<f64> = DMatrix::zeros(lags, lags);
         for i in 0..lags {
             for j in 0..=i {
@@ -132,7 +138,8 @@ impl Steps {
         for k in self.rows() {
             let row = &residual[k * self.channels..(k + 1) * self.channels];
             for lag in 0..self.lags {
-                let products = self.past(k, lag).iter().zip(row).zip(&self.noise).map(|((a, r), n)| a * r / n);
+                let products =
+                    self.past(k, lag).iter().zip(row).zip(&self.noise).map(|((a, r), n)| a * r / n);
                 right[lag] += products.sum::<f64>();
             }
         }

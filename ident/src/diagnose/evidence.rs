@@ -5,12 +5,12 @@ use whirlstand_vehicle::{Kind, Vehicle};
 
 use super::answer::{Diagnosis, EvidenceCurve, Figures, OutputFigure};
 use super::data::{Channel, Data};
+use super::evidence_random as random;
 use super::gains::Gains;
 use super::library::Candidate;
 use super::model::Model;
 use super::run::Findings;
 use super::shows::{Shown, shows};
-use super::evidence_random as random;
 
 /// Rejected candidates that are shown beside the accepted ones.
 const REJECTED: usize = 2;
@@ -22,9 +22,11 @@ pub(super) fn figures(
     gains: &Gains,
     answer: &Diagnosis,
 ) -> Figures {
-    let inputs = vehicle.inputs.iter().enumerate().map(|(j, input)| {
-        (input.name.clone(), input.unit.si_symbol(), data.input(j).collect())
-    });
+    let inputs = vehicle
+        .inputs
+        .iter()
+        .enumerate()
+        .map(|(j, input)| (input.name.clone(), input.unit.si_symbol(), data.input(j).collect()));
     let ranges = data.ranges();
     let outputs = data.channels.iter().zip(&ranges).map(|(channel, range)| {
         let output = &vehicle.outputs[channel.output];
@@ -85,12 +87,13 @@ fn evidence(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle) -> Vec<
         let mut values = fit.values.clone();
         values.drain(selection.model.range(term));
         let Some(without) = others.predict(&values) else { continue };
-        let rival = accepted.rivals.iter().find(|r| !r.indistinguishable() && r.kappa < 0.999).and_then(|rival| {
-            let mut model = others.clone();
-            model.terms.push(rival.candidate.clone());
-            let values: Vec<f64> = values.iter().chain(&rival.values).copied().collect();
-            Some((words(&rival.candidate), model.predict(&values)?))
-        });
+        let rival =
+            accepted.rivals.iter().find(|r| !r.indistinguishable() && r.kappa < 0.999).and_then(|rival| {
+                let mut model = others.clone();
+                model.terms.push(rival.candidate.clone());
+                let values: Vec<f64> = values.iter().chain(&rival.values).copied().collect();
+                Some((words(&rival.candidate), model.predict(&values)?))
+            });
         cases.push(Case {
             candidate,
             model: selection.model.clone(),
@@ -154,7 +157,8 @@ fn words(candidate: &Candidate) -> String {
 }
 
 fn own_values<'c>(case: &'c Case<'_>) -> &'c [f64] {
-    let term = case.model.terms.iter().position(|t| t == case.candidate).unwrap_or(case.model.terms.len() - 1);
+    let term =
+        case.model.terms.iter().position(|t| t == case.candidate).unwrap_or(case.model.terms.len() - 1);
     &case.values[case.model.range(term)]
 }
 

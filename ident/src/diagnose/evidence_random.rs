@@ -50,7 +50,12 @@ pub(super) fn turbulence(
 }
 
 /// The histogram of what is left, against the declared noise.
-pub(super) fn noise(channel: usize, findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle) -> EvidenceCurve {
+pub(super) fn noise(
+    channel: usize,
+    findings: &Findings<'_, '_>,
+    data: &Data,
+    vehicle: &Vehicle,
+) -> EvidenceCurve {
     let range = data.ranges()[channel].clone();
     let good = &data.channels[channel].good;
     let residual = &findings.selection.fit.residual[range];

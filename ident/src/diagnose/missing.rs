@@ -52,7 +52,8 @@ pub fn missing(
     let clean = rows.first()?;
     let p = data.channels.len();
     let (f, h) = augmented(vehicle, data, entry)?;
-    let sizes: Vec<f64> = (0..p).map(|c| rms(&clean.iter().skip(c).step_by(p).copied().collect::<Vec<_>>())).collect();
+    let sizes: Vec<f64> =
+        (0..p).map(|c| rms(&clean.iter().skip(c).step_by(p).copied().collect::<Vec<_>>())).collect();
     let loud = sizes.iter().copied().fold(0.0, f64::max);
     let response = response(&f, &h);
     let step = (0..p)
@@ -106,7 +107,10 @@ pub fn spread(data: &Data, samples: &[f64]) -> Vec<f64> {
         for k in 0..data.steps {
             let at = (k.saturating_sub(channel.first)) as f64 / channel.stride as f64;
             let i = (at as usize).min(last);
-            let (a, b) = (values.get(i).copied().unwrap_or(0.0), values.get((i + 1).min(last)).copied().unwrap_or(0.0));
+            let (a, b) = (
+                values.get(i).copied().unwrap_or(0.0),
+                values.get((i + 1).min(last)).copied().unwrap_or(0.0),
+            );
             rows[k * p + c] = a + (b - a) * (at - i as f64).clamp(0.0, 1.0);
         }
     }

@@ -64,14 +64,15 @@ impl Lines {
 pub(super) fn shows(shown: &Shown<'_>, effect: &Effect) -> Option<EvidenceCurve> {
     let parameter = |name: &str| effect.parameter(name).unwrap_or(0.0);
     let special = match (effect.kind(), effect.resolve(shown.vehicle).ok()?) {
-        (
-            Kind::DeadZone | Kind::InputSaturation | Kind::InputGain | Kind::InputBias,
-            Place::Input(j),
-        ) => shown.characteristic(j, effect.kind()),
+        (Kind::DeadZone | Kind::InputSaturation | Kind::InputGain | Kind::InputBias, Place::Input(j)) => {
+            shown.characteristic(j, effect.kind())
+        }
         (Kind::Backlash, Place::Input(j)) => shown.play(j),
         (Kind::InputDelay, Place::Input(j)) => shown.arrival(j, 3.0 * parameter("delay_s")),
         (Kind::ActuatorLag, Place::Input(j)) => shown.arrival(j, 5.0 * parameter("time_constant_s")),
-        (Kind::UnmodelledMode, Place::Input(j)) => shown.arrival(j, 3.0 / parameter("frequency_hz").max(1e-3)),
+        (Kind::UnmodelledMode, Place::Input(j)) => {
+            shown.arrival(j, 3.0 / parameter("frequency_hz").max(1e-3))
+        }
         (Kind::RateLimit, Place::Input(j)) => shown.following(j),
         (Kind::GainDrift, Place::Input(j)) => shown.gain_over_time(j),
         (Kind::InputCoupling, Place::InputPair(from, onto)) => shown.coupling(from, onto),
@@ -80,7 +81,9 @@ pub(super) fn shows(shown: &Shown<'_>, effect: &Effect) -> Option<EvidenceCurve>
         (Kind::QuadraticDrag | Kind::CoulombFriction, Place::State(i)) => shown.force(i, i),
         (Kind::CubicStiffness, Place::StatePair(from, onto)) => shown.force(onto, from),
         (Kind::StepDisturbance, Place::State(i)) => shown.event(i, f64::INFINITY),
-        (Kind::PulseDisturbance, Place::State(i)) => shown.event(i, (8.0 * parameter("duration_s")).max(10.0)),
+        (Kind::PulseDisturbance, Place::State(i)) => {
+            shown.event(i, (8.0 * parameter("duration_s")).max(10.0))
+        }
         (Kind::PeriodicDisturbance, Place::State(i)) => shown.rhythm(i, parameter("frequency_hz")),
         (Kind::SensorBias | Kind::SensorDrift, Place::Output(i)) => shown.offset(i),
         (Kind::SensorScale, Place::Output(i)) => shown.against(i, i),
@@ -432,11 +435,7 @@ impl Shown<'_> {
         let draw = |y: &[f64]| -> Points { (t[part.clone()].to_vec(), y[part.clone()].to_vec()) };
         Some(EvidenceCurve {
             without: (vec![t[part.start], t[part.end - 1]], vec![0.0, 0.0]),
-            ..traces.all(draw).curve(
-                "Where it shows best.",
-                Axis::time("time"),
-                self.residual_label(output),
-            )
+            ..traces.all(draw).curve("Where it shows best.", Axis::time("time"), self.residual_label(output))
         })
     }
 }

@@ -59,7 +59,10 @@ fn names(records: &[String]) -> String {
 }
 
 fn remarks(answer: &Diagnosis) -> Vec<(Level, String)> {
-    let data = answer.data.iter().map(|d| (if d.blocking { Level::Bad } else { Level::Warn }, format!("Data: {}.", d.text)));
+    let data = answer
+        .data
+        .iter()
+        .map(|d| (if d.blocking { Level::Bad } else { Level::Warn }, format!("Data: {}.", d.text)));
     let other = answer.remarks.iter().map(|r| (Level::Neutral, r.clone()));
     let advice = answer.advice.iter().map(|a| (Level::Neutral, format!("Next: {a}")));
     data.chain(other).chain(advice).collect()
@@ -86,18 +89,21 @@ fn left(answer: &Diagnosis) -> Option<Section> {
         "" => "Nothing is left beyond noise.".to_string(),
         description => format!("{share:.0} % of what was wrong is left. {description}"),
     };
-    (!table.rows.is_empty() || !plots.is_empty() || !answer.unexplained.description.is_empty()).then(|| Section {
-        title: "What is left, and the nearest names that were rejected".into(),
-        text,
-        tables: if table.rows.is_empty() { Vec::new() } else { vec![table] },
-        plots,
-        columns: 2,
-        ..Section::default()
+    (!table.rows.is_empty() || !plots.is_empty() || !answer.unexplained.description.is_empty()).then(|| {
+        Section {
+            title: "What is left, and the nearest names that were rejected".into(),
+            text,
+            tables: if table.rows.is_empty() { Vec::new() } else { vec![table] },
+            plots,
+            columns: 2,
+            ..Section::default()
+        }
     })
 }
 
 fn facts(answer: &Diagnosis) -> Vec<(String, String)> {
-    let verdict = serde_json::to_value(answer.verdict).ok().and_then(|v| v.as_str().map(|v| v.replace('_', " ")));
+    let verdict =
+        serde_json::to_value(answer.verdict).ok().and_then(|v| v.as_str().map(|v| v.replace('_', " ")));
     let t = &answer.figures.t;
     let span = t.first().zip(t.last()).map(|(a, b)| format!("{} to {} s", number(*a), number(*b)));
     vec![

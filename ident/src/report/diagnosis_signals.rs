@@ -100,7 +100,13 @@ fn squared(unit: &str) -> String {
     }
 }
 
-fn spectrum(answer: &Diagnosis, o: &OutputFigure, runs: &[(&str, usize, &[f64])], factor: f64, unit: &str) -> Plot {
+fn spectrum(
+    answer: &Diagnosis,
+    o: &OutputFigure,
+    runs: &[(&str, usize, &[f64])],
+    factor: f64,
+    unit: &str,
+) -> Plot {
     let title = "spectrum of the residual";
     let mut plot =
         Plot::new(format!("spectrum-{}", o.name), title, "frequency, Hz", format!("{} / Hz", squared(unit)));
@@ -138,7 +144,9 @@ fn correlations(answer: &Diagnosis, o: &OutputFigure, runs: &[(&str, usize, &[f6
         for (name, colour, simulated) in runs {
             let (residual, rows) = even(&difference(&o.measured, simulated));
             let u: Vec<f64> = rows.iter().map(|k| values[*k]).collect();
-            let Some(c) = correlation(&u, &residual, answer.period_s * stride(&rows) as f64) else { continue };
+            let Some(c) = correlation(&u, &residual, answer.period_s * stride(&rows) as f64) else {
+                continue;
+            };
             band = band.max(c.band);
             plot.traces.push(Trace::new(*name, *colour, Look::Main, &c.lag_s, &c.value));
         }

@@ -50,8 +50,7 @@ fn cause(cause: &Cause) -> Vec<Row> {
     ];
     let text = cause.text.clone().unwrap_or_default();
     let cells = [text, String::new(), String::new()].into_iter().chain(evidence).map(Cell::new).collect();
-    let mut rows =
-        vec![Row { label: format!("{} on {}", cause.effect, cause.place), group: true, cells }];
+    let mut rows = vec![Row { label: format!("{} on {}", cause.effect, cause.place), group: true, cells }];
     rows.extend(cause.parameters.iter().map(|(name, Estimate { value, low, high })| {
         let ends = if low == high { ["given".into(), String::new()] } else { [number(*low), number(*high)] };
         let cells = std::iter::once(number(*value)).chain(ends).map(Cell::new);
@@ -62,7 +61,8 @@ fn cause(cause: &Cause) -> Vec<Row> {
 
 /// What is gained on held-out data.
 pub(super) fn gains(answer: &Diagnosis) -> Section {
-    let names = ["output", "fit before, %", "fit after, %", "error before", "error after", "noise", "error / noise"];
+    let names =
+        ["output", "fit before, %", "fit after, %", "error before", "error after", "noise", "error / noise"];
     let rows = answer.outputs.iter().map(|(name, o)| {
         let factor = shown_factor(&o.unit);
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.1}"));
@@ -101,7 +101,10 @@ pub(super) fn gains(answer: &Diagnosis) -> Section {
 /// What was weighed and not accepted, with reasons.
 pub(super) fn rejected(answer: &Diagnosis) -> Table {
     let rows = answer.rejected.iter().map(|r| {
-        row(format!("{} on {}", r.effect, r.place), vec![Cell::new(format!("{:+.0}", r.delta_bic)), Cell::new(r.why.clone())])
+        row(
+            format!("{} on {}", r.effect, r.place),
+            vec![Cell::new(format!("{:+.0}", r.delta_bic)), Cell::new(r.why.clone())],
+        )
     });
     Table { head: head(&["rejected", "BIC", "why"]), rows: rows.collect(), note: String::new() }
 }
