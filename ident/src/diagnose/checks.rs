@@ -92,9 +92,11 @@ pub fn stuck(data: &mut Data, vehicle: &Vehicle) -> Vec<DataFinding> {
         if !runs.is_empty() && super::samples::is_coarse(channel, &vehicle.outputs[channel.output]) {
             continue;
         }
-        let spread = channel.values.iter().filter(|v| v.is_finite()).fold((f64::INFINITY, f64::NEG_INFINITY), |s, v| {
-            (s.0.min(*v), s.1.max(*v))
-        });
+        let spread = channel
+            .values
+            .iter()
+            .filter(|v| v.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |s, v| (s.0.min(*v), s.1.max(*v)));
         // At the greatest or least value of all it is a limit, which is an effect of its own.
         runs.retain(|r| {
             let v = channel.values[r.0];
@@ -190,7 +192,12 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
             if ab > SAME && ba > SAME && ab > own[a] + 0.3 && ba > own[b] + 0.3 {
                 let text = format!(
                     "{} and {} are swapped: each fits the simulation of the other. Rename them with --map {}={} --map {}={}",
-                    name(a), name(b), name(a), name(b), name(b), name(a)
+                    name(a),
+                    name(b),
+                    name(a),
+                    name(b),
+                    name(b),
+                    name(a)
                 );
                 found.push(finding("swapped", &format!("{},{}", name(a), name(b)), true, text));
             }
@@ -212,7 +219,9 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
             if fit(y, s, factor) > 0.8 || own[c] < -0.5 && fit(y, s, factor) > SAME {
                 let text = format!(
                     "{} is in {is}, but was read as if it were in {wanted}: give the unit in the head, {}[deg] or {}[rad]",
-                    name(c), name(c), name(c)
+                    name(c),
+                    name(c),
+                    name(c)
                 );
                 found.push(finding("unit", name(c), true, text));
             }

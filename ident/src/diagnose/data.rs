@@ -85,7 +85,8 @@ impl Data {
     /// # Errors
     /// As [`Data::new`], and when periods differ.
     pub fn join(records: &[Record], vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
-        let mut parts = records.iter().map(|r| Self::new(r, vehicle, period_s)).collect::<Result<Vec<_>, _>>()?;
+        let mut parts =
+            records.iter().map(|r| Self::new(r, vehicle, period_s)).collect::<Result<Vec<_>, _>>()?;
         let mut whole = parts.remove(0);
         for part in parts {
             if (part.period_s / whole.period_s - 1.0).abs() > 1e-6 {
@@ -227,9 +228,7 @@ fn fill(values: &mut [f64], good: &[bool]) {
         let end = next.unwrap_or(values.len());
         for j in k..end {
             values[j] = match (last, next) {
-                (Some(a), Some(b)) => {
-                    values[a] + (values[b] - values[a]) * (j - a) as f64 / (b - a) as f64
-                }
+                (Some(a), Some(b)) => values[a] + (values[b] - values[a]) * (j - a) as f64 / (b - a) as f64,
                 (Some(a), None) => values[a],
                 (None, Some(b)) => values[b],
                 (None, None) => 0.0,

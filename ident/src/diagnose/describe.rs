@@ -49,7 +49,8 @@ pub(super) fn unexplained(findings: &Findings<'_, '_>, data: &Data, vehicle: &Ve
     }
     let ranges = data.ranges();
     let loudness = |c: usize| {
-        rms(&residual[ranges[c].clone()]) / findings.sizes.noise[data.channels[c].output].max(f64::MIN_POSITIVE)
+        rms(&residual[ranges[c].clone()])
+            / findings.sizes.noise[data.channels[c].output].max(f64::MIN_POSITIVE)
     };
     let Some(worst) = (0..data.channels.len()).max_by(|a, b| loudness(*a).total_cmp(&loudness(*b))) else {
         return Unexplained { share, description: String::new() };
@@ -180,5 +181,7 @@ fn amplitude_dependence(data: &Data, worst: usize, r: &[f64], j: usize) -> Strin
 /// Samples until the autocorrelation has fallen below 1/e.
 fn memory(r: &[f64]) -> Option<usize> {
     let power = dot(r, r);
-    (1..r.len() / 4).find(|k| dot(&r[*k..], &r[..r.len() - k]) < power / std::f64::consts::E).filter(|k| *k > 1)
+    (1..r.len() / 4)
+        .find(|k| dot(&r[*k..], &r[..r.len() - k]) < power / std::f64::consts::E)
+        .filter(|k| *k > 1)
 }

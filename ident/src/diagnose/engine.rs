@@ -55,9 +55,12 @@ pub fn source(
     let words = |found: Option<(f64, bool)>| match found {
         None => "not recorded".to_string(),
         Some((_, false)) => "absent".to_string(),
-        Some((a, true)) => format!("{:.0} % of that in flight", 100.0 * a / flight.abs().max(f64::MIN_POSITIVE)),
+        Some((a, true)) => {
+            format!("{:.0} % of that in flight", 100.0 * a / flight.abs().max(f64::MIN_POSITIVE))
+        }
     };
-    let told = format!("on the ground with the engine on: {}; with the engine off: {}", words(on), words(off));
+    let told =
+        format!("on the ground with the engine on: {}; with the engine off: {}", words(on), words(off));
     let source = match (on, off) {
         (None, None) => return None,
         (_, Some((_, true))) => "sensor",

@@ -15,7 +15,9 @@ pub enum DiagnoseError {
     #[error(transparent)]
     Grid(#[from] CompareError),
     /// Too few steps.
-    #[error("{origin} has {steps} steps; at least {least} are needed to tell one cause from another: record for longer")]
+    #[error(
+        "{origin} has {steps} steps; at least {least} are needed to tell one cause from another: record for longer"
+    )]
     TooShort {
         /// Where the record was read from.
         origin: String,
@@ -28,7 +30,9 @@ pub enum DiagnoseError {
     #[error(transparent)]
     Simulator(#[from] SimulatorError),
     /// Records of one diagnosis have different periods.
-    #[error("{other} has a period of {other_s} s, {first} one of {first_s} s: bring them onto one with --period")]
+    #[error(
+        "{other} has a period of {other_s} s, {first} one of {first_s} s: bring them onto one with --period"
+    )]
     Periods {
         /// The first record.
         first: String,

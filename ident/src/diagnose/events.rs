@@ -42,7 +42,8 @@ fn on_state(
     let data = model.runner.data;
     let size = sizes.slopes[state].max(1e-9);
     // Smaller than a nonlinear effect would notice, larger than rounding.
-    let effect = Effect::new(Kind::StepDisturbance, place, &[("at_s", 0.0), ("magnitude", 1e-3 * size)]).ok()?;
+    let effect =
+        Effect::new(Kind::StepDisturbance, place, &[("at_s", 0.0), ("magnitude", 1e-3 * size)]).ok()?;
     let mut vehicle = model.vehicle(&fit.values)?;
     vehicle.add_effect(effect).ok()?;
     let mut response = model.runner.run_vehicle(&vehicle, &fit.values[..model.states()])?;
@@ -52,8 +53,7 @@ fn on_state(
     let times = data.steps / every;
     let transforms = transforms(data, &white);
     let products = shifted(data, residual, &transforms, every, times);
-    let overlaps: Vec<Vec<f64>> =
-        basis.iter().map(|b| shifted(data, b, &transforms, every, times)).collect();
+    let overlaps: Vec<Vec<f64>> = basis.iter().map(|b| shifted(data, b, &transforms, every, times)).collect();
     // Energy of the response to a pulse of d grid steps within its first k steps.
     let energy = |d: usize| -> Vec<f64> {
         let mut total = vec![0.0; times + 1];
@@ -127,7 +127,8 @@ fn transforms(data: &Data, samples: &[f64]) -> Vec<Vec<Complex<f64>>> {
         .into_iter()
         .map(|range| {
             let length = (2 * range.len()).next_power_of_two();
-            let mut buffer: Vec<Complex<f64>> = samples[range].iter().map(|v| Complex::new(*v, 0.0)).collect();
+            let mut buffer: Vec<Complex<f64>> =
+                samples[range].iter().map(|v| Complex::new(*v, 0.0)).collect();
             buffer.resize(length, Complex::new(0.0, 0.0));
             planner.plan_fft_forward(length).process(&mut buffer);
             buffer

@@ -18,13 +18,19 @@ pub fn separating(a: Kind, b: Kind) -> &'static str {
     let either = |x: Kind| a == x || b == x;
     if is(InputDelay, ActuatorLag) || is(SensorDelay, SensorLag) {
         "faster inputs: a sweep or multisine beyond 1 / (2 pi delay), sampled faster"
-    } else if is(InputDelay, SensorDelay) || is(ActuatorLag, SensorLag) || is(InputDelay, SensorLag) || is(ActuatorLag, SensorDelay) {
+    } else if is(InputDelay, SensorDelay)
+        || is(ActuatorLag, SensorLag)
+        || is(InputDelay, SensorLag)
+        || is(ActuatorLag, SensorDelay)
+    {
         "a second output that follows the same input: a late input delays all outputs, a late sensor its own"
     } else if either(InputGain) && (either(DeadZone) || either(InputSaturation) || either(Backlash)) {
         "inputs of several amplitudes: small steps beside large ones"
     } else if either(DeadZone) || either(Backlash) || either(InputSaturation) || either(RateLimit) {
         "steps of several amplitudes and slow ramps that turn round inside them"
-    } else if either(InputBias) && (either(StepDisturbance) || either(CoulombFriction)) || is(InputBias, SensorBias) {
+    } else if either(InputBias) && (either(StepDisturbance) || either(CoulombFriction))
+        || is(InputBias, SensorBias)
+    {
         "a record that begins at rest with the input at zero, then moves"
     } else if either(ParameterChange) && (either(InputGain) || either(SensorScale)) {
         "a second output: a gain scales all that follows the input, an entry of the matrix only its own"
@@ -73,7 +79,8 @@ pub(super) fn not_testable(findings: &Findings<'_, '_>, data: &Data, vehicle: &V
         // The largest size is the last start; a proportional response may be ten times that and still be of this world.
         let Some(start) = candidate.starts.last() else { continue };
         let Some(effect) = candidate.effect(start) else { continue };
-        let energy = energy(findings, &frame, &effect).unwrap_or(0.0) * if candidate.linear { 100.0 } else { 1.0 };
+        let energy =
+            energy(findings, &frame, &effect).unwrap_or(0.0) * if candidate.linear { 100.0 } else { 1.0 };
         let known = by_effect.entry((candidate.kind.name(), candidate.place.clone())).or_insert(0.0);
         *known = known.max(energy);
     }

@@ -53,7 +53,8 @@ pub(super) fn gains(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle)
     let trained = |full: &Fit, model: &Model<'_, '_>| -> Vec<f64> {
         let model = Model { runner: &runner, free: model.free, terms: model.terms.clone() };
         // What only the held-out part shows (an event in it) keeps the value that the whole record gives.
-        let fit = model.fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]));
+        let fit =
+            model.fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]));
         fit.map_or_else(|| full.predicted.clone(), |f| f.predicted)
     };
     let bare = Model { terms: Vec::new(), ..selection.model.clone() };
@@ -70,7 +71,8 @@ pub(super) fn gains(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle)
         let mean = crate::stats::mean(&measured);
         let spread = crate::stats::rms(&measured.iter().map(|y| y - mean).collect::<Vec<_>>());
         let rmse = |predicted: &[f64]| {
-            let errors: Vec<f64> = rows.iter().map(|k| channel.values[*k] - predicted[range.start + k]).collect();
+            let errors: Vec<f64> =
+                rows.iter().map(|k| channel.values[*k] - predicted[range.start + k]).collect();
             (!errors.is_empty()).then(|| crate::stats::rms(&errors))
         };
         let fit = |rmse: Option<f64>| rmse.filter(|_| spread > 0.0).map(|e| 100.0 * (1.0 - e / spread));

@@ -91,7 +91,8 @@ fn left_out(data: &Data, noise: &Noise, fit: &Fit, estimated: &[usize], cuts: &[
                 .zip(data.ranges())
                 .map(|(channel, range)| {
                     let sample = |step: usize| {
-                        range.start + step.saturating_sub(channel.first).div_ceil(channel.stride).min(range.len())
+                        range.start
+                            + step.saturating_sub(channel.first).div_ceil(channel.stride).min(range.len())
                     };
                     sample(cut[0])..sample(cut[1])
                 })

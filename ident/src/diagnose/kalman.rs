@@ -13,42 +13,53 @@ use super::noise::MOST;
 /// Steps after which a filter's covariance is taken as settled.
 const SETTLED: usize = 400;
 
-/// Parameters of the noises: logarithms of the turbulence's standard deviation and bandwidth, then for every channel the
-/// logarithm of its standard deviation and its pole.
+/// Parameters of the noises: logarithms of the turbulence's standard deviation and bandwidth, then of every channel's own
+/// noise the logarithm of its innovation and its partial correlations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Noises {
     /// ln(std) and ln(bandwidth_hz).
     pub common: [f64; 2],
-    /// ln(std) of each channel's own noise.
+    /// ln(std) of what is new in each channel's own noise.
     pub own: Vec<f64>,
-    /// Pole of each channel's own noise, first order; 0 for white.
-    pub poles: Vec<f64>,
+    /// Partial correlations of each channel's own noise: second order, first order with a zero behind, or white.
+    pub partial: Vec<[f64; 2]>,
 }
 
 impl Noises {
-    /// Index of the first pole among all values.
-    fn poles_from(&self) -> usize {
-        2 + self.own.len()
+    fn count(&self) -> usize {
+        2 + 3 * self.own.len()
     }
 
-    /// A pole of zero stays there.
+    /// Correlations of zero stay there.
     fn is_open(&self, value: usize) -> bool {
-        value < self.poles_from() || self.poles[value - self.poles_from()] != 0.0
+        let from = 2 + self.own.len();
+        value < from || self.partial[(value - from) / 2][(value - from) % 2] != 0.0
     }
 
-    /// All values moved: logarithms, then the poles' inverse hyperbolic tangents.
+    /// How many numbers were fitted.
+    pub fn parameters(&self) -> usize {
+        (0..self.count()).filter(|i| self.is_open(*i)).count()
+    }
+
+    /// All values moved: logarithms, then the correlations' inverse hyperbolic tangents.
     fn moved(&self, step: &[f64]) -> Self {
         let mut next = self.clone();
         next.common.iter_mut().chain(&mut next.own).zip(step).for_each(|(v, d)| *v += d);
-        for (pole, d) in next.poles.iter_mut().zip(&step[self.poles_from()..]).filter(|(pole, _)| **pole != 0.0) {
-            *pole = (pole.atanh() + d).tanh().clamp(-0.9999, 0.9999);
+        let partial = next.partial.iter_mut().flatten().zip(&step[2 + self.own.len()..]);
+        for (r, d) in partial.filter(|(r, _)| **r != 0.0) {
+            *r = (r.atanh() + d).tanh().clamp(-0.9999, 0.9999);
         }
         next
     }
 }
 
-/// The filter of one set of noises: states of the vehicle, the turbulence, and one state for each channel whose noise
-/// has a pole.
+/// Coefficients of e(k) = a e(k-1) + b e(k-2) + new from partial correlations (Levinson and Durbin).
+pub fn coefficients(partial: [f64; 2]) -> [f64; 2] {
+    [partial[0] * (1.0 - partial[1]), partial[1]]
+}
+
+/// The filter of one set of noises: states of the vehicle, the turbulence, and two states for each channel whose noise
+/// is coloured.
 struct Filter {
     f: DMatrix<f64>,
     q: DMatrix<f64>,
@@ -58,11 +69,27 @@ struct Filter {
     turbulence: (usize, f64),
 }
 
+/// Gain, inverse of the innovations' covariance and the inverse of its lower factor, logarithm of its determinant.
+#[derive(Debug, Clone, PartialEq)]
+struct Update {
+    gain: DMatrix<f64>,
+    inverse: DMatrix<f64>,
+    inverse_factor: DMatrix<f64>,
+    log_det: f64,
+}
+
+impl Update {
+    /// The covariance itself says nothing: states that no channel shows spread for ever.
+    fn is_near(&self, other: &Self) -> bool {
+        (&self.gain - &other.gain).amax() < 1e-7 * other.gain.amax()
+    }
+}
+
 impl Filter {
     fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
         let (n, p) = (vehicle.states.len(), data.channels.len());
-        let coloured: Vec<usize> = (0..p).filter(|c| noises.poles[*c] != 0.0).collect();
-        let order = n + 1 + coloured.len();
+        let coloured: Vec<usize> = (0..p).filter(|c| noises.partial[*c] != [0.0; 2]).collect();
+        let order = n + 1 + 2 * coloured.len();
         let (std, rate) = (noises.common[0].exp(), std::f64::consts::TAU * noises.common[1].exp());
         let mut push = DMatrix::zeros(n, 1);
         push[(state, 0)] = 1.0;
@@ -83,14 +110,110 @@ impl Filter {
             match coloured.iter().position(|i| *i == c) {
                 None => r[(c, c)] = variance,
                 Some(i) => {
-                    let at = n + 1 + i;
+                    let at = n + 1 + 2 * i;
+                    let [a, b] = coefficients(noises.partial[c]);
                     h[(c, at)] = 1.0;
-                    f[(at, at)] = noises.poles[c];
+                    f[(at, at)] = a;
+                    f[(at, at + 1)] = b;
+                    f[(at + 1, at)] = 1.0;
                     q[(at, at)] = variance;
                 }
             }
         }
         Some(Self { f, q, h, r, turbulence: (n, std * std) })
+    }
+
+    fn start(&self, open: f64) -> DMatrix<f64> {
+        let mut covariance = self.q.clone();
+        let (turbulence, variance) = self.turbulence;
+        covariance[(turbulence, turbulence)] = variance;
+        (0..turbulence).for_each(|i| covariance[(i, i)] += open * open);
+        covariance
+    }
+
+    /// The update that belongs to a predicted covariance, which goes on to the next step.
+    fn update(&self, covariance: &mut DMatrix<f64>) -> Option<Update> {
+        let (f, h) = (&self.f, &self.h);
+        let crossed = &*covariance * h.transpose();
+        let factor = (h * &crossed + &self.r).cholesky()?;
+        let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let shifted = f * &crossed;
+        let gain = factor.solve(&shifted.transpose()).transpose();
+        let after = f * &*covariance * f.transpose() + &self.q - &gain * shifted.transpose();
+        *covariance = (&after + after.transpose()) * 0.5;
+        let inverse_factor = factor.l().try_inverse()?;
+        Some(Update { gain, inverse: factor.inverse(), inverse_factor, log_det })
+    }
+}
+
+/// Makes white, for all channels together, what turbulence and the channels' own noise have made: the settled filter's
+/// innovations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Whitener {
+    f: DMatrix<f64>,
+    h: DMatrix<f64>,
+    update: Update,
+    /// How many numbers the noises have.
+    pub parameters: usize,
+}
+
+impl Whitener {
+    /// For noises as [`climb`] has found them.
+    pub fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
+        let filter = Filter::new(data, vehicle, state, noises)?;
+        let mut covariance = filter.start(0.0);
+        let mut last = None;
+        for _ in 0..10 * SETTLED {
+            let update = filter.update(&mut covariance)?;
+            let settled = last.as_ref().is_some_and(|l: &Update| l.is_near(&update));
+            last = Some(update);
+            if settled {
+                break;
+            }
+        }
+        Some(Self { f: filter.f, h: filter.h, update: last?, parameters: noises.parameters() })
+    }
+
+    /// Logarithm of the determinant of one step's innovations.
+    pub fn log_det(&self) -> f64 {
+        self.update.log_det
+    }
+
+    /// Innovations over their standard deviations, uncorrelated between channels. All channels have one sample a step.
+    pub fn filter(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        self.run(data, samples, |_| {})
+    }
+
+    /// One state of the filter over time; those of the vehicle come first, then the turbulence.
+    pub fn states(&self, data: &Data, samples: &[f64], index: usize) -> Vec<f64> {
+        let mut values = Vec::with_capacity(data.steps);
+        self.run(data, samples, |x| values.push(x[index]));
+        values
+    }
+
+    fn run(&self, data: &Data, samples: &[f64], mut each: impl FnMut(&DVector<f64>)) -> Vec<f64> {
+        let ranges = data.ranges();
+        let rows = ranges.iter().map(std::ops::Range::len).min().unwrap_or(0);
+        let mut white = vec![0.0; samples.len()];
+        let mut x = DVector::zeros(self.f.nrows());
+        let mut next = x.clone();
+        let mut e = DVector::zeros(ranges.len());
+        let mut w = e.clone();
+        for k in 0..rows {
+            for (c, range) in ranges.iter().enumerate() {
+                e[c] = samples[range.start + k];
+            }
+            e.gemv(-1.0, &self.h, &x, 1.0);
+            w.gemv(1.0, &self.update.inverse_factor, &e, 0.0);
+            for (c, range) in ranges.iter().enumerate() {
+                white[range.start + k] = w[c];
+            }
+            next.gemv(1.0, &self.f, &x, 0.0);
+            next.gemv(1.0, &self.update.gain, &e, 1.0);
+            std::mem::swap(&mut x, &mut next);
+            each(&x);
+        }
+        white
     }
 }
 
@@ -104,53 +227,39 @@ pub fn log_likelihood(
     noises: &Noises,
 ) -> Option<f64> {
     let filter = Filter::new(data, vehicle, state, noises)?;
-    let (f, h) = (&filter.f, &filter.h);
     let p = data.channels.len();
-    let mut covariance = filter.q.clone();
-    let (turbulence, variance) = filter.turbulence;
-    covariance[(turbulence, turbulence)] = variance;
     // The initial state was fitted as if there were no turbulence: it is open again. The rows that no likelihood counts
     // settle it.
-    let open = 100.0 * residual.iter().fold(0.0f64, |m, r| m.max(r.abs()));
-    (0..turbulence).for_each(|i| covariance[(i, i)] += open * open);
+    let mut covariance = filter.start(100.0 * residual.iter().fold(0.0f64, |m, r| m.max(r.abs())));
     let ranges = data.ranges();
     let rows = ranges.iter().map(|r| r.len()).min()?;
-    let mut x = DVector::zeros(f.nrows());
+    let mut x = DVector::zeros(filter.f.nrows());
     let mut next = x.clone();
     let mut e = DVector::zeros(p);
+    let mut update = filter.update(&mut covariance)?;
     let (mut sum, mut settled) = (0.0, false);
-    // Gain, inverse factor of the innovations' covariance, logarithm of its determinant.
-    let mut update = (DMatrix::zeros(f.nrows(), p), DMatrix::zeros(p, p), 0.0);
     for k in 0..rows {
         for (c, range) in ranges.iter().enumerate() {
             e[c] = residual[range.start + k];
         }
-        e.gemv(-1.0, h, &x, 1.0);
-        if !settled {
-            let crossed = &covariance * h.transpose();
-            let factor = (h * &crossed + &filter.r).cholesky()?;
-            let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-            let shifted = f * &crossed;
-            let gain = factor.solve(&shifted.transpose()).transpose();
-            let after = f * &covariance * f.transpose() + &filter.q - &gain * shifted.transpose();
-            let change = (&after - &covariance).amax() / after.amax().max(f64::MIN_POSITIVE);
-            covariance = (&after + after.transpose()) * 0.5;
-            settled = k > SETTLED || change < 1e-6;
-            update = (gain, factor.inverse(), log_det);
-        }
-        let (gain, inverse, log_det) = &update;
+        e.gemv(-1.0, &filter.h, &x, 1.0);
         if k >= MOST {
             let mut square = 0.0;
             for j in 0..p {
                 for i in 0..p {
-                    square += inverse[(i, j)] * e[i] * e[j];
+                    square += update.inverse[(i, j)] * e[i] * e[j];
                 }
             }
-            sum -= 0.5 * (log_det + square);
+            sum -= 0.5 * (update.log_det + square);
         }
-        next.gemv(1.0, f, &x, 0.0);
-        next.gemv(1.0, gain, &e, 1.0);
+        next.gemv(1.0, &filter.f, &x, 0.0);
+        next.gemv(1.0, &update.gain, &e, 1.0);
         std::mem::swap(&mut x, &mut next);
+        if k < SETTLED && !settled {
+            let next = filter.update(&mut covariance)?;
+            settled = update.is_near(&next);
+            update = next;
+        }
     }
     sum.is_finite().then_some(sum)
 }
@@ -170,7 +279,7 @@ pub fn climb(
 ) -> Option<(Noises, f64, [f64; 2])> {
     let value = |noises: &Noises| log_likelihood(data, vehicle, state, residual, noises);
     let mut best = value(&noises)?;
-    let count = 2 + noises.own.len() + noises.poles.len();
+    let count = noises.count();
     let mut reach = vec![0.1; count];
     let mut curvatures = vec![0.0; count];
     for _ in 0..ROUNDS {
@@ -216,7 +325,8 @@ pub fn climb(
         next.common[1] += b;
         value(&next)
     };
-    let cross = -(at(d[0], d[1])? - at(d[0], -d[1])? - at(-d[0], d[1])? + at(-d[0], -d[1])?) / (4.0 * d[0] * d[1]);
+    let cross =
+        -(at(d[0], d[1])? - at(d[0], -d[1])? - at(-d[0], d[1])? + at(-d[0], -d[1])?) / (4.0 * d[0] * d[1]);
     let determinant = curvatures[0] * curvatures[1] - cross * cross;
     let errors = if determinant > 0.0 {
         [(curvatures[1] / determinant).sqrt(), (curvatures[0] / determinant).sqrt()]

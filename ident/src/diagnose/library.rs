@@ -102,7 +102,13 @@ struct Builder<'v> {
 }
 
 impl Builder<'_> {
-    fn add(&mut self, kind: Kind, place: &str, tunables: &[Tunable], starts: Vec<Vec<f64>>) -> &mut Candidate {
+    fn add(
+        &mut self,
+        kind: Kind,
+        place: &str,
+        tunables: &[Tunable],
+        starts: Vec<Vec<f64>>,
+    ) -> &mut Candidate {
         let looks = starts.len() as f64;
         self.all.push(Candidate {
             kind,
@@ -153,7 +159,13 @@ impl Builder<'_> {
                 0.0,
                 -0.2 * rate,
             );
-            self.linear(Kind::InputBias, name, tunable("offset", -9.0 * peak, 9.0 * peak, 1e-2 * peak), 0.0, 0.1 * peak);
+            self.linear(
+                Kind::InputBias,
+                name,
+                tunable("offset", -9.0 * peak, 9.0 * peak, 1e-2 * peak),
+                0.0,
+                0.1 * peak,
+            );
             let shares = |shares: &[f64]| shares.iter().map(|s| vec![s * peak]).collect::<Vec<_>>();
             let width = tunable("width", 0.0, peak, 1e-3 * peak);
             self.add(Kind::DeadZone, name, &[width], shares(&[0.03, 0.1, 0.25, 0.5]));
@@ -199,7 +211,8 @@ impl Builder<'_> {
         }
         let frequency = free("frequency_hz", 0.05, half, 1e-2);
         let damping = tunable("damping_ratio", 0.005, 5.0, 1e-3);
-        self.add(Kind::UnmodelledMode, name, &[frequency, damping], starts.clone()).fixed = vec![("gain", 1.0)];
+        self.add(Kind::UnmodelledMode, name, &[frequency, damping], starts.clone()).fixed =
+            vec![("gain", 1.0)];
         let gain = tunable("gain", 0.05, 20.0, 1e-3);
         let starts = starts.into_iter().map(|mut s| {
             s.push(1.0);
@@ -231,8 +244,8 @@ impl Builder<'_> {
                     let size = nominal.abs().max(0.3 * scale);
                     let place = format!("{matrix:?}[{},{}]", i + 1, j + 1);
                     let value = tunable("value", nominal - 10.0 * size, nominal + 10.0 * size, 1e-3 * size);
-                    let starts =
-                        [-0.1, -0.5, 0.5].map(|s| vec![nominal + s * if s == -0.1 { scale.min(size) } else { size }]);
+                    let starts = [-0.1, -0.5, 0.5]
+                        .map(|s| vec![nominal + s * if s == -0.1 { scale.min(size) } else { size }]);
                     self.add(Kind::ParameterChange, &place, &[value], starts.to_vec()).null = nominal;
                 }
             }
@@ -253,7 +266,13 @@ impl Builder<'_> {
                 continue;
             }
             let c = 0.3 * slope / (x * x);
-            self.linear(Kind::QuadraticDrag, name, tunable("coefficient", -99.0 * c, 999.0 * c, 1e-2 * c), 0.0, c);
+            self.linear(
+                Kind::QuadraticDrag,
+                name,
+                tunable("coefficient", -99.0 * c, 999.0 * c, 1e-2 * c),
+                0.0,
+                c,
+            );
             let levels = [0.05, 0.3].map(|s| vec![s * slope]).to_vec();
             let level = tunable("level", 0.0, 20.0 * slope, 1e-3 * slope);
             self.add(Kind::CoulombFriction, name, &[level], levels.clone());
@@ -267,8 +286,12 @@ impl Builder<'_> {
                 }
                 let c = 0.3 * slope / (x * x * x);
                 let coefficient = tunable("coefficient", -99.0 * c, 999.0 * c, 1e-2 * c);
-                let candidate =
-                    self.add(Kind::CubicStiffness, &format!("{name}->{onto}"), &[coefficient], vec![vec![0.1 * c], vec![c]]);
+                let candidate = self.add(
+                    Kind::CubicStiffness,
+                    &format!("{name}->{onto}"),
+                    &[coefficient],
+                    vec![vec![0.1 * c], vec![c]],
+                );
                 (candidate.linear, candidate.null) = (true, 0.0);
             }
         }
@@ -304,7 +327,12 @@ impl Builder<'_> {
                 if first.unit.dimension() == second.unit.dimension() {
                     let place = format!("{},{}", first.name, second.name);
                     let angle = tunable("angle_rad", -1.6, 1.6, 1e-3);
-                    self.add(Kind::Misalignment, &place, &[angle], vec![vec![0.1], vec![-0.1], vec![0.6], vec![-0.6]]);
+                    self.add(
+                        Kind::Misalignment,
+                        &place,
+                        &[angle],
+                        vec![vec![0.1], vec![-0.1], vec![0.6], vec![-0.6]],
+                    );
                 }
             }
         }
@@ -346,7 +374,14 @@ pub fn step(place: &str, at_s: f64, magnitude: f64, sizes: &Sizes, looks: f64) -
 }
 
 /// A constant on a state's derivative for a while.
-pub fn pulse(place: &str, at_s: f64, duration_s: f64, magnitude: f64, sizes: &Sizes, looks: f64) -> Candidate {
+pub fn pulse(
+    place: &str,
+    at_s: f64,
+    duration_s: f64,
+    magnitude: f64,
+    sizes: &Sizes,
+    looks: f64,
+) -> Candidate {
     let mut candidate = step(place, at_s, magnitude, sizes, looks);
     candidate.kind = Kind::PulseDisturbance;
     candidate.tunables.insert(1, free("duration_s", sizes.period_s, sizes.duration_s, 0.2 * sizes.period_s));

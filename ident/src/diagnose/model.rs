@@ -186,7 +186,9 @@ impl<'r, 'd> Model<'r, 'd> {
         }
         let mut predicted = self.predict(&values)?;
         let mut residual = self.residual(&measured, &predicted);
-        let mut profile = Noise::fit(data, &residual);
+        let again =
+            |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
+        let mut profile = again(&residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
         let mut columns = Vec::new();
         let mut damping = 1e-4;
@@ -230,7 +232,7 @@ impl<'r, 'd> Model<'r, 'd> {
                     break;
                 }
             }
-            let next = Noise::fit(data, &residual);
+            let next = again(&residual);
             let gain = next.log_likelihood - profile.log_likelihood;
             let same = next.noise == used;
             profile = next;
@@ -267,10 +269,7 @@ fn whitened(noise: &Noise, data: &super::data::Data, columns: &[Vec<f64>]) -> Ve
 }
 
 /// Information matrix and gradient from whitened columns and residual.
-fn normal<'c>(
-    columns: impl Iterator<Item = &'c Vec<f64>>,
-    white: &[f64],
-) -> (DMatrix<f64>, DVector<f64>) {
+fn normal<'c>(columns: impl Iterator<Item = &'c Vec<f64>>, white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
     let columns: Vec<&Vec<f64>> = columns.collect();
     let n = columns.len();
     let mut information = DMatrix::zeros(n, n);

@@ -1,8 +1,11 @@
 //! The noise of a record: one autoregressive model a channel, and what it makes of residuals and signatures.
 
+use std::sync::Arc;
+
 use crate::identify::ar::Ar;
 
 use super::data::Data;
+use super::kalman::Whitener;
 
 /// Highest order that is considered. Rows up to it are left out of every likelihood, whatever the order, so that
 /// likelihoods can be compared.
@@ -15,6 +18,8 @@ pub struct Noise {
     pub channels: Vec<Ar>,
     /// Standard deviation of each channel's noise in all, colour and all.
     pub total: Vec<f64>,
+    /// Turbulence and noise of all channels together, in place of the single channels' models.
+    pub common: Option<Arc<Whitener>>,
 }
 
 /// Likelihood of a residual with the noise model that fits it best.
@@ -40,13 +45,13 @@ impl Profile {
 impl Noise {
     /// White noise of the given standard deviations.
     pub fn white(stds: &[f64]) -> Self {
-        Self { channels: stds.iter().map(|s| Ar::white(s * s)).collect(), total: stds.to_vec() }
+        Self { channels: stds.iter().map(|s| Ar::white(s * s)).collect(), total: stds.to_vec(), common: None }
     }
 
     /// Fits residuals (filled, all channels).
     pub fn fit(data: &Data, residual: &[f64]) -> Profile {
         let mut profile = Profile {
-            noise: Self { channels: Vec::new(), total: Vec::new() },
+            noise: Self { channels: Vec::new(), total: Vec::new(), common: None },
             log_likelihood: 0.0,
             rows: 0,
             parameters: 0,
@@ -77,10 +82,43 @@ impl Noise {
         profile
     }
 
+    /// This model with all channels' noise as one.
+    pub fn with_common(self, whitener: Whitener) -> Self {
+        Self { common: Some(Arc::new(whitener)), ..self }
+    }
+
+    /// This model where it is not to be fitted anew.
+    pub fn shared(&self) -> Option<&Self> {
+        self.common.is_some().then_some(self)
+    }
+
+    /// Likelihood of a residual (filled, all channels): with models fitted anew, or with a common one as it is.
+    pub fn again(&self, data: &Data, residual: &[f64]) -> Profile {
+        let Some(common) = &self.common else { return Self::fit(data, residual) };
+        let (mut sum, mut rows) = (0.0, 0);
+        let white = common.filter(data, residual);
+        for (channel, range) in data.channels.iter().zip(data.ranges()) {
+            for (e, _) in white[range].iter().zip(&channel.good).skip(MOST).filter(|(_, good)| **good) {
+                sum += e * e;
+                rows += 1;
+            }
+        }
+        let steps = rows as f64 / data.channels.len().max(1) as f64;
+        Profile {
+            noise: self.clone(),
+            log_likelihood: -0.5 * (sum + steps * common.log_det()),
+            rows,
+            parameters: common.parameters,
+        }
+    }
+
     /// What is white in `samples`, over its standard deviation; 0 in rows that do not count. The first rows, which have
     /// no past to be foretold from, stand as they are over the noise's standard deviation in all: likelihoods leave
     /// them out, but fast parts of the initial state show nowhere else.
     pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        if let Some(common) = &self.common {
+            return self.masked(data, samples, common.filter(data, samples));
+        }
         let mut out = Vec::with_capacity(samples.len());
         let models = self.channels.iter().zip(&self.total);
         for ((channel, range), (ar, total)) in data.channels.iter().zip(data.ranges()).zip(models) {
@@ -100,8 +138,27 @@ impl Noise {
         out
     }
 
+    /// Rows that do not count, and the first rows, as in [`Noise::whiten`].
+    fn masked(&self, data: &Data, raw: &[f64], mut white: Vec<f64>) -> Vec<f64> {
+        for ((channel, range), total) in data.channels.iter().zip(data.ranges()).zip(&self.total) {
+            let early = if *total > 0.0 { 1.0 / total } else { 0.0 };
+            for (k, good) in channel.good.iter().enumerate() {
+                let at = range.start + k;
+                if !good {
+                    white[at] = 0.0;
+                } else if k < MOST {
+                    white[at] = raw[at] * early;
+                }
+            }
+        }
+        white
+    }
+
     /// As [`Noise::whiten`], but with every row: for a response that is shifted in time afterwards.
     pub fn filter_all(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        if let Some(common) = &self.common {
+            return common.filter(data, samples);
+        }
         let mut out = Vec::with_capacity(samples.len());
         for (range, ar) in data.ranges().into_iter().zip(&self.channels) {
             let scale = if ar.variance > 0.0 { 1.0 / ar.variance.sqrt() } else { 0.0 };
@@ -114,8 +171,7 @@ impl Noise {
     pub fn std(&self, channel: usize, data: &Data, residual: &[f64]) -> f64 {
         let range = data.ranges()[channel].clone();
         let good = &data.channels[channel].good;
-        let kept: Vec<f64> =
-            residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
+        let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
         crate::stats::rms(&kept)
     }
 }

@@ -13,9 +13,10 @@ use super::library::{self, Candidate, Sizes};
 use super::model::{Fit, Model};
 use super::runner::Runner;
 use super::samples::{SampleEffect, measured_effects, outliers};
-use super::select::{Selection, select};
-use super::stochastic::{ExcessNoise, Turbulence, excess_noise, turbulence};
+use super::select::{BELIEVED, Selection, select};
+use super::stochastic::{ExcessNoise, Turbulence, excess_noise};
 use super::survey::Scene;
+use super::turbulent::beside;
 use super::{checks, gains, words};
 
 /// What can be chosen.
@@ -33,9 +34,6 @@ pub struct Options {
     /// A record with the engine off.
     pub engine_off: Option<Record>,
 }
-
-/// Least gain in BIC for turbulence: its likelihood is an approximation.
-const TURBULENCE: f64 = 30.0;
 
 /// What is left is no chance beyond so many standard deviations.
 pub(super) const SIGMAS: f64 = 5.0;
@@ -62,7 +60,11 @@ pub(super) struct Findings<'r, 'd> {
 ///
 /// # Panics
 /// Without a record.
-pub fn diagnose(records: &[Record], vehicle: &Vehicle, options: &Options) -> Result<Diagnosis, DiagnoseError> {
+pub fn diagnose(
+    records: &[Record],
+    vehicle: &Vehicle,
+    options: &Options,
+) -> Result<Diagnosis, DiagnoseError> {
     let mut data = Data::join(records, vehicle, options.period_s)?;
     let mut found: Vec<DataFinding> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
     found.extend(checks::stuck(&mut data, vehicle));
@@ -98,52 +100,33 @@ pub fn diagnose(records: &[Record], vehicle: &Vehicle, options: &Options) -> Res
         candidates.extend(transitions(vehicle, &sizes, &options.modes));
     }
     let declared: Vec<f64> = present.iter().map(|i| vehicle.outputs[*i].noise).collect();
-    let scene = Scene { library: &candidates, sizes: &sizes, declared: &declared, share: 1.0 };
+    let scene = Scene { library: &candidates, sizes: &sizes, declared: &declared };
     let model = Model { runner: &runner, free: &free, terms: Vec::new() };
     let selection = if blocked {
         Selection::nothing(model.clone(), start())
     } else {
-        select(model.clone(), &scene)
+        select(model.clone(), &scene, None)
     };
     let Some(mut selection) = selection else {
         return Ok(words::diverged(records, vehicle, &data, found));
     };
     let mut random = None;
     if !blocked {
-        // Turbulence imitated by events would be many of them, and still leave colour behind.
-        let gained = selection.null.profile.bic(0) - selection.fit.profile.bic(selection.model.parameters());
-        let explained = quiet(&data, &selection.fit, &declared);
-        let alone = if explained && !selection.model.terms.is_empty() {
-            None
-        } else {
-            turbulence(&model, &selection.null).filter(|t| t.delta_bic > TURBULENCE)
-        };
-        if let Some(found) = alone.filter(|t| t.delta_bic > gained + TURBULENCE) {
-            random = Some(found);
-            if !selection.model.terms.is_empty() {
-                let strict = Scene { share: 0.5, ..scene };
-                if let Some(beside) = select(model, &strict) {
-                    selection = beside;
-                }
-                random = turbulence(&selection.model, &selection.fit)
-                    .filter(|t| t.delta_bic > TURBULENCE)
-                    .or(random);
-            }
-        } else if !selection.model.terms.is_empty() {
-            random = turbulence(&selection.model, &selection.fit).filter(|t| t.delta_bic > TURBULENCE);
-        }
+        (selection, random) = beside(selection, &model, &scene);
     }
     let noise = excess(&data, &selection.fit, &declared, random.is_some());
     let exact = declared.iter().all(|d| *d > 0.0);
     let mut rest = None;
     let mut withheld = Vec::new();
-    if exact && !blocked && random.is_none() && noise.is_empty() {
+    if exact && !blocked && noise.is_empty() {
         let rounded = samples.iter().filter(|e| e.kind == Kind::Quantization).map(|e| e.channel);
         rest = left(&selection.model, &selection.fit, &sizes, &rounded.collect::<Vec<_>>());
-        if let Some(more) = rest.filter(|l| l.sigmas > SIGMAS && l.energy > SURE)
-            && !selection.model.terms.is_empty()
-        {
-            withheld = selection.withhold(more.energy, start());
+        if let Some(more) = rest.filter(|l| l.sigmas > SIGMAS && l.energy > SURE) {
+            // What turbulence explains of the likelihood, in the scale of energies.
+            random = random.filter(|t| more.energy < BELIEVED * 2.0 * t.delta_bic);
+            if !selection.model.terms.is_empty() {
+                withheld = selection.withhold(more.energy, start());
+            }
         }
     }
     let findings = Findings { selection, sizes, samples, turbulence: random, noise, left: rest, withheld };
@@ -193,7 +176,8 @@ const TRANSITIONS: usize = 24;
 fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<Candidate> {
     let builtin = whirlstand_vehicle::builtin_names().map(String::from);
     let others = builtin.chain(modes.iter().cloned()).filter(|name| *name != vehicle.name);
-    let times = || (0..TRANSITIONS).map(|i| i as f64 / TRANSITIONS as f64 * sizes.duration_s).collect::<Vec<_>>();
+    let times =
+        || (0..TRANSITIONS).map(|i| i as f64 / TRANSITIONS as f64 * sizes.duration_s).collect::<Vec<_>>();
     others
         .filter(|to| {
             let effect = Effect::mode_transition(0.0, to);
@@ -201,12 +185,6 @@ fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<Candid
         })
         .map(|to| library::transition(&to, times(), sizes, TRANSITIONS as f64))
         .collect()
-}
-
-/// True when every residual is down to the declared noise.
-fn quiet(data: &Data, fit: &Fit, declared: &[f64]) -> bool {
-    let mut channels = declared.iter().enumerate();
-    channels.all(|(c, declared)| *declared > 0.0 && fit.profile.noise.std(c, data, &fit.residual) < 1.5 * declared)
 }
 
 /// Noise beyond the declared; coloured noise that turbulence accounts for is none.
@@ -239,7 +217,9 @@ fn extended(vehicle: &Vehicle, findings: &Findings<'_, '_>) -> Option<Vehicle> {
     }
     if let Some(t) = &findings.turbulence {
         let place = &vehicle.states[t.state].name;
-        if let Ok(e) = Effect::new(Kind::Turbulence, place, &[("std", t.std.0), ("bandwidth_hz", t.bandwidth_hz.0)]) {
+        if let Ok(e) =
+            Effect::new(Kind::Turbulence, place, &[("std", t.std.0), ("bandwidth_hz", t.bandwidth_hz.0)])
+        {
             add(e);
         }
     }
@@ -263,7 +243,11 @@ pub(super) fn estimates(selection: &Selection<'_, '_>, term: usize) -> BTreeMap<
         .zip(range)
         .map(|(t, i)| {
             let value = selection.fit.values[i];
-            let half = covariance.as_ref().map_or(0.0, |c| 1.96 * c[(i, i)].max(0.0).sqrt());
+            let mut half = covariance.as_ref().map_or(0.0, |c| 1.96 * c[(i, i)].max(0.0).sqrt());
+            if matches!(t.name, "at_s" | "duration_s") {
+                // Within a period nothing tells times apart.
+                half = half.max(selection.model.runner.data.period_s);
+            }
             let (mut low, mut high) = ((value - half).max(t.lower), (value + half).min(t.upper));
             let mut value = value;
             if t.name == "phase_rad" {

@@ -89,7 +89,8 @@ fn rounding(channel: &Channel, least: f64) -> Option<f64> {
     // Gaps are multiples of the step; more digits come from the value farthest from zero.
     let singles: Vec<f64> = gaps.iter().copied().filter(|g| *g < 1.5 * smallest).collect();
     let mut step = median(&singles);
-    let far = if values[0].abs() > values[values.len() - 1].abs() { values[0] } else { values[values.len() - 1] };
+    let far =
+        if values[0].abs() > values[values.len() - 1].abs() { values[0] } else { values[values.len() - 1] };
     let multiple = (far / step).round();
     if multiple != 0.0 && multiple.abs() < 1e4 {
         let refined = far / multiple;
@@ -113,7 +114,8 @@ fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Optio
     let piled = |at: f64, inward: f64| {
         let count = finite().filter(|v| (v - at).abs() <= near).count();
         // Rounded values repeat anyway: at a limit they do so far more often than just inside of it.
-        let inside = finite().filter(|v| step > 0.0 && (v - (at + inward * step)).abs() <= 0.01 * step).count();
+        let inside =
+            finite().filter(|v| step > 0.0 && (v - (at + inward * step)).abs() <= 0.01 * step).count();
         count >= FEW.max(channel.values.len() / 500) && count > 3 * inside
     };
     let (upper, lower) = (piled(top, -1.0), piled(bottom, 1.0));
@@ -153,7 +155,11 @@ fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
         .filter(|&k| channel.good[k] && channel.good[k - 1] && channel.values[k] == channel.values[k - 1])
         .collect();
     let fraction = repeats.len() as f64 / n as f64;
-    if repeats.len() < FEW {
+    // A sensor of few digits repeats a value by chance, about half as often as it steps to the next.
+    let steps = || channel.values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0);
+    let finest = steps().fold(f64::INFINITY, f64::min);
+    let chance = 0.5 * steps().filter(|d| *d < 1.05 * finest).count() as f64;
+    if repeats.len() < FEW || (repeats.len() as f64) < 3.0 * (chance + chance.sqrt()) {
         return None;
     }
     for &k in &repeats {

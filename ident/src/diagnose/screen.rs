@@ -100,21 +100,32 @@ impl<'d> Frame<'d> {
         self.project(&filled)
     }
 
+    /// Product of a whitened signature with the residual, and its energy, both beside the nuisances: without taking them
+    /// off, as the residual has no part in them.
+    fn product(&self, samples: &[f64]) -> (f64, f64) {
+        let mut filled = samples.to_vec();
+        self.data.fill(&mut filled);
+        let w = self.noise.whiten(self.data, &filled);
+        let whole = dot(&w, &w);
+        let nuisances: f64 = self.basis.iter().map(|b| dot(b, &w).powi(2)).sum();
+        let energy = whole - nuisances;
+        // Less than rounding leaves is nothing.
+        (dot(&w, &self.residual), if energy > 1e-9 * whole { energy } else { 0.0 })
+    }
+
     /// The score of a raw signature.
     pub fn look(&self, samples: &[f64]) -> Look {
-        let s = self.signature(samples);
-        let energy = dot(&s, &s);
+        let (product, energy) = self.product(samples);
         if energy.is_nan() || energy <= 0.0 {
             return Look { amplitude: 0.0, score: 0.0, energy: 0.0 };
         }
-        let product = dot(&s, &self.residual);
         Look { amplitude: product / energy, score: product * product / energy, energy }
     }
 
     /// The score of a raw signature that has one size only: it is taken whole or not at all, and may do harm.
     pub fn whole(&self, samples: &[f64]) -> f64 {
-        let s = self.signature(samples);
-        2.0 * dot(&s, &self.residual) - dot(&s, &s)
+        let (product, energy) = self.product(samples);
+        2.0 * product - energy
     }
 
     /// The whitened, projected residual.

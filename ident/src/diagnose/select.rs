@@ -3,6 +3,7 @@
 use super::heldout::gain_in_sigmas;
 use super::library::Candidate;
 use super::model::{Fit, Model, dot};
+use super::noise::Noise;
 use super::screen::{Frame, cosine};
 use super::survey::{Scene, Trial, fitted, survey};
 use crate::identify::quality::chi_square_tail;
@@ -28,6 +29,8 @@ const AS_GOOD: f64 = 6.0;
 const OVERSHADOWED: f64 = 30.0;
 /// Difference in BIC below which two causes that do not look alike cannot both be excluded: odds of about seven to one.
 const UNDECIDED: f64 = 4.0;
+/// Candidates of each survey that may take another's place later.
+const LIKELY: usize = 30;
 /// Exchanges for better rivals in the end, at most.
 const EXCHANGES: usize = 6;
 
@@ -90,22 +93,76 @@ pub struct Selection<'r, 'd> {
     pub refused: Vec<(Trial, String)>,
 }
 
-/// Searches for causes. `None` when the vehicle cannot be simulated over the record.
-pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Selection<'r, 'd>> {
+/// A surveyed candidate, without the weight of its fit.
+#[derive(Debug, Clone)]
+struct Seen {
+    candidate: Candidate,
+    /// Values of the fitted model, the candidate's last; `None` when it was not worth a fit.
+    values: Option<Vec<f64>>,
+    delta_bic: f64,
+}
+
+/// What was surveyed beside which terms: the search comes back to the same terms in the end.
+#[derive(Debug, Default)]
+struct Surveys(Vec<(Vec<String>, Vec<Seen>)>);
+
+impl Surveys {
+    fn names(model: &Model<'_, '_>) -> Vec<String> {
+        let mut names: Vec<String> = model.terms.iter().map(Candidate::name).collect();
+        names.sort_unstable();
+        names
+    }
+
+    fn survey(&mut self, model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial> {
+        let trials = survey(model, fit, scene);
+        let seen = trials.iter().map(|t| Seen {
+            candidate: t.candidate.clone(),
+            values: t.fit.as_ref().map(|f| f.values.clone()),
+            delta_bic: t.delta_bic,
+        });
+        let names = Self::names(model);
+        self.0.retain(|(known, _)| *known != names);
+        self.0.push((names, seen.collect()));
+        trials
+    }
+
+    /// Candidates that were near the front beside any terms.
+    fn likely(&self, library: &[Candidate]) -> Vec<Candidate> {
+        let front: std::collections::HashSet<String> = self
+            .0
+            .iter()
+            .flat_map(|(_, seen)| seen.iter().take(LIKELY).map(|s| s.candidate.name()))
+            .collect();
+        library.iter().filter(|c| front.contains(&c.name())).cloned().collect()
+    }
+
+    fn known(&mut self, model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Seen> {
+        let names = Self::names(model);
+        if !self.0.iter().any(|(known, _)| *known == names) {
+            self.survey(model, fit, scene);
+        }
+        self.0.iter().find(|(known, _)| *known == names).map_or_else(Vec::new, |(_, seen)| seen.clone())
+    }
+}
+
+/// Searches for causes. Under one noise model for all channels, when one
+/// is given. `None` when the vehicle cannot be simulated over the record.
+pub fn select<'r, 'd>(
+    mut model: Model<'r, 'd>,
+    scene: &Scene<'_>,
+    noise: Option<&Noise>,
+) -> Option<Selection<'r, 'd>> {
     let states = model.states();
     let mut start = vec![0.0; states];
     start.extend(model.free.iter().map(|f| model.runner.vehicle.free_value(&f.target)));
-    let null = model.fit(start, None, None)?;
+    let null = model.fit(start, noise, None)?;
     let mut fit = null.clone();
     let mut refused;
-    // What was found beside nothing: the rivals of a single cause.
-    let mut first = None;
+    let mut surveys = Surveys::default();
+    let mut hypotheses = 0;
     loop {
-        let trials = survey(&model, &fit, scene);
-        if model.terms.is_empty() {
-            first = Some(trials.clone());
-        }
-        let hypotheses = trials.len();
+        let trials = surveys.survey(&model, &fit, scene);
+        hypotheses = hypotheses.max(trials.len());
         refused = Vec::new();
         let mut best = None;
         let left = hypotheses.saturating_sub(model.terms.len()).max(1);
@@ -116,9 +173,7 @@ pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Sel
                 refused.push((trial, "others explain more".into()));
                 continue;
             }
-            let j = judge(&model, &fit, &trial, left, scene.share);
-            if std::env::var("DBG").is_ok() && trial.delta_bic > 0.0 { eprintln!("loop {} dbic {:.1} {:?}", trial.candidate.name(), trial.delta_bic, j); }
-            match j {
+            match judge(&model, &fit, &trial, left) {
                 Judgement::Accepted(_) if model.terms.len() < MOST => best = Some(trial),
                 Judgement::Accepted(_) => refused.push((trial, format!("{MOST} causes were named already"))),
                 Judgement::Refused(why) => refused.push((trial, why)),
@@ -132,24 +187,22 @@ pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Sel
         if !added {
             break;
         }
-        exchange(&mut model, &mut fit, scene);
+        exchange(&mut model, &mut fit, scene, &mut surveys);
     }
     let mut accepted = Vec::new();
     let mut term = 0;
     let mut exchanges = 0;
     while term < model.terms.len() {
         let (reduced, without) = without(&model, &fit, term)?;
-        let known = first.take_if(|_| reduced.terms.is_empty());
-        let trials = known.unwrap_or_else(|| survey(&reduced, &without, scene));
+        let trials = surveys.known(&reduced, &without, scene);
         let own = own_trial(&reduced, &without, &model, &fit, term);
-        if std::env::var("DBG").is_ok() { eprintln!("prune {} {:?}", model.terms[term].name(), own.as_ref().map(|own| (own.delta_bic, judge(&reduced, &without, own, trials.len(), scene.share)))); for r in own.as_ref().map(|o| rivals(&reduced,&without,o,&trials)).unwrap_or_default() { eprintln!("   rival {} gap {:.1} kappa {:.2}", r.candidate.name(), r.gap, r.kappa); } }
-        match own.as_ref().map(|own| judge(&reduced, &without, own, trials.len(), scene.share)) {
+        match own.as_ref().map(|own| judge(&reduced, &without, own, hypotheses)) {
             Some(Judgement::Accepted(weight)) => {
                 let own = own?;
                 let rivals = rivals(&reduced, &without, &own, &trials);
                 let better = rivals.iter().find(|r| r.gap < -1.0).filter(|_| exchanges < EXCHANGES);
                 let trial = better.and_then(|r| fitted(&reduced, &without, &r.candidate, r.values.clone()));
-                let judged = trial.map(|t| (judge(&reduced, &without, &t, trials.len(), scene.share), t));
+                let judged = trial.map(|t| (judge(&reduced, &without, &t, hypotheses), t));
                 if let Some((Judgement::Accepted(_), Trial { candidate, fit: Some(better), .. })) = judged {
                     exchanges += 1;
                     model = reduced;
@@ -162,7 +215,9 @@ pub fn select<'r, 'd>(mut model: Model<'r, 'd>, scene: &Scene<'_>) -> Option<Sel
                 if let Some(rival) = rivals.iter().find(|r| r.gap < UNDECIDED && r.kappa <= ALIKE) {
                     let why = format!(
                         "{} explains as much, and the two do not look alike (gains in BIC differ by {:.1}, signatures alike to {:.2})",
-                        rival.candidate.name(), rival.gap.abs(), rival.kappa
+                        rival.candidate.name(),
+                        rival.gap.abs(),
+                        rival.kappa
                     );
                     refused.insert(0, (own, why));
                     (model, fit) = (reduced, without);
@@ -192,7 +247,7 @@ impl<'r, 'd> Selection<'r, 'd> {
 }
 
 /// Causes that leave more than this share of what they explain are not believed.
-const BELIEVED: f64 = 0.01;
+pub const BELIEVED: f64 = 0.004;
 
 impl Selection<'_, '_> {
     /// Takes back the causes when what they leave, of the given energy beyond chance, is too much for noise. A tone is
@@ -205,27 +260,30 @@ impl Selection<'_, '_> {
             return Vec::new();
         }
         let tone = |c: &Candidate| c.kind == whirlstand_vehicle::Kind::Vibration;
-        let mut model = self.model.clone();
-        let mut values = start;
-        let (mut kept, mut taken) = (Vec::new(), Vec::new());
-        model.terms.clear();
-        for (term, (candidate, accepted)) in self.model.terms.iter().zip(&self.accepted).enumerate() {
-            if tone(candidate) {
-                model.terms.push(candidate.clone());
-                values.extend(&self.fit.values[self.model.range(term)]);
-                kept.push(accepted.clone());
-            } else {
-                taken.push((candidate.clone(), accepted.weight.delta_bic));
-            }
-        }
-        match model.fit(values, None, None) {
+        let terms = self.model.terms.iter().zip(&self.accepted);
+        let taken: Vec<_> =
+            terms.filter(|(c, _)| !tone(c)).map(|(c, a)| (c.clone(), a.weight.delta_bic)).collect();
+        let mut kept = self.clone();
+        kept.keep(tone);
+        kept.fit.values.splice(..start.len(), start);
+        match kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None) {
             Some(fit) if !taken.is_empty() => {
-                self.model = model;
-                self.fit = fit;
-                self.accepted = kept;
+                *self = Self { fit, ..kept };
                 taken
             }
             _ => Vec::new(),
+        }
+    }
+
+    /// Drops the terms that are not wanted, with their values and their evidence; the fit is not made anew.
+    pub fn keep(&mut self, wanted: impl Fn(&Candidate) -> bool) {
+        for term in (0..self.model.terms.len()).rev() {
+            if !wanted(&self.model.terms[term]) {
+                let range = self.model.range(term);
+                self.fit.values.drain(range);
+                self.model.terms.remove(term);
+                self.accepted.remove(term);
+            }
         }
     }
 }
@@ -237,7 +295,7 @@ fn without<'r, 'd>(model: &Model<'r, 'd>, fit: &Fit, term: usize) -> Option<(Mod
     reduced.terms.remove(term);
     let mut values = fit.values.clone();
     values.drain(range);
-    let without = reduced.fit(values, None, Some(&fit.columns[..model.states()]))?;
+    let without = reduced.fit(values, fit.profile.noise.shared(), Some(&fit.columns[..model.states()]))?;
     Some((reduced, without))
 }
 
@@ -253,17 +311,19 @@ fn own_trial(
 }
 
 /// Exchanges terms for better ones beside the others, and drops those that the others do without.
-fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>) {
+fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>, surveys: &mut Surveys) {
     if model.terms.len() < 2 {
         return;
     }
+    let likely = surveys.likely(scene.library);
+    let scene = &Scene { library: &likely, ..*scene };
     // The newest was the best beside the others already.
     let mut term = 0;
     while term + 1 < model.terms.len() {
         let Some((reduced, without)) = without(model, fit, term) else { return };
         let own = own_trial(&reduced, &without, model, fit, term);
         let own_bic = own.as_ref().map_or(f64::NEG_INFINITY, |t| t.delta_bic);
-        let best = survey(&reduced, &without, scene).into_iter().find(|t| t.fit.is_some());
+        let best = surveys.survey(&reduced, &without, scene).into_iter().find(|t| t.fit.is_some());
         match best {
             Some(best) if best.delta_bic > own_bic + 1.0 && best.delta_bic > LEAST_BIC => {
                 let Some(better) = best.fit else { return };
@@ -282,16 +342,10 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>) {
 }
 
 /// Whether a fitted candidate passes all conditions.
-pub fn judge(
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    trial: &Trial,
-    hypotheses: usize,
-    share: f64,
-) -> Judgement {
+pub fn judge(model: &Model<'_, '_>, fit: &Fit, trial: &Trial, hypotheses: usize) -> Judgement {
     let refuse = |why: String| Judgement::Refused(why);
     let k = trial.candidate.tunables.len();
-    let delta_bic = trial.delta_bic - (1.0 - share) * trial.ratio.max(0.0);
+    let delta_bic = trial.delta_bic;
     if delta_bic < LEAST_BIC {
         return refuse(match delta_bic {
             d if d <= 0.0 => "what it explains is not worth its parameters".into(),
@@ -301,7 +355,7 @@ pub fn judge(
     let Some(extended) = &trial.fit else {
         return refuse("others explain more".into());
     };
-    let chance = chi_square_tail(share * trial.ratio.max(0.0), k as f64);
+    let chance = chi_square_tail(trial.ratio.max(0.0), k as f64);
     let p_value = (chance * trial.candidate.looks * hypotheses as f64).min(1.0);
     if p_value >= LARGEST_P {
         return refuse(format!("chance alone does as well with probability {p_value:.2}, all looks counted"));
@@ -337,31 +391,35 @@ pub fn judge(
     }
     let heldout = gain_in_sigmas((model, fit), (&whole, extended));
     if heldout <= LEAST_GAIN {
-        return refuse(format!("on data left out of the fit it gains {heldout:.1} standard errors; 2 are asked"));
+        return refuse(format!(
+            "on data left out of the fit it gains {heldout:.1} standard errors; 2 are asked"
+        ));
     }
     let detectability = detectability(model, fit, trial).unwrap_or(0.0);
     Judgement::Accepted(Weight { delta_bic, heldout, p_value, detectability })
 }
 
 /// The signature of a fitted candidate: what it changes at its values, the others as they are.
-fn signature(model: &Model<'_, '_>, trial: &Trial) -> Option<Vec<f64>> {
-    let extended = trial.fit.as_ref()?;
-    let others = &extended.values[..extended.values.len() - trial.candidate.tunables.len()];
+fn signature(model: &Model<'_, '_>, candidate: &Candidate, values: &[f64]) -> Option<Vec<f64>> {
+    let mut whole = model.clone();
+    whole.terms.push(candidate.clone());
+    let others = &values[..values.len() - candidate.tunables.len()];
     let without = model.predict(others)?;
-    Some(extended.predicted.iter().zip(&without).map(|(a, b)| a - b).collect())
+    Some(whole.predict(values)?.iter().zip(&without).map(|(a, b)| a - b).collect())
 }
 
 fn detectability(model: &Model<'_, '_>, fit: &Fit, trial: &Trial) -> Option<f64> {
     let extended = trial.fit.as_ref()?;
     let zero = vec![0.0; fit.residual.len()];
     let frame = Frame::new(model.runner.data, &extended.profile.noise, &zero, &fit.columns);
-    let s = frame.signature(&signature(model, trial)?);
+    let s = frame.signature(&signature(model, &trial.candidate, &extended.values)?);
     Some(dot(&s, &s))
 }
 
 /// Other fitted candidates, and how alike they look.
-fn rivals(model: &Model<'_, '_>, fit: &Fit, own: &Trial, trials: &[Trial]) -> Vec<Rival> {
-    let (Some(extended), Some(mine)) = (&own.fit, signature(model, own)) else { return Vec::new() };
+fn rivals(model: &Model<'_, '_>, fit: &Fit, own: &Trial, trials: &[Seen]) -> Vec<Rival> {
+    let Some(extended) = &own.fit else { return Vec::new() };
+    let Some(mine) = signature(model, &own.candidate, &extended.values) else { return Vec::new() };
     let zero = vec![0.0; fit.residual.len()];
     let frame = Frame::new(model.runner.data, &extended.profile.noise, &zero, &fit.columns);
     let mine = frame.signature(&mine);
@@ -369,8 +427,8 @@ fn rivals(model: &Model<'_, '_>, fit: &Fit, own: &Trial, trials: &[Trial]) -> Ve
     let others = trials.iter().filter(|t| t.candidate.name() != name);
     let mut rivals: Vec<Rival> = others
         .filter_map(|t| {
-            let theirs = frame.signature(&signature(model, t)?);
-            let values = t.fit.as_ref()?.values.clone();
+            let values = t.values.as_ref()?;
+            let theirs = frame.signature(&signature(model, &t.candidate, values)?);
             Some(Rival {
                 values: values[values.len() - t.candidate.tunables.len()..].to_vec(),
                 candidate: t.candidate.clone(),

@@ -1,22 +1,14 @@
 //! What is random in a residual: noise beyond what is declared, and turbulence that the motion has shaped.
-//!
-//! Turbulence on one state reaches all outputs that follow it, each by its own transfer function; coloured sensor noise
-//! stays in its channel. The two are weighed by Whittle's likelihood of the matrix of cross spectra.
 
-use std::f64::consts::TAU;
-
-use nalgebra::{Complex, DMatrix, DVector};
 use rayon::prelude::*;
-use rustfft::FftPlanner;
 use whirlstand_vehicle::Vehicle;
 
 use super::data::Data;
-use super::kalman::{Noises, climb};
-use super::model::{Fit, Model};
+use super::kalman::{Noises, Whitener, climb};
+use super::model::Model;
+use super::noise::{Noise, Profile};
+use super::whittle::{C, Shaped, ar_density, cross, responses, whittle};
 use crate::identify::ar::Ar;
-use crate::identify::normal::pseudo_inverse;
-
-type C = Complex<f64>;
 
 /// Turbulence on a state, with standard errors.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,163 +23,49 @@ pub struct Turbulence {
     pub delta_bic: f64,
     /// Gains of the same on other states: state and gain.
     pub others: Vec<(usize, f64)>,
+    /// It and the noise of all channels, where the exact likelihood could be had.
+    noises: Option<Noises>,
 }
 
-/// Cross spectra of channels, averaged over segments and bands.
-struct Cross {
-    /// Frequencies, Hz.
-    f: Vec<f64>,
-    /// One-sided densities, channels x channels, per frequency.
-    s: Vec<DMatrix<C>>,
-    /// Widths of the bands, Hz.
-    df: Vec<f64>,
-    /// Independent averages behind each.
-    averages: Vec<f64>,
-    channels: Vec<usize>,
-}
-
-fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
-    // Slower channels have other frequencies: they are left out.
-    let channels: Vec<usize> = (0..data.channels.len()).filter(|c| data.channels[*c].stride == 1).collect();
-    let ranges = data.ranges();
-    let n = channels.iter().map(|c| data.channels[*c].values.len()).min()?;
-    let mut length = 64;
-    while length * 2 <= n / 8 && length < 2048 {
-        length *= 2;
-    }
-    if channels.len() < 2 || n < 8 * length {
-        return None;
-    }
-    let window: Vec<f64> =
-        (0..length).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / length as f64).cos()).collect();
-    let scale = 2.0 * data.period_s / window.iter().map(|w| w * w).sum::<f64>();
-    let fft = FftPlanner::new().plan_fft_forward(length);
-    let bins = length / 2;
-    let mut s = vec![DMatrix::<C>::zeros(channels.len(), channels.len()); bins - 2];
-    let mut segments = 0.0;
-    for start in (0..=n - length).step_by(length / 2) {
-        let spectra: Vec<Vec<C>> = channels
-            .iter()
-            .map(|c| {
-                let r = &residual[ranges[*c].clone()][start..start + length];
-                let mut buffer: Vec<C> = r.iter().zip(&window).map(|(r, w)| C::new(r * w, 0.0)).collect();
-                fft.process(&mut buffer);
-                buffer
-            })
-            .collect();
-        for (bin, s) in s.iter_mut().enumerate() {
-            for i in 0..channels.len() {
-                for j in 0..channels.len() {
-                    s[(i, j)] += spectra[i][bin + 2] * spectra[j][bin + 2].conj();
-                }
-            }
-        }
-        segments += 1.0;
-    }
-    s.iter_mut().for_each(|s| *s *= C::new(scale / segments, 0.0));
-    let df = 1.0 / (length as f64 * data.period_s);
-    // Neighbouring bins of Hann windows and overlapping segments are not independent: together they count for what
-    // the samples count for.
-    let averages = n as f64 / length as f64;
-    let mut bands = Cross { f: Vec::new(), df: Vec::new(), s: Vec::new(), averages: Vec::new(), channels };
-    let mut from = 0;
-    while from < s.len() {
-        // Bands of about a tenth of their frequency.
-        let until = (from + 1 + from / 10).min(s.len());
-        let count = (until - from) as f64;
-        let sum = s[from..until].iter().fold(DMatrix::zeros(s[from].nrows(), s[from].ncols()), |a, b| a + b);
-        bands.f.push((from + until + 3) as f64 * 0.5 * df);
-        bands.df.push(count * df);
-        bands.averages.push(count * averages);
-        bands.s.push(sum * C::new(1.0 / count, 0.0));
-        from = until;
-    }
-    Some(bands)
-}
-
-/// Whittle's log-likelihood of noise of every channel for itself with density `level(band, channel)`, and a common part
-/// with density `common(band)` that reaches the channels by the responses `h`.
-fn whittle(
-    cross: &Cross,
-    level: impl Fn(usize, usize) -> f64,
-    common: impl Fn(usize) -> f64,
-    h: &[Vec<C>],
-) -> Option<f64> {
-    let p = cross.channels.len();
-    let mut sum = 0.0;
-    for (band, s) in cross.s.iter().enumerate() {
-        // Sherman and Morrison: the inverse of a diagonal and one outer product.
-        let (mut value, mut reach) = (0.0, 0.0);
-        let mut turned = vec![C::new(0.0, 0.0); p];
-        for c in 0..p {
-            let r = level(band, c);
-            value += r.ln() + s[(c, c)].re / r;
-            if let Some(h) = h.get(band) {
-                reach += h[c].norm_sqr() / r;
-                turned[c] = h[c] / r;
-            }
-        }
-        if !h.is_empty() {
-            let phi = common(band);
-            let mut quadratic = 0.0;
-            for i in 0..p {
-                for j in 0..p {
-                    quadratic += (turned[i].conj() * s[(i, j)] * turned[j]).re;
-                }
-            }
-            value += (1.0 + phi * reach).ln() - phi * quadratic / (1.0 + phi * reach);
-        }
-        sum -= cross.averages[band] * value;
-    }
-    sum.is_finite().then_some(sum)
-}
-
-fn ar_density(ar: &Ar, f: f64, period_s: f64) -> f64 {
-    let mut a = C::new(1.0, 0.0);
-    for (i, c) in ar.coefficients.iter().enumerate() {
-        a += C::from_polar(*c, -TAU * f * period_s * (i + 1) as f64);
-    }
-    2.0 * period_s * ar.variance / a.norm_sqr()
-}
-
-/// Response of the channels to what is added to each state's derivative: channels x states, per frequency.
-fn responses(vehicle: &Vehicle, data: &Data, cross: &Cross) -> Option<Vec<DMatrix<C>>> {
-    let n = vehicle.states.len();
-    let rows: Vec<usize> = cross.channels.iter().map(|c| data.channels[*c].output).collect();
-    let c = DMatrix::from_fn(rows.len(), n, |i, j| C::new(vehicle.c[(rows[i], j)], 0.0));
-    cross
-        .f
-        .iter()
-        .map(|f| {
-            let m = DMatrix::from_fn(n, n, |i, j| {
-                C::new(-vehicle.a[(i, j)], if i == j { TAU * f } else { 0.0 })
-            });
-            Some(&c * m.try_inverse()?)
-        })
-        .collect()
-}
-
+/// Gain in BIC below which turbulence is not thought of: its likelihood has an approximate noise model.
+pub const LEAST: f64 = 30.0;
 /// Largest relative standard errors of size and bandwidth with which turbulence is named.
 const KNOWN: (f64, f64) = (0.3, 1.0);
+/// A slower motion than this many periods in the record is a drift rather than turbulence.
+const PERIODS: f64 = 2.0;
 
-/// Looks for turbulence on any state in a residual; `None` when noise of every channel for itself does as well, or when
-/// the record does not determine it.
-pub fn turbulence(model: &Model<'_, '_>, fit: &Fit) -> Option<Turbulence> {
-    likeliest(model, fit).filter(|t| t.std.1 < KNOWN.0 && t.bandwidth_hz.1 < KNOWN.1)
+impl Turbulence {
+    /// True when the record determines it.
+    pub fn is_known(&self, data: &Data) -> bool {
+        self.delta_bic > LEAST
+            && self.std.1 < KNOWN.0
+            && self.bandwidth_hz.1 < KNOWN.1
+            && self.bandwidth_hz.0 * data.duration_s() > PERIODS
+            && self.bandwidth_hz.0 * data.period_s < 0.5
+    }
+
+    /// A noise model with it, for all channels together; `None` where only Whittle's likelihood could be had.
+    pub fn noise(&self, data: &Data, vehicle: &Vehicle, residual: &[f64]) -> Option<Noise> {
+        let whitener = Whitener::new(data, vehicle, self.state, self.noises.as_ref()?)?;
+        Some(Noise::fit(data, residual).noise.with_common(whitener))
+    }
 }
 
-fn likeliest(model: &Model<'_, '_>, fit: &Fit) -> Option<Turbulence> {
+/// Looks for turbulence on any state in a residual under noise of single channels; the likeliest, however small.
+///
+/// `None` when all channels have white residuals.
+pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Option<Turbulence> {
     let data = model.runner.data;
-    let noise = &fit.profile.noise.channels;
-    if noise.iter().filter(|ar| ar.order() > 0).count() < 2 {
+    let profile = &Noise::fit(data, residual);
+    let noise = &profile.noise.channels;
+    if noise.iter().all(|ar| ar.order() == 0) {
         return None;
     }
-    let cross = cross(data, &fit.residual)?;
-    let vehicle = model.vehicle(&fit.values)?;
+    let cross = cross(data, residual)?;
+    let vehicle = model.vehicle(values)?;
     let responses = responses(&vehicle, data, &cross)?;
     let rows = (2.0 * cross.averages.iter().sum::<f64>() * cross.channels.len() as f64).ln();
-    let density =
-        |band: usize, c: usize| ar_density(&noise[cross.channels[c]], cross.f[band], data.period_s);
+    let density = |band: usize, c: usize| ar_density(&noise[cross.channels[c]], cross.f[band], data.period_s);
     let alone = whittle(&cross, density, |_| 0.0, &[])?;
     let parameters: usize = cross.channels.iter().map(|c| noise[*c].order() + 1).sum();
     let alone = -2.0 * alone + parameters as f64 * rows;
@@ -195,14 +73,15 @@ fn likeliest(model: &Model<'_, '_>, fit: &Fit) -> Option<Turbulence> {
         .into_par_iter()
         .filter_map(|state| {
             let shaped = {
-                let h: Vec<Vec<C>> = responses.iter().map(|r| r.column(state).iter().copied().collect()).collect();
+                let h: Vec<Vec<C>> =
+                    responses.iter().map(|r| r.column(state).iter().copied().collect()).collect();
                 Shaped::fit(&cross, &h, data.period_s)?
             };
-            let bic = -2.0 * shaped.likelihood + (shaped.values.len() as f64) * rows;
+            let bic = -2.0 * shaped.likelihood + shaped.parameters() as f64 * rows;
             Some((state, shaped, alone - bic))
         })
         .collect();
-    refined(data, &vehicle, fit, fits)
+    refined(data, &vehicle, residual, profile, fits)
 }
 
 /// States whose fit is refined by the exact likelihood: the best of Whittle's.
@@ -210,6 +89,8 @@ const REFINED: usize = 3;
 
 /// A gain in BIC by Whittle's likelihood below which the exact one is not asked.
 const UNLIKELY: f64 = -30.0;
+/// A bandwidth of slow gusts, Hz.
+const SLOW: f64 = 0.15;
 /// A residual this many times the noise is far above it.
 const FAR: f64 = 2.5;
 
@@ -217,7 +98,8 @@ const FAR: f64 = 2.5;
 fn refined(
     data: &Data,
     vehicle: &Vehicle,
-    fit: &Fit,
+    residual: &[f64],
+    profile: &Profile,
     mut fits: Vec<(usize, Shaped, f64)>,
 ) -> Option<Turbulence> {
     fits.sort_by(|a, b| b.2.total_cmp(&a.2));
@@ -231,235 +113,86 @@ fn refined(
             bandwidth_hz: (best.values[1].exp(), best.errors[1]),
             delta_bic: *delta_bic,
             others,
+            noises: None,
         });
     }
     // Whittle's likelihood may be trusted to say that there is none, but not where the motion stands far above the noise.
     let far = data.channels.iter().enumerate().any(|(c, channel)| {
         let declared = vehicle.outputs[channel.output].noise;
-        let floor = if declared > 0.0 { declared } else { fit.profile.noise.channels[c].variance.sqrt() };
-        fit.profile.noise.total[c] > FAR * floor
+        let floor = if declared > 0.0 { declared } else { profile.noise.channels[c].variance.sqrt() };
+        profile.noise.total[c] > FAR * floor
     });
     if !far {
         fits.retain(|f| f.2 > UNLIKELY);
     }
-    let p = data.channels.len();
-    let alone = fit.profile.bic(0);
-    let rows = (fit.profile.rows as f64).ln();
-    let mut exact: Vec<(usize, [f64; 2], [f64; 2], f64)> = fits
+    let alone = profile.bic(0);
+    let rows = (profile.rows as f64).ln();
+    let mut exact: Vec<(usize, Noises, [f64; 2], f64)> = fits
         .par_iter()
         .take(REFINED)
-        .filter_map(|(state, shaped, whittle)| {
-            let starts = starts(data, vehicle, fit, shaped, *whittle > 0.0);
+        .enumerate()
+        .filter_map(|(rank, (state, shaped, whittle))| {
+            let starts = starts(data, vehicle, profile, shaped, (*whittle > 0.0, rank == 0));
             let tops = starts.into_iter().filter_map(|noises| {
-                let (noises, likelihood, errors) = climb(data, vehicle, *state, &fit.residual, noises)?;
-                let parameters = 2 + p + noises.poles.iter().filter(|a| **a != 0.0).count();
-                let bic = -2.0 * likelihood + parameters as f64 * rows;
-                Some((*state, noises.common, errors, alone - bic))
+                let (noises, likelihood, errors) = climb(data, vehicle, *state, residual, noises)?;
+                let bic = -2.0 * likelihood + noises.parameters() as f64 * rows;
+                Some((*state, noises, errors, alone - bic))
             });
             tops.max_by(|a, b| a.3.total_cmp(&b.3))
         })
         .collect();
     exact.sort_by(|a, b| b.3.total_cmp(&a.3));
     let others = exact.iter().skip(1).map(|f| (f.0, f.3)).collect();
-    let (state, common, errors, delta_bic) = *exact.first()?;
+    if exact.is_empty() {
+        return None;
+    }
+    let (state, noises, errors, delta_bic) = exact.swap_remove(0);
     Some(Turbulence {
         state,
-        std: (common[0].exp(), errors[0]),
-        bandwidth_hz: (common[1].exp(), errors[1]),
+        std: (noises.common[0].exp(), errors[0]),
+        bandwidth_hz: (noises.common[1].exp(), errors[1]),
         delta_bic,
         others,
+        noises: Some(noises),
     })
 }
 
 /// Noises from which the exact likelihood is climbed. Far above the noise Whittle's likelihood is none, and no start
 /// either: then the noise is what the vehicle declares, white or of first order.
-fn starts(data: &Data, vehicle: &Vehicle, fit: &Fit, shaped: &Shaped, trusted: bool) -> Vec<Noises> {
+fn starts(
+    data: &Data,
+    vehicle: &Vehicle,
+    profile: &Profile,
+    shaped: &Shaped,
+    (trusted, best): (bool, bool),
+) -> Vec<Noises> {
     let p = data.channels.len();
     let values = if trusted { &shaped.values } else { &shaped.first };
     let common = [values[0], values[1].max(-4.6)];
-    let noises = |own: &dyn Fn(usize) -> f64, poles: Vec<f64>| {
+    let noises = |own: &dyn Fn(usize) -> f64, partial: Vec<[f64; 2]>| {
         // What one channel's own past foretells is no less than all channels' together: the noise is at most that.
-        let most = |c: usize| 0.5 * fit.profile.noise.channels[c].variance.ln();
-        Noises { common, own: (0..p).map(|c| own(c).min(most(c))).collect(), poles }
+        let most = |c: usize| 0.5 * profile.noise.channels[c].variance.ln();
+        Noises { common, own: (0..p).map(|c| own(c).min(most(c))).collect(), partial }
     };
-    // A weak pole is none.
-    let strong = |a: f64| if a.abs() < 0.3 { 0.0 } else { a };
     if trusted {
-        return vec![noises(&|c| values[2 + c], values[2 + p..].iter().map(|v| strong(v.tanh())).collect())];
+        let partial: Vec<[f64; 2]> = (0..p).map(|c| shaped.partial(c)).collect();
+        let mut starts = vec![noises(&|c| values[2 + c], partial.clone())];
+        // Of a slow one Whittle's spectra show little.
+        if best && common[1] > SLOW.ln() {
+            starts.push(Noises { common: [shaped.first[0], SLOW.ln()], ..starts[0].clone() });
+        }
+        return starts;
     }
     let declared = |c: usize| vehicle.outputs[data.channels[c].output].noise;
     [0.0, 0.9f64]
         .into_iter()
-        .map(|pole| {
-            let innovation = 0.5 * (1.0 - pole * pole).ln();
-            let own = |c: usize| if declared(c) > 0.0 { declared(c).ln() + innovation } else { values[2 + c] };
-            noises(&own, vec![pole; p])
+        .map(|first| {
+            let innovation = 0.5 * (1.0 - first * first).ln();
+            let own =
+                |c: usize| if declared(c) > 0.0 { declared(c).ln() + innovation } else { values[2 + c] };
+            noises(&own, vec![[first, 0.0]; p])
         })
         .collect()
-}
-
-/// First-order shaped noise on one state beside noise of the channels, white or with one pole each. Values: logarithms
-/// of standard deviation and bandwidth; then of each channel's standard deviation, then the poles' inverse hyperbolic tangents.
-struct Shaped {
-    values: Vec<f64>,
-    errors: Vec<f64>,
-    likelihood: f64,
-    /// A plain start: a bandwidth of 0.5 Hz and white noise.
-    first: Vec<f64>,
-}
-
-impl Shaped {
-    fn fit(cross: &Cross, h: &[Vec<C>], period_s: f64) -> Option<Self> {
-        let p = cross.channels.len();
-        let mut start = vec![0.0; 2 + 2 * p];
-        // Noise: the level of the upper part of the band. Turbulence: what is above that.
-        let upper = 3 * cross.f.len() / 4;
-        for c in 0..p {
-            let level: Vec<f64> = cross.s[upper..].iter().map(|s| s[(c, c)].re).collect();
-            start[2 + c] = 0.5 * (crate::stats::median(&level) / (2.0 * period_s)).max(1e-300).ln();
-        }
-        // The size that gives a channel the power that it has, least over the channels.
-        let size = |bandwidth: f64| {
-            let sizes = (0..p).filter_map(|c| {
-                let (mut power, mut gain) = (0.0, 0.0);
-                for (band, (s, h)) in cross.s.iter().zip(h).enumerate() {
-                    power += s[(c, c)].re * cross.df[band];
-                    gain += h[c].norm_sqr() * Self::common(&[0.0, bandwidth.ln()], cross.f[band]).0 * cross.df[band];
-                }
-                (gain > 0.0).then(|| (power / gain).sqrt())
-            });
-            sizes.fold(f64::INFINITY, f64::min).clamp(1e-150, 1e150)
-        };
-        let mut first = Vec::new();
-        let mut best: Option<Self> = None;
-        for bandwidth in [0.1f64, 0.5, 2.5] {
-            let mut values = start.clone();
-            (values[0], values[1]) = (size(bandwidth).ln(), bandwidth.ln());
-            if bandwidth == 0.5 {
-                first.clone_from(&values);
-            }
-            let found = Self::search(cross, h, period_s, values);
-            if let Some(found) = found
-                && best.as_ref().is_none_or(|b| found.likelihood > b.likelihood)
-            {
-                best = Some(found);
-            }
-        }
-        best.map(|b| Self { first, ..b })
-    }
-
-    /// Density of the shaped noise, and its derivatives by the first two values.
-    fn common(values: &[f64], f: f64) -> (f64, [f64; 2]) {
-        let (std, a, w) = (values[0].exp(), TAU * values[1].exp(), TAU * f);
-        let phi = 4.0 * std * std * a / (a * a + w * w);
-        (phi, [2.0 * phi, phi * (1.0 - 2.0 * a * a / (a * a + w * w))])
-    }
-
-    /// Density of a channel's own noise, and its derivatives by size and pole.
-    fn own(values: &[f64], c: usize, p: usize, f: f64, period_s: f64) -> (f64, [f64; 2]) {
-        let pole = values[2 + p + c].tanh();
-        let cosine = (TAU * f * period_s).cos();
-        let denominator = 1.0 + pole * pole - 2.0 * pole * cosine;
-        let level = 2.0 * period_s * (2.0 * values[2 + c]).exp() / denominator;
-        let by_pole = -level * (2.0 * pole - 2.0 * cosine) / denominator * (1.0 - pole * pole);
-        (level, [2.0 * level, by_pole])
-    }
-
-    fn likelihood(cross: &Cross, h: &[Vec<C>], period_s: f64, values: &[f64]) -> Option<f64> {
-        let p = cross.channels.len();
-        let level = |band: usize, c: usize| Self::own(values, c, p, cross.f[band], period_s).0;
-        whittle(cross, level, |band| Self::common(values, cross.f[band]).0, h)
-    }
-
-    /// Information and gradient of Whittle's likelihood.
-    fn scoring(cross: &Cross, h: &[Vec<C>], period_s: f64, values: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
-        let (p, k) = (cross.channels.len(), values.len());
-        let (mut information, mut gradient) = (DMatrix::zeros(k, k), DVector::zeros(k));
-        for (band, measured) in cross.s.iter().enumerate() {
-            let (weight, f, h) = (cross.averages[band], cross.f[band], &h[band]);
-            let (phi, by_common) = Self::common(values, f);
-            let own: Vec<(f64, [f64; 2])> = (0..p).map(|c| Self::own(values, c, p, f, period_s)).collect();
-            let reach: f64 = (0..p).map(|c| h[c].norm_sqr() / own[c].0).sum();
-            let inverse = DMatrix::from_fn(p, p, |i, j| {
-                let outer = (h[i] / own[i].0) * (h[j] / own[j].0).conj() * (phi / (1.0 + phi * reach));
-                if i == j { C::new(1.0 / own[i].0, 0.0) - outer } else { -outer }
-            });
-            let v: Vec<C> = (0..p).map(|i| (0..p).map(|j| inverse[(i, j)] * h[j]).sum()).collect();
-            let through: f64 = (0..p).map(|c| (h[c].conj() * v[c]).re).sum();
-            let excess = &inverse * measured * &inverse - &inverse;
-            let along: f64 = {
-                let mut sum = 0.0;
-                for i in 0..p {
-                    for j in 0..p {
-                        sum += (h[i].conj() * excess[(i, j)] * h[j]).re;
-                    }
-                }
-                sum
-            };
-            for a in 0..2 {
-                gradient[a] += weight * by_common[a] * along;
-                for b in 0..2 {
-                    information[(a, b)] += weight * by_common[a] * by_common[b] * through * through;
-                }
-                for (c, (_, by_own)) in own.iter().enumerate() {
-                    for (d, by) in by_own.iter().enumerate() {
-                        let value = weight * by_common[a] * by * v[c].norm_sqr();
-                        let at = 2 + d * p + c;
-                        information[(a, at)] += value;
-                        information[(at, a)] += value;
-                    }
-                }
-            }
-            for (c, (_, by_c)) in own.iter().enumerate() {
-                for (d, by) in by_c.iter().enumerate() {
-                    gradient[2 + d * p + c] += weight * by * excess[(c, c)].re;
-                }
-                for (e, (_, by_e)) in own.iter().enumerate() {
-                    let alike = weight * inverse[(c, e)].norm_sqr();
-                    for (i, x) in by_c.iter().enumerate() {
-                        for (j, y) in by_e.iter().enumerate() {
-                            information[(2 + i * p + c, 2 + j * p + e)] += alike * x * y;
-                        }
-                    }
-                }
-            }
-        }
-        (information, gradient)
-    }
-
-    /// Fisher scoring.
-    fn search(cross: &Cross, h: &[Vec<C>], period_s: f64, mut values: Vec<f64>) -> Option<Self> {
-        let mut now = Self::likelihood(cross, h, period_s, &values)?;
-        let mut covariance = DMatrix::zeros(values.len(), values.len());
-        let mut damping = 1e-3;
-        for _ in 0..60 {
-            let (information, gradient) = Self::scoring(cross, h, period_s, &values);
-            covariance = pseudo_inverse(&information)?;
-            let mut gain = None;
-            for _ in 0..6 {
-                let mut damped = information.clone();
-                (0..values.len()).for_each(|i| damped[(i, i)] *= 1.0 + damping);
-                let step = pseudo_inverse(&damped)? * &gradient;
-                // Logarithms: a step of one is a factor of e.
-                let scale = 1.0 / step.amax().max(1.0);
-                let next: Vec<f64> = values.iter().zip(step.iter()).map(|(v, d)| v + scale * d).collect();
-                if let Some(l) = Self::likelihood(cross, h, period_s, &next)
-                    && l > now
-                {
-                    gain = Some(l - now);
-                    (values, now) = (next, l);
-                    damping = (0.2 * damping).max(1e-6);
-                    break;
-                }
-                damping *= 10.0;
-            }
-            if gain.is_none_or(|g| g < 1e-2) {
-                break;
-            }
-        }
-        let errors = (0..values.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
-        Some(Self { values, errors, likelihood: now, first: Vec::new() })
-    }
 }
 
 /// White noise of a channel beyond what is declared.
@@ -475,7 +208,13 @@ pub struct ExcessNoise {
 const TIMES: f64 = 2.0;
 
 /// Noise of a channel that is more than twice the declared, and about white.
-pub fn excess_noise(data: &Data, residual: &[f64], ar: &Ar, channel: usize, declared: f64) -> Option<ExcessNoise> {
+pub fn excess_noise(
+    data: &Data,
+    residual: &[f64],
+    ar: &Ar,
+    channel: usize,
+    declared: f64,
+) -> Option<ExcessNoise> {
     let range = data.ranges()[channel].clone();
     let good = &data.channels[channel].good;
     let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();

@@ -15,6 +15,8 @@ const GLANCED: usize = 12;
 /// Candidates that are fitted to their optimum, at most, and how far in BIC behind the best of them.
 const FITTED: usize = 5;
 const BEHIND: f64 = 40.0;
+/// Difference in BIC up to which two causes are the same thing.
+const SAME: f64 = 0.5;
 /// Score of a transition whose time is still far off, at most.
 const UNSURE: f64 = 100.0;
 /// Gain in BIC below which the first look leaves no hope that a fit would be accepted.
@@ -53,9 +55,6 @@ pub struct Scene<'s> {
     pub sizes: &'s Sizes,
     /// Standard deviations of the channels' noise as the vehicle declares it; 0 where it says nothing.
     pub declared: &'s [f64],
-    /// Which share of a likelihood counts: below 1 where channels have noise in common, which the noise models of single
-    /// channels count once for each.
-    pub share: f64,
 }
 
 /// Weighs every candidate of the scene, and events and tones that the residual suggests. Best first.
@@ -70,7 +69,7 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         .map(|(declared, ar)| declared.max(ar.variance.sqrt()))
         .collect();
     let mut frames = vec![Frame::new(data, &fit.profile.noise, &fit.residual, &fit.columns)];
-    if fit.profile.noise.channels.iter().any(|ar| ar.order() > 0) {
+    if fit.profile.noise.common.is_none() && fit.profile.noise.channels.iter().any(|ar| ar.order() > 0) {
         frames.push(Frame::new(data, &Noise::white(&stds), &fit.residual, &fit.columns));
     }
     let mut candidates: Vec<Candidate> = scene
@@ -110,7 +109,8 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
                     continue;
                 } else if promising[index] {
                     let values = &candidate.starts[shot.start];
-                    profiled(model, fit, &frames[shot.frame], &candidate, values, shot.amplitude).unwrap_or(-cost)
+                    profiled(model, fit, &frames[shot.frame], &candidate, values, shot.amplitude)
+                        .unwrap_or(-cost)
                 } else if shot.frame == 0 {
                     shot.score - cost
                 } else {
@@ -131,7 +131,9 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         .enumerate()
         .take(GLANCED)
         .filter(|(_, (trial, _))| trial.delta_bic > HOPELESS)
-        .filter_map(|(i, (t, start))| Some((followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?, i)))
+        .filter_map(|(i, (t, start))| {
+            Some((followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?, i))
+        })
         .collect();
     glances.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
     let best = glances.first().map_or(0.0, |g| g.0.delta_bic);
@@ -153,6 +155,21 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         let fitted = |t: &Trial| t.fit.is_some();
         fitted(&b.0).cmp(&fitted(&a.0)).then(b.0.delta_bic.total_cmp(&a.0.delta_bic))
     });
+    // With one input and one output, a delay of the one is a delay of the other: then it is the input's.
+    let twin = |kind: Kind| match kind {
+        Kind::SensorDelay => Some(Kind::InputDelay),
+        Kind::SensorLag => Some(Kind::ActuatorLag),
+        Kind::SensorScale => Some(Kind::InputGain),
+        _ => None,
+    };
+    if let Some((first, _)) = trials.first()
+        && let Some(kind) = twin(first.candidate.kind)
+        && let Some(i) = trials.iter().position(|(t, _)| t.candidate.kind == kind)
+        && trials[i].0.fit.is_some()
+        && first.delta_bic - trials[i].0.delta_bic < SAME
+    {
+        trials[..=i].rotate_right(1);
+    }
     let mut names = std::collections::HashSet::new();
     trials.into_iter().map(|(trial, _)| trial).filter(|t| names.insert(t.candidate.name())).collect()
 }
@@ -168,9 +185,9 @@ fn once(trials: &mut Vec<(Trial, Vec<f64>)>) {
                 && pairs.all(|((a, b), t)| t.size || t.name == "phase_rad" || (a - b).abs() <= 3.0 * t.scale)
         };
         // The score of one whose noise was fitted anew is the same when it is the same.
-        let known = kept.iter().any(|(n, other, bic)| {
-            *n == name && near(other) && (bic - trial.delta_bic).abs() < 1.0
-        });
+        let known = kept
+            .iter()
+            .any(|(n, other, bic)| *n == name && near(other) && (bic - trial.delta_bic).abs() < 1.0);
         if !known {
             kept.push((name, start.clone(), trial.delta_bic));
         }
@@ -221,12 +238,7 @@ fn two_sided(candidate: &Candidate) -> bool {
 }
 
 /// Change of the predicted samples when the candidate is added.
-fn signature(
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    candidate: &Candidate,
-    values: &[f64],
-) -> Option<Vec<f64>> {
+fn signature(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, values: &[f64]) -> Option<Vec<f64>> {
     let mut vehicle = model.vehicle(&fit.values)?;
     vehicle.add_effect(candidate.effect(values)?).ok()?;
     let mut samples = model.runner.run_vehicle(&vehicle, &fit.values[..model.states()])?;
@@ -258,15 +270,20 @@ fn profiled(
     let data = model.runner.data;
     let mut signature = signature(model, fit, candidate, values)?;
     data.fill(&mut signature);
-    let rest: Vec<f64> =
-        fit.residual.iter().zip(&signature).map(|(r, s)| r - amplitude * s).collect();
-    let profile = Noise::fit(data, &frame.without_nuisances(&rest));
+    let rest: Vec<f64> = fit.residual.iter().zip(&signature).map(|(r, s)| r - amplitude * s).collect();
+    let profile = fit.profile.noise.again(data, &frame.without_nuisances(&rest));
     Some(fit.profile.bic(0) - profile.bic(candidate.tunables.len()))
 }
 
 /// Where in time a transition does best near a shot, and its gain in BIC: a search by halves, as a fit by derivatives
 /// would stay at the nearest hump.
-fn located(model: &Model<'_, '_>, fit: &Fit, frame: &Frame<'_>, candidate: &Candidate, shot: &Shot) -> (f64, Vec<f64>) {
+fn located(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    frame: &Frame<'_>,
+    candidate: &Candidate,
+    shot: &Shot,
+) -> (f64, Vec<f64>) {
     let gain = |t: f64| profiled(model, fit, frame, candidate, &[t], 1.0).unwrap_or(f64::NEG_INFINITY);
     let mut at = candidate.starts[shot.start][0];
     let mut best = gain(at);
@@ -300,7 +317,7 @@ fn followed(
     let mut values = fit.values.clone();
     values.extend(start);
     let initial = &fit.columns[..model.states()];
-    let result = extended.follow(values, None, Some(initial), effort)?;
+    let result = extended.follow(values, fit.profile.noise.shared(), Some(initial), effort)?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
     let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
     Some(Trial { candidate: candidate.clone(), fit: Some(result), delta_bic, ratio })

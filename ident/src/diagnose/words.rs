@@ -45,7 +45,8 @@ fn frame(records: &[Record], vehicle: &Vehicle, data: &Data, found: Vec<DataFind
 /// The answer when the vehicle's free run leaves all bounds.
 pub fn diverged(records: &[Record], vehicle: &Vehicle, data: &Data, found: Vec<DataFinding>) -> Diagnosis {
     let mut answer = frame(records, vehicle, data, found);
-    answer.summary = format!("Inconclusive: the free run of {} over this record leaves all bounds.", vehicle.name);
+    answer.summary =
+        format!("Inconclusive: the free run of {} over this record leaves all bounds.", vehicle.name);
     answer.advice.push(format!(
         "Check the units of the inputs and the vehicle file (whirlstand compare shows both), or identify the vehicle from this record first: whirlstand identify {} --vehicle {}.",
         data.origin, vehicle.name
@@ -231,11 +232,8 @@ fn causes(
 fn tone_notes(cause: &mut Cause, data: &Data, vehicle: &Vehicle, options: &Options) {
     let value = |name: &str| cause.parameters.get(name).map_or(0.0, |p| p.value);
     let (f, amplitude) = (value("frequency_hz"), value("amplitude"));
-    let channel = data
-        .channels
-        .iter()
-        .find(|c| vehicle.outputs[c.output].name == cause.place)
-        .map_or(1, |c| c.stride);
+    let channel =
+        data.channels.iter().find(|c| vehicle.outputs[c.output].name == cause.place).map_or(1, |c| c.stride);
     let aliases = engine::aliases(f, data.period_s * channel as f64);
     let list: Vec<String> = aliases.iter().map(|a| format!("{a:.2} Hz")).collect();
     cause.notes.push(format!("at this rate it may as well be {}", list.join(", ")));
@@ -329,12 +327,14 @@ fn summary(answer: &Diagnosis) -> String {
         format!("{} on {}{alike}: {}", c.effect, c.place, parameters.join(", "))
     };
     let list: Vec<String> = answer.causes.iter().map(cause).collect();
-    let blocking: Vec<&str> =
-        answer.data.iter().filter(|f| f.blocking).map(|f| f.text.as_str()).collect();
+    let blocking: Vec<&str> = answer.data.iter().filter(|f| f.blocking).map(|f| f.text.as_str()).collect();
     let left = 100.0 * answer.unexplained.share;
     match answer.verdict {
         Verdict::Consistent => {
-            format!("Consistent: no effect passed; the record is what {} does, within its noise.", answer.vehicle)
+            format!(
+                "Consistent: no effect passed; the record is what {} does, within its noise.",
+                answer.vehicle
+            )
         }
         Verdict::Explained => format!("Explained by {}.", list.join("; and ")),
         Verdict::PartlyExplained => {

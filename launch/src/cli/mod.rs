@@ -10,8 +10,8 @@ use whirlstand_msgs::units::{Quantity, Unit};
 
 pub(crate) use blind::{BlindArgs, BlindCase};
 pub(crate) use files::{
-    CompareArgs, DesignArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
-    LaunchCommand, LogCommand, SimulateArgs, VehicleCommand,
+    CompareArgs, DesignArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod,
+    IdentifyNoise, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand,
 };
 
 /// A hardware-in-the-loop bench for small VTOL control.

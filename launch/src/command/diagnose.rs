@@ -17,7 +17,8 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     let options = options(args)?;
     let records = args.logs.iter().map(|path| part(path, args)).collect::<Result<Vec<_>, _>>()?;
     let mut answer = run(&records, &vehicle, &options).map_err(Failure::mend)?;
-    let extended = args.output.clone().or_else(|| args.out.as_ref().map(|folder| folder.join("vehicle.toml")));
+    let extended =
+        args.output.clone().or_else(|| args.out.as_ref().map(|folder| folder.join("vehicle.toml")));
     if let (Some(path), Some(vehicle)) = (&extended, &answer.extended) {
         write(path, &vehicle.to_toml())?;
         answer.extended_vehicle = Some(path.display().to_string());
@@ -53,7 +54,9 @@ fn options(args: &DiagnoseArgs) -> Result<Options, Failure> {
     if let (Some(from), Some(to)) = (args.from, args.to)
         && from >= to
     {
-        return Err(Failure::Mend(format!("--from {from} lies behind --to {to}: nothing is left to diagnose")));
+        return Err(Failure::Mend(format!(
+            "--from {from} lies behind --to {to}: nothing is left to diagnose"
+        )));
     }
     let ground = |path: &Option<PathBuf>| path.as_ref().map(|p| super::log::read(p, &args.map)).transpose();
     Ok(Options {

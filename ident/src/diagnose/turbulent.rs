@@ -1,0 +1,179 @@
+//! Causes beside turbulence: which of the two explains what.
+//!
+//! Turbulence shakes all channels that follow its state, so that noise models of single channels find each shake several
+//! times, and events in it. Where a residual looks turbulent, the causes are therefore chosen once more under a noise model
+//! of all channels together, and the turbulence is sized anew beside them.
+
+use whirlstand_vehicle::Kind;
+
+use super::data::Data;
+use super::library::Candidate;
+use super::model::Model;
+use super::noise::Noise;
+use super::select::{Selection, select};
+use super::stochastic::{LEAST, Turbulence, turbulence};
+use super::survey::Scene;
+use crate::stats::{mean, rms};
+
+/// Choices of causes, each under the turbulence that the last left.
+const PASSES: usize = 2;
+/// Sizes that differ by less are the same.
+const SETTLED: f64 = 1.3;
+/// A turbulence that grows with a command, by so many standard deviations of chance, is none.
+const RELATED: f64 = 3.5;
+/// Shifts in time that show what chance does.
+const SHIFTS: usize = 200;
+
+/// Causes with turbulence beside them, where that explains more than `selection` alone.
+pub(super) fn beside<'r, 'd>(
+    selection: Selection<'r, 'd>,
+    model: &Model<'r, 'd>,
+    scene: &Scene<'_>,
+) -> (Selection<'r, 'd>, Option<Turbulence>) {
+    let data = model.runner.data;
+    let look = |s: &Selection<'r, 'd>| {
+        turbulence(&s.model, &s.fit.values, &s.fit.residual).filter(|t| t.delta_bic > LEAST)
+    };
+    let alone = plain_bic(&selection, data);
+    // Gusts that were taken for single events hide what is left of the turbulence.
+    let calm = without_gusts(&selection, None);
+    let first = look(&selection).or_else(|| calm.as_ref().and_then(look));
+    let Some(mut found) = first else { return (selection, None) };
+    let mut chosen: Option<Selection<'r, 'd>> = None;
+    for _ in 0..PASSES {
+        let last = chosen.as_ref().or(calm.as_ref()).unwrap_or(&selection);
+        let noise =
+            last.model.vehicle(&last.fit.values).and_then(|v| found.noise(data, &v, &last.fit.residual));
+        let Some(noise) = noise else { break };
+        let Some(next) = select(model.clone(), scene, Some(&noise)) else { break };
+        let next = without_gusts(&next, Some(found.state)).unwrap_or(next);
+        let again = look(&next);
+        chosen = Some(next);
+        let Some(again) = again else { return single(selection, chosen, alone) };
+        let same = again.state == found.state && (again.std.0 / found.std.0).ln().abs() < SETTLED.ln();
+        found = again;
+        if same {
+            break;
+        }
+    }
+    let Some(mut chosen) = chosen else {
+        // Only an approximate likelihood could be had: the causes are those without it.
+        let known = found.is_known(data);
+        return (selection, known.then_some(found));
+    };
+    if !found.is_known(data) || plain_bic(&chosen, data) - found.delta_bic > alone - LEAST {
+        return (selection, None);
+    }
+    let Some(noise) =
+        chosen.model.vehicle(&chosen.fit.values).and_then(|v| found.noise(data, &v, &chosen.fit.residual))
+    else {
+        return (selection, None);
+    };
+    if related(data, &noise, &chosen) {
+        return (selection, None);
+    }
+    if let Some(fit) = chosen.model.fit(chosen.fit.values.clone(), Some(&noise), None) {
+        chosen.fit = fit;
+    }
+    (chosen, Some(found))
+}
+
+/// The same causes without disturbances, on one state or on all, fitted anew; `None` when there are none. A gust is part
+/// of the turbulence of its state.
+fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) -> Option<Selection<'r, 'd>> {
+    let place = state.map(|s| selection.model.runner.vehicle.states[s].name.as_str());
+    let gust = |c: &Candidate| {
+        matches!(c.kind, Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance)
+            && place.is_none_or(|p| c.place == p)
+    };
+    selection.model.terms.iter().any(gust).then_some(())?;
+    let mut calm = selection.clone();
+    calm.keep(|c| !gust(c));
+    calm.fit = calm.model.fit(calm.fit.values.clone(), selection.fit.profile.noise.shared(), None)?;
+    Some(calm)
+}
+
+/// The turbulence was the trace of causes that were found only when it was taken for noise.
+fn single<'r, 'd>(
+    selection: Selection<'r, 'd>,
+    chosen: Option<Selection<'r, 'd>>,
+    alone: f64,
+) -> (Selection<'r, 'd>, Option<Turbulence>) {
+    let better = chosen.and_then(|mut chosen| {
+        let fit = chosen.model.fit(chosen.fit.values.clone(), None, None)?;
+        let bic = fit.profile.bic(chosen.model.parameters());
+        chosen.fit = fit;
+        chosen.null = selection.null.clone();
+        (bic < alone - LEAST && !chosen.model.terms.is_empty()).then_some(chosen)
+    });
+    (better.unwrap_or(selection), None)
+}
+
+/// BIC with noise models of single channels.
+fn plain_bic(selection: &Selection<'_, '_>, data: &Data) -> f64 {
+    Noise::fit(data, &selection.fit.residual).bic(selection.model.parameters())
+}
+
+/// True when the turbulence is larger where a command or an output is larger: then it is something that the vehicle does.
+fn related(data: &Data, noise: &Noise, selection: &Selection<'_, '_>) -> bool {
+    let Some(common) = &noise.common else { return false };
+    let states = selection.model.runner.states();
+    let gust: Vec<f64> = common.states(data, &selection.fit.residual, states).iter().map(|w| w * w).collect();
+    let square = |v: &mut dyn Iterator<Item = f64>| v.map(|v| v * v).collect::<Vec<f64>>();
+    let mut features: Vec<Vec<f64>> = (0..data.m).map(|j| square(&mut data.input(j))).collect();
+    features
+        .extend(data.ranges().into_iter().map(|r| square(&mut selection.fit.predicted[r].iter().copied())));
+    features.iter().any(|f| correlation_in_sigmas(&gust, f) > RELATED)
+}
+
+/// Correlation of two sequences over what it is when one is shifted in time, in a circle.
+fn correlation_in_sigmas(a: &[f64], b: &[f64]) -> f64 {
+    let n = a.len().min(b.len());
+    if n < 2 * SHIFTS {
+        return 0.0;
+    }
+    let centred = |v: &[f64]| {
+        let m = mean(&v[..n]);
+        v[..n].iter().map(|x| x - m).collect::<Vec<f64>>()
+    };
+    let (a, b) = (centred(a), centred(b));
+    let at = |shift: usize| -> f64 {
+        let (head, tail) = b.split_at(shift);
+        super::model::dot(&a[..n - shift], tail) + super::model::dot(&a[n - shift..], head)
+    };
+    let shifted: Vec<f64> = (1..=SHIFTS).map(|i| at(i * (n - 1) / (SHIFTS + 1))).collect();
+    let spread = rms(&shifted);
+    if spread > 0.0 { at(0) / spread } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::correlation_in_sigmas;
+    use whirlstand_vehicle::Stream;
+
+    fn slow(seed: u64, n: usize) -> Vec<f64> {
+        let mut stream = Stream::new(seed, "slow");
+        let mut x = 0.0;
+        (0..n)
+            .map(|_| {
+                x = 0.98 * x + stream.normal();
+                x
+            })
+            .collect()
+    }
+
+    #[test]
+    fn sequences_of_their_own_are_not_related_however_slow() {
+        let far = (0..20)
+            .filter(|s| correlation_in_sigmas(&slow(*s, 6000), &slow(100 + s, 6000)).abs() > 4.0)
+            .count();
+        assert_eq!(far, 0, "of 20 pairs");
+    }
+
+    #[test]
+    fn a_sequence_that_follows_another_is_related() {
+        let (a, own) = (slow(1, 6000), slow(2, 6000));
+        let b: Vec<f64> = a.iter().zip(&own).map(|(a, o)| a + o).collect();
+        assert!(correlation_in_sigmas(&a, &b) > 4.5);
+    }
+}
