@@ -28,7 +28,7 @@ fn identified(vehicle: &Vehicle, record: &Record, part: (f64, f64), period_s: Op
     let source = Source { log: Log { file: record.origin.clone(), sha256: String::new() }, segment };
     let nuisance = Nuisance { initial_state: true, output_offsets: false };
     let options = identify::Options { nuisance, noise: Some(Noise::White), ..identify::Options::default() };
-    identify(vehicle, &[source], &[], &options, &|_| ()).unwrap()
+    *identify(vehicle, &[source], &[], &options, &|_| ()).unwrap().fitted.unwrap()
 }
 
 fn diagnosed(record: Record, vehicle: &Vehicle, period_s: Option<f64>) -> Diagnosis {
