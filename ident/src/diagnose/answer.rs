@@ -241,21 +241,55 @@ pub struct OutputFigure {
     pub tones: Vec<f64>,
 }
 
-/// What the residual shows of a cause: the residual against what the cause depends on, or against time.
+/// Points of a line or a cloud: values below and at the side.
+pub type Points = (Vec<f64>, Vec<f64>);
+
+/// An axis of a plot.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Axis {
+    /// What is on it.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+}
+
+impl Axis {
+    pub(super) fn new(name: &str, unit: &str) -> Self {
+        Self { name: name.into(), unit: if unit == "1" { String::new() } else { unit.into() } }
+    }
+
+    pub(super) fn time(name: &str) -> Self {
+        Self::new(name, "s")
+    }
+
+    pub(super) fn number(name: &str) -> Self {
+        Self::new(name, "")
+    }
+}
+
+/// What the record shows of a cause: what is missing from the simulation against what the cause depends on.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct EvidenceCurve {
     /// Effect and place.
     pub cause: String,
     /// True for an accepted cause.
     pub accepted: bool,
-    /// What is on the axis below, with its unit.
-    pub x_label: String,
-    /// What is on the axis at the side, with its unit.
-    pub y_label: String,
-    /// Values below.
-    pub x: Vec<f64>,
-    /// Residual of the given vehicle, where it was measured.
-    pub residual: Vec<f64>,
-    /// What the cause says it should be.
-    pub explained: Vec<f64>,
+    /// How to read it, in a sentence.
+    pub caption: String,
+    /// The axis below.
+    pub x: Axis,
+    /// The axis at the side.
+    pub y: Axis,
+    /// Both axes are logarithmic.
+    pub logarithmic: bool,
+    /// Single samples of the record, thinned; empty where lines say it all.
+    pub cloud: Points,
+    /// What the record says on the whole. NaN is a gap.
+    pub measured: Points,
+    /// What the cause says, treated in the same way.
+    pub explained: Points,
+    /// What the given vehicle says: without the cause.
+    pub without: Points,
+    /// The nearest rejected rival of an accepted cause, and what it says.
+    pub rival: Option<(String, Points)>,
 }

@@ -1,18 +1,19 @@
-//! The signals of a diagnosis for the report: runs before and after, and what each cause explains.
+//! The signals of a diagnosis for the report: runs before and after, and what shows each cause.
 
+use rayon::prelude::*;
 use whirlstand_vehicle::{Kind, Vehicle};
 
 use super::answer::{Diagnosis, EvidenceCurve, Figures, OutputFigure};
 use super::data::{Channel, Data};
+use super::evidence_random as random;
 use super::gains::Gains;
 use super::library::Candidate;
 use super::model::Model;
 use super::run::Findings;
+use super::shows::{Shown, shows};
 
 /// Rejected candidates that are shown beside the accepted ones.
 const REJECTED: usize = 2;
-/// Points of a curve.
-const POINTS: usize = 1500;
 
 pub(super) fn figures(
     findings: &Findings<'_, '_>,
@@ -64,67 +65,118 @@ fn spread(data: &Data, channel: &Channel, samples: &[f64]) -> Vec<f64> {
     all
 }
 
+/// A cause to be shown: without it, with it, and with its nearest rejected rival in its place.
+struct Case<'c> {
+    candidate: &'c Candidate,
+    /// Values of the model that has the candidate last or at its place, and the model.
+    model: Model<'c, 'c>,
+    values: Vec<f64>,
+    without: Vec<f64>,
+    with: Vec<f64>,
+    rival: Option<(String, Vec<f64>)>,
+    accepted: bool,
+}
+
 fn evidence(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle) -> Vec<EvidenceCurve> {
     let selection = &findings.selection;
-    let mut curves = Vec::new();
-    for (term, candidate) in selection.model.terms.iter().enumerate() {
+    let fit = &selection.fit;
+    let mut cases = Vec::new();
+    for (term, (candidate, accepted)) in selection.model.terms.iter().zip(&selection.accepted).enumerate() {
         let mut others = selection.model.clone();
         others.terms.remove(term);
-        let mut values = selection.fit.values.clone();
+        let mut values = fit.values.clone();
         values.drain(selection.model.range(term));
-        if let Some(without) = others.predict(&values) {
-            curves.extend(curve(data, vehicle, candidate, &without, &selection.fit.predicted, true));
-        }
+        let Some(without) = others.predict(&values) else { continue };
+        let rival =
+            accepted.rivals.iter().find(|r| !r.indistinguishable() && r.kappa < 0.999).and_then(|rival| {
+                let mut model = others.clone();
+                model.terms.push(rival.candidate.clone());
+                let values: Vec<f64> = values.iter().chain(&rival.values).copied().collect();
+                Some((words(&rival.candidate), model.predict(&values)?))
+            });
+        cases.push(Case {
+            candidate,
+            model: selection.model.clone(),
+            values: fit.values.clone(),
+            without,
+            with: fit.predicted.clone(),
+            rival,
+            accepted: true,
+        });
     }
     let tried = selection.refused.iter().filter_map(|(t, _)| Some((&t.candidate, t.fit.as_ref()?)));
     for (candidate, fit) in tried.take(REJECTED) {
-        let model: &Model<'_, '_> = &selection.model;
         let values = &fit.values[..fit.values.len() - candidate.tunables.len()];
-        if let Some(without) = model.predict(values) {
-            curves.extend(curve(data, vehicle, candidate, &without, &fit.predicted, false));
-        }
+        let Some(without) = selection.model.predict(values) else { continue };
+        let mut model = selection.model.clone();
+        model.terms.push(candidate.clone());
+        cases.push(Case {
+            candidate,
+            model,
+            values: fit.values.clone(),
+            without,
+            with: fit.predicted.clone(),
+            rival: None,
+            accepted: false,
+        });
     }
+    let noise: Vec<f64> =
+        (0..data.channels.len()).map(|c| fit.profile.noise.std(c, data, &fit.residual)).collect();
+    let mut curves: Vec<EvidenceCurve> = cases
+        .par_iter()
+        .filter_map(|case| {
+            let shown = Shown {
+                data,
+                vehicle,
+                noise: &noise,
+                states: states(&case.model, &case.values)?,
+                without: &case.without,
+                with: &case.with,
+                rival: case.rival.as_ref().map(|(_, predicted)| predicted.as_slice()),
+            };
+            let mut curve = shows(&shown, &case.candidate.effect(own_values(case))?)?;
+            curve.cause = words(case.candidate);
+            curve.accepted = case.accepted;
+            if let (Some((name, _)), Some(rival)) = (&case.rival, &mut curve.rival) {
+                rival.0.clone_from(name);
+            }
+            Some(curve)
+        })
+        .collect();
+    let turbulence = findings.turbulence.iter();
+    curves.extend(turbulence.filter_map(|t| random::turbulence(t, findings, data, vehicle, &noise)));
+    curves.extend(findings.samples.iter().filter_map(|s| random::samples(s, data, vehicle)));
+    curves.extend(findings.noise.iter().map(|(c, _)| random::noise(*c, findings, data, vehicle)));
+    // Accepted ones first.
+    curves.sort_by_key(|c| !c.accepted);
     curves
 }
 
-/// The residual without a cause, and what the cause says it should be, in the output that shows it best, over the part
-/// of the record that shows it best.
-fn curve(
-    data: &Data,
-    vehicle: &Vehicle,
-    candidate: &Candidate,
-    without: &[f64],
-    with: &[f64],
-    accepted: bool,
-) -> Option<EvidenceCurve> {
-    let ranges = data.ranges();
-    let strength = |c: usize| {
-        let output = &vehicle.outputs[data.channels[c].output];
-        let noise = if output.noise > 0.0 { output.noise } else { 1.0 };
-        let power: f64 = ranges[c].clone().map(|k| (with[k] - without[k]).powi(2)).sum();
-        power / (noise * noise)
-    };
-    let c = (0..ranges.len()).max_by(|a, b| strength(*a).total_cmp(&strength(*b)))?;
-    let (channel, range) = (&data.channels[c], ranges[c].clone());
-    let difference: Vec<f64> = range.clone().map(|k| with[k] - without[k]).collect();
-    let window = POINTS.min(difference.len());
-    let mut sum: f64 = difference[..window].iter().map(|d| d * d).sum();
-    let mut best = (sum, 0);
-    for k in window..difference.len() {
-        sum += difference[k].powi(2) - difference[k - window].powi(2);
-        if sum > best.0 {
-            best = (sum, k + 1 - window);
+fn words(candidate: &Candidate) -> String {
+    format!("{} on {}", candidate.kind, candidate.place)
+}
+
+fn own_values<'c>(case: &'c Case<'_>) -> &'c [f64] {
+    let term =
+        case.model.terms.iter().position(|t| t == case.candidate).unwrap_or(case.model.terms.len() - 1);
+    &case.values[case.model.range(term)]
+}
+
+/// States over the steps of the record.
+fn states(model: &Model<'_, '_>, values: &[f64]) -> Option<Vec<Vec<f64>>> {
+    let data = model.runner.data;
+    let vehicle = model.vehicle(values)?;
+    let n = vehicle.states.len();
+    let fresh = whirlstand_vehicle::Simulator::expected(&vehicle, data.period_s).ok()?;
+    let mut simulator = fresh.clone();
+    let mut states = vec![Vec::with_capacity(data.steps); n];
+    for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
+        if let Some(record) = data.starts.iter().position(|s| *s == k) {
+            simulator = fresh.clone();
+            simulator.set_state(&values[record * n..(record + 1) * n]);
         }
+        states.iter_mut().zip(simulator.state()).for_each(|(column, x)| column.push(*x));
+        simulator.step(u);
     }
-    let rows = best.1..best.1 + window;
-    let output = &vehicle.outputs[channel.output];
-    Some(EvidenceCurve {
-        cause: format!("{} on {}", candidate.kind, candidate.place),
-        accepted,
-        x_label: "time, s".into(),
-        y_label: format!("residual of {}, {}", output.name, output.unit.si_symbol()),
-        x: rows.clone().map(|k| data.start_s + channel.step(k) as f64 * data.period_s).collect(),
-        residual: rows.clone().map(|k| channel.values[k] - without[range.start + k]).collect(),
-        explained: rows.map(|k| difference[k]).collect(),
-    })
+    Some(states)
 }

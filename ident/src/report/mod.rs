@@ -1,14 +1,18 @@
 //! Reports: one self-contained HTML file with zoomable plots. See `docs/report.md`.
 
 mod comparison_page;
+mod correlation;
 mod decimate;
 mod diagnosis_page;
+mod diagnosis_signals;
+mod diagnosis_tables;
 mod figures_table;
 mod identification_page;
 mod outcome;
 pub mod page;
 pub mod plot;
 mod run_page;
+mod text_diff;
 
 pub use comparison_page::comparison_report;
 pub use decimate::decimate;

@@ -70,6 +70,29 @@ pub struct Table {
     pub note: String,
 }
 
+/// What became of a line of a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Change {
+    /// It stayed.
+    Same,
+    /// It is new.
+    Added,
+    /// It is gone.
+    Removed,
+    /// Lines that stayed are left out here.
+    Gap,
+}
+
+/// A line of a [`Section::diff`].
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct DiffLine {
+    /// What became of it.
+    pub change: Change,
+    /// Its text.
+    pub text: String,
+}
+
 /// A part of the page.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Section {
@@ -79,6 +102,8 @@ pub struct Section {
     pub text: String,
     /// Tables, above the plots.
     pub tables: Vec<Table>,
+    /// Lines of a text that changed, below the tables.
+    pub diff: Vec<DiffLine>,
     /// Plots.
     pub plots: Vec<Plot>,
     /// How many plots stand in a row where the page is wide enough; 0 counts as 1.
@@ -147,10 +172,10 @@ impl Page {
                 let plots: Vec<_> = s
                     .plots
                     .iter()
-                    .map(|p| json!({ "id": p.id, "title": p.title, "height": p.height, "y": p.y_label }))
+                    .map(|p| json!({ "id": p.id, "title": p.title, "height": p.height, "y": p.y_label, "caption": p.caption }))
                     .collect();
                 json!({
-                    "title": s.title, "text": s.text, "tables": s.tables, "plots": plots,
+                    "title": s.title, "text": s.text, "tables": s.tables, "diff": s.diff, "plots": plots,
                     "columns": s.columns,
                 })
             })

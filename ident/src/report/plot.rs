@@ -24,6 +24,8 @@ pub enum Look {
     Histogram,
     /// Single points.
     Points,
+    /// Many single points, pale.
+    Cloud,
 }
 
 /// One line of a plot.
@@ -68,6 +70,8 @@ pub enum SpanKind {
     Failsafe,
     /// The part with the greatest error.
     Worst,
+    /// The part that was held out.
+    HeldOut,
 }
 
 /// A part of the x axis that is shaded. With equal ends: a line.
@@ -106,6 +110,8 @@ pub struct Plot {
     pub spans: Vec<Span>,
     /// Texts at points, `(x, y, text)`.
     pub notes: Vec<(f64, f64, String)>,
+    /// A sentence under the heading; may be empty.
+    pub caption: String,
     /// Height on the page, px.
     pub height: u32,
 }
@@ -135,6 +141,7 @@ impl Plot {
             traces: Vec::new(),
             spans: Vec::new(),
             notes: Vec::new(),
+            caption: String::new(),
             height: 280,
         }
     }

@@ -84,6 +84,7 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
             tables: estimator_table(summaries).into_iter().collect(),
             plots: estimator,
             columns: 2,
+            ..Section::default()
         });
     }
     sections.push(Section {

@@ -6,7 +6,7 @@
   const narrow = window.matchMedia("(max-width: 640px)").matches;
   const config = { responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover",
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "hoverClosestCartesian", "hoverCompareCartesian", "toggleSpikelines"] };
-  const meaning = { disturbance: "disturbance", held: "command held", failsafe: "failsafe", worst: "greatest error" };
+  const meaning = { disturbance: "disturbance", held: "command held", failsafe: "failsafe", worst: "greatest error", held_out: "held out" };
 
   // The legend says what a shade means: a text at the shade itself would lie on lines or on other texts.
   function key(kind) {
@@ -43,8 +43,11 @@
     if (trace.look === "histogram") {
       return { ...common, type: "scatter", mode: "lines", fill: "tozeroy", line: { ...line(trace), shape: "hv", width: 1.3 } };
     }
+    if (trace.look === "cloud") {
+      return { ...common, type: "scatter", mode: "markers", marker: { color: colour("cloud"), size: 3 }, hoverinfo: "skip", hovertemplate: null };
+    }
     if (trace.look === "points") {
-      return { ...common, type: "scatter", mode: "markers", marker: { color: colour("v" + (trace.variant % 6)), size: 5 } };
+      return { ...common, type: "scatter", mode: "markers", marker: { color: colour("v" + (trace.variant % 6)), size: 6.5 } };
     }
     return { ...common, type: "scatter", mode: "lines", line: line(trace), connectgaps: false,
       opacity: trace.look === "sensor" ? 0.75 : 1 };

@@ -1,0 +1,133 @@
+//! What shows causes that are random: turbulence, noise, and samples that went wrong.
+
+use std::f64::consts::TAU;
+
+use whirlstand_vehicle::{Kind, Vehicle};
+
+use super::answer::{Axis, EvidenceCurve};
+use super::curves::ends;
+use super::data::Data;
+use super::missing::{Entry, missing};
+use super::run::Findings;
+use super::samples::SampleEffect;
+use super::stochastic::Turbulence;
+use crate::spectrum::welch;
+use crate::stats::rms;
+
+/// Buckets of a histogram.
+const BUCKETS: usize = 60;
+/// Samples of a record that are shown about those that went wrong.
+const AROUND: usize = 400;
+
+/// The spectrum of the force that is missing on a state, against that of the turbulence.
+pub(super) fn turbulence(
+    found: &Turbulence,
+    findings: &Findings<'_, '_>,
+    data: &Data,
+    vehicle: &Vehicle,
+    noise: &[f64],
+) -> Option<EvidenceCurve> {
+    let residual = &findings.selection.fit.residual;
+    // The residual itself says how fast the unknown moves; what is noise in it shows as the floor of the spectrum.
+    let traced = missing(vehicle, data, Entry::State(found.state), &vec![0.0; noise.len()], &[residual])?;
+    let spectrum = welch(&traced[0], data.period_s);
+    let f: Vec<f64> = spectrum.frequency_hz.iter().skip(1).copied().collect();
+    let measured = spectrum.density.iter().skip(1).map(|d| d.sqrt()).collect();
+    let (std, a) = (found.std.0, TAU * found.bandwidth_hz.0);
+    let density = |f: &f64| (4.0 * std * std * a / (a * a + (TAU * f).powi(2))).sqrt();
+    let state = &vehicle.states[found.state];
+    Some(EvidenceCurve {
+        cause: format!("{} on {}", Kind::Turbulence, state.name),
+        accepted: true,
+        caption: "A force that goes with no input, level up to its bandwidth and falling beyond; what rises again at high frequency is noise of the sensors.".into(),
+        x: Axis::new("frequency", "Hz"),
+        y: Axis::new(&format!("missing in the derivative of {}", state.name), &format!("{}/s/√Hz", state.unit.si_symbol())),
+        logarithmic: true,
+        explained: (f.clone(), f.iter().map(density).collect()),
+        measured: (f, measured),
+        ..EvidenceCurve::default()
+    })
+}
+
+/// The histogram of what is left, against the declared noise.
+pub(super) fn noise(
+    channel: usize,
+    findings: &Findings<'_, '_>,
+    data: &Data,
+    vehicle: &Vehicle,
+) -> EvidenceCurve {
+    let range = data.ranges()[channel].clone();
+    let good = &data.channels[channel].good;
+    let residual = &findings.selection.fit.residual[range];
+    let values: Vec<f64> = residual.iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
+    let output = &vehicle.outputs[data.channels[channel].output];
+    let (std, reach) = (rms(&values), 4.0 * rms(&values));
+    let width = 2.0 * reach / BUCKETS as f64;
+    let centres: Vec<f64> = (0..BUCKETS).map(|b| (b as f64 + 0.5) * width - reach).collect();
+    let mut counts = vec![0.0; BUCKETS];
+    for v in &values {
+        let bucket = ((v + reach) / width).floor();
+        if (0.0..BUCKETS as f64).contains(&bucket) {
+            counts[bucket as usize] += 1.0;
+        }
+    }
+    let bell = |std: f64| {
+        let height = values.len() as f64 * width / (std.max(f64::MIN_POSITIVE) * TAU.sqrt());
+        centres.iter().map(|c| height * (-0.5 * (c / std).powi(2)).exp()).collect::<Vec<f64>>()
+    };
+    EvidenceCurve {
+        cause: format!("{} on {}", Kind::Noise, output.name),
+        accepted: true,
+        caption: "What is left is a bell, wider than the declared noise.".into(),
+        x: Axis::new(&format!("residual of {}", output.name), &output.unit.si_symbol()),
+        y: Axis::number("samples"),
+        explained: (centres.clone(), bell(std)),
+        without: (centres.clone(), bell(output.noise)),
+        measured: (centres, counts),
+        ..EvidenceCurve::default()
+    }
+}
+
+/// The samples that went wrong among their neighbours.
+pub(super) fn samples(effect: &SampleEffect, data: &Data, vehicle: &Vehicle) -> Option<EvidenceCurve> {
+    let channel = &data.channels[effect.channel];
+    let output = &vehicle.outputs[channel.output];
+    let wrong = |k: usize| match effect.kind {
+        Kind::Dropouts => k > 0 && channel.values[k] == channel.values[k - 1],
+        Kind::Quantization => false,
+        _ => !channel.good[k],
+    };
+    let n = channel.values.len();
+    let around = AROUND.min(n);
+    let count = |from: usize| (from..from + around).filter(|k| wrong(*k)).count();
+    let from = (0..=n - around).step_by((around / 4).max(1)).max_by_key(|from| count(*from))?;
+    let mut part = from..from + around;
+    if effect.kind == Kind::Quantization {
+        // Where few steps are taken they are seen best.
+        let spread = |from: usize| {
+            let (low, high) = ends(&channel.values[from..from + around / 4]);
+            high - low
+        };
+        let starts = (0..=n - around).step_by((around / 4).max(1));
+        let from = starts.min_by(|a, b| spread(*a).total_cmp(&spread(*b)))?;
+        part = from..from + around / 4;
+    }
+    let t = |k: usize| data.start_s + channel.step(k) as f64 * data.period_s;
+    let marked: Vec<usize> = part.clone().filter(|k| wrong(*k)).collect();
+    let caption = match effect.kind {
+        Kind::Dropouts => "Marked samples repeat the one before, to the last digit.",
+        Kind::Quantization => "The values stand on steps.",
+        Kind::OutputSaturation => "The values stand at a limit.",
+        _ => "Marked samples stand far off their neighbours.",
+    };
+    Some(EvidenceCurve {
+        cause: format!("{} on {}", effect.kind, output.name),
+        accepted: true,
+        caption: caption.into(),
+        x: Axis::time("time"),
+        y: Axis::new(&output.name, &output.unit.si_symbol()),
+        cloud: (marked.iter().map(|k| t(*k)).collect(), marked.iter().map(|k| channel.values[*k]).collect()),
+        measured: (part.clone().map(t).collect(), channel.values[part].to_vec()),
+        ..EvidenceCurve::default()
+    })
+}

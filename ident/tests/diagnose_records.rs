@@ -1,0 +1,105 @@
+//! Diagnosis of real records, each from a linear baseline that `identify` fits. Without WHIRLSTAND_DATA nothing is tested.
+
+use std::path::PathBuf;
+
+use whirlstand_ident::CompareOptions;
+use whirlstand_ident::compare::compare;
+use whirlstand_ident::diagnose::{Diagnosis, Options, diagnose};
+use whirlstand_ident::identify::{self, Log, Noise, Nuisance, Segment, Source, identify};
+use whirlstand_logs::{Mapping, Record, read};
+use whirlstand_vehicle::Vehicle;
+
+fn data(name: &str) -> Option<Record> {
+    let Some(folder) = std::env::var_os("WHIRLSTAND_DATA") else {
+        println!("skipped: no WHIRLSTAND_DATA");
+        return None;
+    };
+    Some(read(PathBuf::from(folder).join(name), &[] as &[Mapping]).unwrap())
+}
+
+fn baseline(name: &str) -> Vehicle {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/diagnose");
+    Vehicle::load(folder.join(name).with_extension("toml")).unwrap()
+}
+
+/// The free parameters of a vehicle from a part of a record, by output error.
+fn identified(vehicle: &Vehicle, record: &Record, part: (f64, f64), period_s: Option<f64>) -> Vehicle {
+    let segment = Segment::new(record, vehicle, period_s, (Some(part.0), Some(part.1))).unwrap();
+    let source = Source { log: Log { file: record.origin.clone(), sha256: String::new() }, segment };
+    let nuisance = Nuisance { initial_state: true, output_offsets: false };
+    let options = identify::Options { nuisance, noise: Some(Noise::White), ..identify::Options::default() };
+    *identify(vehicle, &[source], &[], &options, &|_| ()).unwrap().fitted.unwrap()
+}
+
+fn diagnosed(record: Record, vehicle: &Vehicle, period_s: Option<f64>) -> Diagnosis {
+    let options = Options { period_s, refit: Some(true), ..Options::default() };
+    let answer = diagnose(&[record], vehicle, &options).unwrap();
+    println!("{}", answer.text());
+    answer
+}
+
+/// A parameter of an effect that is named, or listed as the same in this record.
+fn named(answer: &Diagnosis, effect: &str, place: &str, parameter: &str) -> f64 {
+    for cause in &answer.causes {
+        if cause.effect == effect && cause.place == place {
+            return cause.parameters[parameter].value;
+        }
+        for other in &cause.indistinguishable {
+            if other.effect == effect && other.place == place {
+                return other.parameters[parameter];
+            }
+        }
+    }
+    panic!("{effect} on {place} is not named: {}", answer.summary)
+}
+
+/// Position error over tracking error of a free run, %.
+fn position_error(vehicle: &Vehicle, record: &Record) -> f64 {
+    let rmse =
+        compare(record, vehicle, &CompareOptions::default()).unwrap().outputs["position"].rmse.unwrap();
+    let signal = |name: &str| &record.signal(name).unwrap().values;
+    let behind = signal("reference").iter().zip(signal("position"));
+    let power = behind.map(|(r, y)| (r - y).powi(2)).sum::<f64>() / record.time.len() as f64;
+    100.0 * rmse / power.sqrt()
+}
+
+#[test]
+fn the_axis_of_emps_has_friction() {
+    let (Some(mut train), Some(test)) = (data("emps/train.csv"), data("emps/test.csv")) else { return };
+    let none = vec![0.0; train.time.len()];
+    train.push("pulse_force", "N", none).unwrap();
+    let linear = identified(&baseline("emps"), &train, (0.0, 30.0), None);
+    let answer = diagnosed(train, &linear, Some(0.01));
+    let level = named(&answer, "coulomb_friction", "speed", "level");
+    // Published: 20.4 N on 95.1 kg.
+    assert!((level - 20.4 / 95.1).abs() < 0.02, "{level}");
+    let extended = answer.extended.expect("a cause extends the vehicle");
+    let (before, after) = (position_error(&linear, &test), position_error(&extended, &test));
+    println!("test record: {before:.2} % before, {after:.2} % after");
+    assert!(after < 3.5 && after < 0.75 * before, "{before} {after}");
+}
+
+#[test]
+fn the_hair_dryer_has_a_dead_time() {
+    let Some(record) = data("dryer/dryer.csv") else { return };
+    let linear = identified(&baseline("dryer"), &record, (0.0, 40.0), None);
+    let answer = diagnosed(record, &linear, None);
+    // Two samples and the hold, which discrete models count as three.
+    let delay = answer
+        .causes
+        .iter()
+        .find(|c| matches!(c.effect.as_str(), "input_delay" | "sensor_delay"))
+        .map(|c| c.parameters["delay_s"].value);
+    assert!(delay.is_some_and(|d| d > 0.1 && d < 0.25), "{}", answer.summary);
+}
+
+#[test]
+fn the_motors_of_a_crazyflie_lag() {
+    let Some(record) = data("crazyflie/thrust.csv") else { return };
+    // Before 3 s it stands on the ground.
+    let flight = record.between(3.0, 36.0);
+    let linear = identified(&baseline("crazyflie-thrust"), &flight, (3.0, 19.0), Some(0.002));
+    let answer = diagnosed(flight, &linear, Some(0.004));
+    let lag = named(&answer, "actuator_lag", "u_thrust", "time_constant_s");
+    assert!(lag > 0.05 && lag < 0.11, "{lag}");
+}
