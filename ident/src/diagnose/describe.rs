@@ -126,7 +126,7 @@ fn onset(r: &[f64]) -> Option<usize> {
     let mut before = 0.0;
     let mut best = (0.0, 0);
     let whole = (total / n as f64).ln();
-    for k in 0..n {
+    for (k, square) in squares.iter().enumerate() {
         if k > n / 20 && k < n - n / 20 {
             let (a, b) = (k as f64, (n - k) as f64);
             let gain = n as f64 * whole - a * (before / a).ln() - b * ((total - before) / b).ln();
@@ -134,7 +134,7 @@ fn onset(r: &[f64]) -> Option<usize> {
                 best = (gain, k);
             }
         }
-        before += squares[k];
+        before += square;
     }
     (best.1 > 0).then_some(best.1)
 }

@@ -12,6 +12,9 @@ use super::screen::Frame;
 
 /// Times at which an event is tried.
 const TIMES: usize = 600;
+/// Spectra of all channels.
+type Spectra = Vec<Vec<Complex<f64>>>;
+
 /// Durations of a pulse, in shares of the record and in steps of the grid of times: each about 1.6 times the last.
 const GROWTH: f64 = 1.6;
 
@@ -36,7 +39,7 @@ fn on_state(
     frame: &Frame<'_>,
     sizes: &Sizes,
     state: usize,
-    (residual, basis): (&[Vec<Complex<f64>>], &[Vec<Vec<Complex<f64>>>]),
+    (residual, basis): (&Spectra, &[Spectra]),
 ) -> Option<Vec<Candidate>> {
     let place = &model.runner.vehicle.states[state].name;
     let data = model.runner.data;
