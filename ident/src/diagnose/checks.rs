@@ -5,6 +5,7 @@ use whirlstand_vehicle::Vehicle;
 
 use super::answer::DataFinding;
 use super::data::Data;
+use super::model::Model;
 use super::runner::Runner;
 use crate::stats::{median, rms};
 
@@ -207,8 +208,14 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
         return found;
     }
     for c in 0..p {
-        let (y, s) = (&measured[ranges[c].clone()], &predicted[ranges[c].clone()]);
-        if own[c] > 0.0 {
+        let y = &measured[ranges[c].clone()];
+        if own[c] > 0.5 {
+            continue;
+        }
+        let s = foretold(runner, c).unwrap_or_else(|| predicted[ranges[c].clone()].to_vec());
+        let s = s.as_slice();
+        let own = fit(y, s, 1.0);
+        if own > 0.5 {
             continue;
         }
         if fit(y, s, -1.0) > SAME {
@@ -216,7 +223,7 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
             found.push(finding("sign", name(c), true, text));
         }
         for (factor, is, wanted) in [(DEGREES, "degrees", "radians"), (1.0 / DEGREES, "radians", "degrees")] {
-            if fit(y, s, factor) > 0.8 || own[c] < -0.5 && fit(y, s, factor) > SAME {
+            if fit(y, s, factor) > 0.8 || own < -0.5 && fit(y, s, factor) > SAME {
                 let text = format!(
                     "{} is in {is}, but was read as if it were in {wanted}: give the unit in the head, {}[deg] or {}[rad]",
                     name(c),
@@ -228,6 +235,20 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
         }
     }
     found
+}
+
+/// What the other channels say of one: its simulation from the initial state that fits them.
+fn foretold(runner: &Runner<'_>, channel: usize) -> Option<Vec<f64>> {
+    let mut others = runner.data.clone();
+    (others.channels.len() > 1).then_some(())?;
+    others.channels[channel].good.fill(false);
+    let runner = Runner::new(&runner.vehicle, &others);
+    let fit = Model { runner: &runner, free: &[], terms: Vec::new() }.fit(
+        vec![0.0; runner.initials()],
+        None,
+        None,
+    )?;
+    Some(fit.predicted[others.ranges()[channel].clone()].to_vec())
 }
 
 /// Inputs that were swapped or turned round: the vehicle answers to the other one.

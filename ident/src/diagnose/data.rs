@@ -49,6 +49,8 @@ pub struct Data {
     pub channels: Vec<Channel>,
 }
 
+/// A step of the clock that is so many times the usual one is a gap.
+const GAP: f64 = 5.5;
 /// Fewer steps than this tell nothing about dynamics.
 pub const LEAST_STEPS: usize = 64;
 
@@ -80,11 +82,13 @@ impl Data {
         })
     }
 
-    /// Several records as one, the outputs that all of them have.
+    /// Several records as one, the outputs that all of them have. Across a gap nobody knows what was commanded: what
+    /// follows it counts as a record of its own.
     ///
     /// # Errors
     /// As [`Data::new`], and when periods differ.
     pub fn join(records: &[Record], vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
+        let records: Vec<Record> = records.iter().flat_map(unbroken).collect();
         let mut parts =
             records.iter().map(|r| Self::new(r, vehicle, period_s)).collect::<Result<Vec<_>, _>>()?;
         let mut whole = parts.remove(0);
@@ -183,6 +187,19 @@ impl Data {
             }
         }
     }
+}
+
+/// The parts of a record between its gaps, those that are long enough; the record itself when it has none.
+fn unbroken(record: &Record) -> Vec<Record> {
+    let steps: Vec<f64> = record.time.windows(2).map(|w| w[1] - w[0]).collect();
+    let usual = crate::stats::median(&steps);
+    let gaps = steps.iter().enumerate().filter(|(_, d)| usual > 0.0 && **d > GAP * usual).map(|(k, _)| k + 1);
+    let mut cuts: Vec<usize> = std::iter::once(0).chain(gaps).collect();
+    cuts.push(record.time.len());
+    let parts = cuts.windows(2).filter(|c| c[1] - c[0] >= LEAST_STEPS);
+    let parts: Vec<Record> =
+        parts.map(|c| record.between(record.time[c[0]], record.time[c[1] - 1])).collect();
+    if cuts.len() == 2 || parts.is_empty() { vec![record.clone()] } else { parts }
 }
 
 fn channel(segment: &Segment, i: usize, p: usize) -> Option<Channel> {
