@@ -136,3 +136,30 @@ fn what_cannot_be_flown_is_refused_with_the_reason() {
     std::fs::write(&silent, text).unwrap();
     refused(&["--trials", "1", "--vehicle", silent.to_str().unwrap()], "declares no noise");
 }
+
+/// A fixed set through the whole program: every trial a process that sees a record and a vehicle alone. The bounds are
+/// those of a set of this size; the figures of the full table are in docs/blind.md.
+#[test]
+fn the_diagnosis_finds_what_was_hidden() {
+    let dir = tempfile::tempdir().unwrap();
+    let tally = dir.path().join("tally.json");
+    let kinds = ["--kinds", "single,clean,pair"];
+    let arguments =
+        ["blind", "--trials", "16", "--seed", "7", "--jobs", "2", "--json", tally.to_str().unwrap()];
+    let running = support::spawn(support::whirlstand(arguments.into_iter().chain(kinds)));
+    let finished = running.finish_within(std::time::Duration::from_secs(400));
+    assert!(finished.code() < 2, "{}", finished.stderr);
+    let tally = json(tally);
+    let trials = tally["trials"].as_array().unwrap();
+    let count = |outcome: &str| trials.iter().filter(|t| t["outcome"] == outcome).count();
+    assert!(trials.len() >= 14, "{}", finished.stdout);
+    assert_eq!(count("failed"), 0, "{}", finished.stdout);
+    assert!(count("wrong") <= 1, "{}", finished.stdout);
+    assert!(count("right") * 10 >= trials.len() * 7, "{}", finished.stdout);
+    let clean = trials.iter().filter(|t| t["answer"]["case"] == "clean");
+    assert!(
+        clean.clone().count() > 0 && clean.into_iter().all(|t| t["outcome"] == "right"),
+        "{}",
+        finished.stdout
+    );
+}

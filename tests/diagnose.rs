@@ -1,0 +1,88 @@
+//! The whole circle with processes: a flight with a hidden fault is flown, logged and diagnosed; the vehicle with the
+//! named cause flies again, and its record is what the first one was.
+
+mod support;
+
+use std::path::Path;
+
+use support::{json, run};
+
+/// The built-in quadrotor as a file, with more text behind it.
+fn quadrotor(dir: &Path, name: &str, more: &str) -> String {
+    let shown = run(["vehicle", "show", "quadrotor"]).success().stdout;
+    let path = dir.join(name);
+    std::fs::write(&path, format!("{shown}\n{more}")).unwrap();
+    path.display().to_string()
+}
+
+/// Flies a vehicle through the designed test as a bench of processes, in lockstep, with sensor noise; the log.
+fn flown(dir: &Path, vehicle: &str, name: &str) -> String {
+    let (design, log) = (dir.join(format!("{name}-design")), dir.join(format!("{name}-log")));
+    let (design, log) = (design.display().to_string(), log.display().to_string());
+    let kind = ["--kind", "multistep", "--duration", "40", "--seed", "5"];
+    run(["excite", vehicle].into_iter().chain(kind).chain(["--out", &design])).success();
+    let launch = format!("{design}/flight.toml");
+    run(["run", &launch, "--mode", "lockstep", "--out", &log]).success();
+    log
+}
+
+fn diagnosed(dir: &Path, log: &str, vehicle: &str, name: &str) -> (serde_json::Value, String, String) {
+    let (answer, out) = (dir.join(format!("{name}.json")), dir.join(name));
+    let (path, out) = (answer.display().to_string(), out.display().to_string());
+    let finished = run(["diagnose", log, "--vehicle", vehicle, "--json", &path, "--out", &out]).success();
+    (json(answer), finished.stdout, out)
+}
+
+#[test]
+fn a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let truth = quadrotor(
+        dir,
+        "truth.toml",
+        "[[effects]]\neffect = \"input_delay\"\nwhere = \"u_roll\"\ndelay_s = 0.06\n",
+    );
+    let log = flown(dir, &truth, "measured");
+    let (answer, text, out) = diagnosed(dir, &log, "quadrotor", "first");
+    assert_eq!(answer["schema"], "whirlstand.diagnosis.v1", "{text}");
+    assert_eq!(answer["verdict"], "explained", "{text}");
+    let causes = answer["causes"].as_array().unwrap();
+    assert_eq!(causes.len(), 1, "{text}");
+    assert_eq!(
+        (&causes[0]["effect"], &causes[0]["where"]),
+        (&"input_delay".into(), &"u_roll".into()),
+        "{text}"
+    );
+    let delay = causes[0]["parameters"]["delay_s"]["value"].as_f64().unwrap();
+    assert!((delay - 0.06).abs() < 0.005, "{delay} s, in truth 0.06 s\n{text}");
+    assert!(text.lines().count() <= 15, "{text}");
+    let report = std::fs::read_to_string(format!("{out}/report.html")).unwrap();
+    assert!(
+        report.contains("input_delay") && !report.contains("src=\"http"),
+        "it must open without a network"
+    );
+
+    // The extended vehicle runs unchanged, and cannot be told from what was measured.
+    let extended = format!("{out}/vehicle.toml");
+    let again = flown(dir, &extended, "simulated");
+    let (answer, text, _) = diagnosed(dir, &again, &truth, "second");
+    assert_eq!(answer["verdict"], "consistent", "{text}");
+    let (answer, text, _) = diagnosed(dir, &log, &extended, "third");
+    assert_eq!(answer["verdict"], "consistent", "{text}");
+}
+
+#[test]
+fn what_cannot_be_diagnosed_says_what_to_do() {
+    let dir = tempfile::tempdir().unwrap();
+    let csv = dir.path().join("short.csv");
+    std::fs::write(&csv, "t,u_roll,u_pitch,roll[deg]\n0,0,0,0\n0.01,0,0,0\n").unwrap();
+    let path = csv.to_str().unwrap();
+    let short = run(["diagnose", path, "--vehicle", "quadrotor"]);
+    assert_eq!(short.code(), 2, "{}", short.stderr);
+    assert!(short.stderr.contains("short.csv"), "{}", short.stderr);
+    let rows: String = (0..500).map(|k| format!("{},0,{}\n", k as f64 * 0.01, k % 7)).collect();
+    std::fs::write(&csv, format!("t,stick,u_pitch\n{rows}")).unwrap();
+    let unmapped = run(["diagnose", path, "--vehicle", "quadrotor"]);
+    assert_eq!(unmapped.code(), 2, "{}", unmapped.stderr);
+    assert!(unmapped.stderr.contains("u_roll") && unmapped.stderr.contains("stick"), "{}", unmapped.stderr);
+}
