@@ -243,7 +243,7 @@ pub fn inputs(runner: &Runner<'_>, initial: &[f64], predicted: &[f64], residual:
     let attempt = |change: &dyn Fn(&mut [f64])| -> f64 {
         let mut changed = data.clone();
         changed.inputs.chunks_exact_mut(data.m).for_each(change);
-        let moved = Runner { data: &changed, vehicle: runner.vehicle.clone() };
+        let moved = Runner::new(&runner.vehicle, &changed);
         moved.run(&[], initial).map_or(-1.0, |s| quality(&s))
     };
     let inputs = &runner.vehicle.inputs;

@@ -5,6 +5,7 @@ use whirlstand_vehicle::Vehicle;
 use super::answer::HeldOut;
 use super::data::Data;
 use super::model::{Fit, Model};
+use super::noise::Noise;
 use super::run::Findings;
 use super::runner::Runner;
 
@@ -53,13 +54,19 @@ pub(super) fn gains(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle)
     let trained = |full: &Fit, model: &Model<'_, '_>| -> Vec<f64> {
         let model = Model { runner: &runner, free: model.free, terms: model.terms.clone() };
         // What only the held-out part shows (an event in it) keeps the value that the whole record gives.
-        let fit =
-            model.fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]));
+        let fit = if model.free.is_empty() {
+            model.fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]))
+        } else {
+            output_error(&model, full)
+        };
         fit.map_or_else(|| full.predicted.clone(), |f| f.predicted)
     };
-    let bare = Model { terms: Vec::new(), ..selection.model.clone() };
-    let before = trained(&selection.null, &bare);
-    let after = if selection.model.terms.is_empty() {
+    // Before: the vehicle as it was given, whatever a refit would make of it.
+    let bare = Model { terms: Vec::new(), free: &[], ..selection.model.clone() };
+    let states = bare.states();
+    let given = Fit { values: selection.null.values[..states].to_vec(), ..selection.null.clone() };
+    let before = trained(&given, &bare);
+    let after = if selection.model.terms.is_empty() && selection.model.free.is_empty() {
         before.clone()
     } else {
         trained(&selection.fit, &selection.model)
@@ -92,6 +99,15 @@ pub(super) fn gains(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle)
         before,
         after,
     }
+}
+
+/// The same structure fitted for the free run: where a noise model takes slow residuals for colour, parameters that are
+/// refitted leave them in the simulation. Names and intervals are those of the likelihood, simulations those of this.
+pub(super) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<Fit> {
+    let data = model.runner.data;
+    let channels = 0..data.channels.len();
+    let stds: Vec<f64> = channels.map(|c| fit.profile.noise.std(c, data, &fit.residual)).collect();
+    model.fit(fit.values.clone(), Some(&Noise::white(&stds)), None)
 }
 
 /// Noise of a channel: all of the residual where nothing is left to explain, else what could not be foretold of it.

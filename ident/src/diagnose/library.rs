@@ -210,7 +210,7 @@ impl Builder<'_> {
             starts.extend([0.08, 0.35, 1.0].map(|z| vec![f, z]));
         }
         let frequency = free("frequency_hz", 0.05, half, 1e-2);
-        let damping = tunable("damping_ratio", 0.005, 5.0, 1e-3);
+        let damping = tunable("damping_ratio", 0.005, 1.0, 1e-3);
         self.add(Kind::UnmodelledMode, name, &[frequency, damping], starts.clone()).fixed =
             vec![("gain", 1.0)];
         let gain = tunable("gain", 0.05, 20.0, 1e-3);

@@ -20,6 +20,8 @@ pub struct Noise {
     pub total: Vec<f64>,
     /// Turbulence and noise of all channels together, in place of the single channels' models.
     pub common: Option<Arc<Whitener>>,
+    /// True for a model that is given, not fitted.
+    pub given: bool,
 }
 
 /// Likelihood of a residual with the noise model that fits it best.
@@ -45,13 +47,18 @@ impl Profile {
 impl Noise {
     /// White noise of the given standard deviations.
     pub fn white(stds: &[f64]) -> Self {
-        Self { channels: stds.iter().map(|s| Ar::white(s * s)).collect(), total: stds.to_vec(), common: None }
+        Self {
+            channels: stds.iter().map(|s| Ar::white(s * s)).collect(),
+            total: stds.to_vec(),
+            common: None,
+            given: true,
+        }
     }
 
     /// Fits residuals (filled, all channels).
     pub fn fit(data: &Data, residual: &[f64]) -> Profile {
         let mut profile = Profile {
-            noise: Self { channels: Vec::new(), total: Vec::new(), common: None },
+            noise: Self { channels: Vec::new(), total: Vec::new(), common: None, given: false },
             log_likelihood: 0.0,
             rows: 0,
             parameters: 0,
@@ -84,19 +91,21 @@ impl Noise {
 
     /// This model with all channels' noise as one.
     pub fn with_common(self, whitener: Whitener) -> Self {
-        Self { common: Some(Arc::new(whitener)), ..self }
+        Self { common: Some(Arc::new(whitener)), given: true, ..self }
     }
 
     /// This model where it is not to be fitted anew.
     pub fn shared(&self) -> Option<&Self> {
-        self.common.is_some().then_some(self)
+        self.given.then_some(self)
     }
 
-    /// Likelihood of a residual (filled, all channels): with models fitted anew, or with a common one as it is.
+    /// Likelihood of a residual (filled, all channels): with models fitted anew, or with a given one as it is.
     pub fn again(&self, data: &Data, residual: &[f64]) -> Profile {
-        let Some(common) = &self.common else { return Self::fit(data, residual) };
+        if !self.given {
+            return Self::fit(data, residual);
+        }
         let (mut sum, mut rows) = (0.0, 0);
-        let white = common.filter(data, residual);
+        let white = self.filter_all(data, residual);
         for (channel, range) in data.channels.iter().zip(data.ranges()) {
             for (e, _) in white[range].iter().zip(&channel.good).skip(MOST).filter(|(_, good)| **good) {
                 sum += e * e;
@@ -104,12 +113,11 @@ impl Noise {
             }
         }
         let steps = rows as f64 / data.channels.len().max(1) as f64;
-        Profile {
-            noise: self.clone(),
-            log_likelihood: -0.5 * (sum + steps * common.log_det()),
-            rows,
-            parameters: common.parameters,
-        }
+        let (log_det, parameters) = match &self.common {
+            Some(common) => (common.log_det(), common.parameters),
+            None => (self.channels.iter().map(|ar| ar.variance.ln()).sum(), self.channels.len()),
+        };
+        Profile { noise: self.clone(), log_likelihood: -0.5 * (sum + steps * log_det), rows, parameters }
     }
 
     /// What is white in `samples`, over its standard deviation; 0 in rows that do not count. The first rows, which have

@@ -9,11 +9,12 @@ use super::DiagnoseError;
 use super::adequacy::{Left, left};
 use super::answer::*;
 use super::data::Data;
+use super::gains::output_error;
 use super::library::{self, Candidate, Sizes};
 use super::model::{Fit, Model};
 use super::runner::Runner;
 use super::samples::{SampleEffect, measured_effects, outliers};
-use super::select::{BELIEVED, Selection, select};
+use super::select::{BELIEVED, MOST, Selection, select};
 use super::stochastic::{ExcessNoise, Turbulence, excess_noise};
 use super::survey::Scene;
 use super::turbulent::beside;
@@ -100,13 +101,9 @@ pub fn diagnose(
         candidates.extend(transitions(vehicle, &sizes, &options.modes));
     }
     let declared: Vec<f64> = present.iter().map(|i| vehicle.outputs[*i].noise).collect();
-    let scene = Scene { library: &candidates, sizes: &sizes, declared: &declared };
+    let scene = Scene { library: &candidates, sizes: &sizes, most: MOST, declared: &declared };
     let model = Model { runner: &runner, free: &free, terms: Vec::new() };
-    let selection = if blocked {
-        Selection::nothing(model.clone(), start())
-    } else {
-        select(model.clone(), &scene, None)
-    };
+    let selection = if blocked { Selection::nothing(model.clone(), start()) } else { chosen(&model, &scene) };
     let Some(mut selection) = selection else {
         return Ok(words::diverged(records, vehicle, &data, found));
     };
@@ -135,11 +132,31 @@ pub fn diagnose(
     Ok(words::answer(records, vehicle, options, &data, found, findings, extended, gains))
 }
 
+/// The causes of a record. Where free parameters are refitted beside them, the first is looked for beside the given values
+/// too: without its cause, a refit may end far from anything (in a closed loop, at a vehicle that no command moves).
+fn chosen<'r, 'd>(model: &Model<'r, 'd>, scene: &Scene<'_>) -> Option<Selection<'r, 'd>> {
+    let refitted = select(model.clone(), scene, None, &[]);
+    if model.free.is_empty() {
+        return refitted;
+    }
+    let given = Model { free: &[], ..model.clone() };
+    let beside_given = select(given, &Scene { most: 1, ..*scene }, None, &[]).and_then(|s| {
+        let terms: Vec<_> = (0..s.model.terms.len())
+            .map(|t| (s.model.terms[t].clone(), s.fit.values[s.model.range(t)].to_vec()))
+            .collect();
+        if terms.is_empty() { None } else { select(model.clone(), scene, None, &terms) }
+    });
+    let bic = |s: &Selection<'_, '_>| s.fit.profile.bic(s.model.parameters());
+    match (refitted, beside_given) {
+        (Some(a), Some(b)) => Some(if bic(&b) < bic(&a) { b } else { a }),
+        (a, b) => a.or(b),
+    }
+}
+
 /// Which free parameters are estimates.
 fn free(vehicle: &Vehicle, options: &Options) -> Vec<Free> {
     let estimated = options.refit.unwrap_or(!vehicle.provenance.is_empty());
-    let entries = |f: &&Free| matches!(f.target, whirlstand_vehicle::Target::Entry(..));
-    if estimated { vehicle.free.iter().filter(entries).cloned().collect() } else { Vec::new() }
+    if estimated { vehicle.free.clone() } else { Vec::new() }
 }
 
 fn sizes(runner: &Runner<'_>, fit: &Fit) -> Sizes {
@@ -202,12 +219,15 @@ fn excess(data: &Data, fit: &Fit, declared: &[f64], turbulent: bool) -> Vec<(usi
 fn extended(vehicle: &Vehicle, findings: &Findings<'_, '_>) -> Option<Vehicle> {
     let selection = &findings.selection;
     let mut extended = vehicle.clone();
-    for (free, value) in selection.model.free.iter().zip(&selection.fit.values[selection.model.states()..]) {
+    let refitted =
+        if selection.model.free.is_empty() { None } else { output_error(&selection.model, &selection.fit) };
+    let values = refitted.as_ref().map_or(&selection.fit.values, |f| &f.values);
+    for (free, value) in selection.model.free.iter().zip(&values[selection.model.states()..]) {
         extended.set_free(&free.target, *value).ok()?;
     }
     let mut any = false;
     let mut add = |effect: Effect| any |= extended.add_effect(effect).is_ok();
-    selection.model.effects(&selection.fit.values)?.into_iter().for_each(&mut add);
+    selection.model.effects(values)?.into_iter().for_each(&mut add);
     for effect in &findings.samples {
         let place = &vehicle.outputs[selection.model.runner.data.channels[effect.channel].output].name;
         let parameters: Vec<(&str, f64)> = effect.parameters.iter().map(|(n, v)| (*n, v.0)).collect();

@@ -4,6 +4,9 @@ use whirlstand_vehicle::{Effect, Simulator, Vehicle};
 
 use super::data::Data;
 
+/// A run that leaves the largest measured value this many times behind is given up: nonlinear effects far out cost
+/// thousands of steps each.
+const FAR_OUT: f64 = 1e3;
 /// By how much a state is moved for a sensitivity.
 const NUDGE: f64 = 1e-3;
 
@@ -14,6 +17,8 @@ pub struct Runner<'d> {
     pub data: &'d Data,
     /// The vehicle, with whatever is taken for granted.
     pub vehicle: Vehicle,
+    /// Largest magnitude that a run may reach, channel by channel.
+    reach: Vec<f64>,
 }
 
 impl<'d> Runner<'d> {
@@ -22,7 +27,10 @@ impl<'d> Runner<'d> {
         let mut vehicle = vehicle.clone();
         // Texts are of no use to a simulation, and copies of a vehicle are made by the hundred.
         vehicle.source_text.clear();
-        Self { data, vehicle }
+        let peak =
+            |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
+        let reach = data.channels.iter().map(|c| FAR_OUT * peak(&c.values).max(f64::MIN_POSITIVE)).collect();
+        Self { data, vehicle, reach }
     }
 
     /// The vehicle with effects added; `None` when one does not fit.
@@ -73,8 +81,11 @@ impl<'d> Runner<'d> {
             }
             simulator.apply(&data.inputs[k * data.m..(k + 1) * data.m]);
             let y = simulator.measure();
-            for ((output, stride, next, at), end) in places.iter_mut().zip(&ends) {
+            for (((output, stride, next, at), end), reach) in places.iter_mut().zip(&ends).zip(&self.reach) {
                 if k == *next && *at < *end {
+                    if y[*output].abs() > *reach {
+                        return None;
+                    }
                     samples[*at] = y[*output];
                     *next += *stride;
                     *at += 1;

@@ -9,7 +9,7 @@ use super::survey::{Scene, Trial, fitted, survey};
 use crate::identify::quality::chi_square_tail;
 
 /// Causes that are named, at most.
-const MOST: usize = 5;
+pub const MOST: usize = 5;
 /// Least gain in BIC.
 pub const LEAST_BIC: f64 = 10.0;
 /// Largest probability of a chance, corrected.
@@ -146,17 +146,25 @@ impl Surveys {
 }
 
 /// Searches for causes. Under one noise model for all channels, when one
-/// is given. `None` when the vehicle cannot be simulated over the record.
+/// is given, and from the given terms on, the free parameters as the vehicle has them.
+///
+/// `None` when the vehicle cannot be simulated over the record.
 pub fn select<'r, 'd>(
     mut model: Model<'r, 'd>,
     scene: &Scene<'_>,
     noise: Option<&Noise>,
+    begin: &[(Candidate, Vec<f64>)],
 ) -> Option<Selection<'r, 'd>> {
     let states = model.states();
     let mut start = vec![0.0; states];
     start.extend(model.free.iter().map(|f| model.runner.vehicle.free_value(&f.target)));
-    let null = model.fit(start, noise, None)?;
+    let null = model.fit(start.clone(), noise, None)?;
     let mut fit = null.clone();
+    if !begin.is_empty() {
+        model.terms.extend(begin.iter().map(|(candidate, _)| candidate.clone()));
+        start.extend(begin.iter().flat_map(|(_, values)| values));
+        fit = model.fit(start, noise, None)?;
+    }
     let mut refused;
     let mut surveys = Surveys::default();
     let mut hypotheses = 0;
@@ -174,8 +182,10 @@ pub fn select<'r, 'd>(
                 continue;
             }
             match judge(&model, &fit, &trial, left) {
-                Judgement::Accepted(_) if model.terms.len() < MOST => best = Some(trial),
-                Judgement::Accepted(_) => refused.push((trial, format!("{MOST} causes were named already"))),
+                Judgement::Accepted(_) if model.terms.len() < scene.most => best = Some(trial),
+                Judgement::Accepted(_) => {
+                    refused.push((trial, format!("{} causes were named already", scene.most)))
+                }
                 Judgement::Refused(why) => refused.push((trial, why)),
             }
         }

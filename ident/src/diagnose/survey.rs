@@ -17,6 +17,8 @@ const FITTED: usize = 5;
 const BEHIND: f64 = 40.0;
 /// Difference in BIC up to which two causes are the same thing.
 const SAME: f64 = 0.5;
+/// The same with one input and one output, where no record tells them apart but by its first samples.
+const ALONE: f64 = 6.0;
 /// Score of a transition whose time is still far off, at most.
 const UNSURE: f64 = 100.0;
 /// Gain in BIC below which the first look leaves no hope that a fit would be accepted.
@@ -53,6 +55,8 @@ pub struct Scene<'s> {
     pub library: &'s [Candidate],
     /// Sizes of the record.
     pub sizes: &'s Sizes,
+    /// Causes that are named, at most.
+    pub most: usize,
     /// Standard deviations of the channels' noise as the vehicle declares it; 0 where it says nothing.
     pub declared: &'s [f64],
 }
@@ -162,11 +166,12 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         Kind::SensorScale => Some(Kind::InputGain),
         _ => None,
     };
+    let same = if data.m == 1 && data.channels.len() == 1 { ALONE } else { SAME };
     if let Some((first, _)) = trials.first()
         && let Some(kind) = twin(first.candidate.kind)
         && let Some(i) = trials.iter().position(|(t, _)| t.candidate.kind == kind)
         && trials[i].0.fit.is_some()
-        && first.delta_bic - trials[i].0.delta_bic < SAME
+        && first.delta_bic - trials[i].0.delta_bic < same
     {
         trials[..=i].rotate_right(1);
     }

@@ -45,7 +45,7 @@ pub(super) fn beside<'r, 'd>(
         let noise =
             last.model.vehicle(&last.fit.values).and_then(|v| found.noise(data, &v, &last.fit.residual));
         let Some(noise) = noise else { break };
-        let Some(next) = select(model.clone(), scene, Some(&noise)) else { break };
+        let Some(next) = select(model.clone(), scene, Some(&noise), &[]) else { break };
         let next = without_gusts(&next, Some(found.state)).unwrap_or(next);
         let again = look(&next);
         chosen = Some(next);
