@@ -5,6 +5,7 @@ pub mod answer;
 mod checks;
 mod curves;
 pub mod data;
+mod declared;
 mod describe;
 pub mod engine;
 mod error;

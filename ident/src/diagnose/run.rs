@@ -18,7 +18,7 @@ use super::select::{BELIEVED, MOST, Selection, select};
 use super::stochastic::{ExcessNoise, Turbulence, excess_noise};
 use super::survey::Scene;
 use super::turbulent::beside;
-use super::{checks, gains, words};
+use super::{checks, declared, gains, words};
 
 /// What can be chosen.
 #[derive(Debug, Clone, Default)]
@@ -89,6 +89,7 @@ pub fn diagnose(
         }
         fit
     };
+    declared::take_off(&mut data, vehicle, &first.residual);
     if !found.iter().any(|f| f.blocking) {
         samples.extend(outliers(&mut data, &first.residual));
     }

@@ -1,5 +1,7 @@
 //! The choice of causes: added one by one, exchanged while that is better, taken back when the rest does without.
 
+use whirlstand_vehicle::Kind;
+
 use super::heldout::gain_in_sigmas;
 use super::library::Candidate;
 use super::model::{Fit, Model, dot};
@@ -174,15 +176,15 @@ pub fn select<'r, 'd>(
         refused = Vec::new();
         let mut best = None;
         let left = hypotheses.saturating_sub(model.terms.len()).max(1);
-        let most = trials.first().map_or(0.0, |t| t.delta_bic);
+        let lasting = trials.iter().find(|t| !is_event(&t.candidate)).map_or(0.0, |t| t.delta_bic);
         for trial in trials {
-            // What explains less than one that was refused is no better for that.
-            if best.is_some() || trial.delta_bic < most - OVERSHADOWED {
+            // What explains less than one that was refused is no better for that; a gust explains a part of anything.
+            if best.is_some() || trial.delta_bic < lasting - OVERSHADOWED {
                 refused.push((trial, "others explain more".into()));
                 continue;
             }
             match judge(&model, &fit, &trial, left) {
-                Judgement::Accepted(_) if model.terms.len() < scene.most => best = Some(trial),
+                Judgement::Accepted(_) if room(&model, &trial.candidate, scene.most) => best = Some(trial),
                 Judgement::Accepted(_) => {
                     refused.push((trial, format!("{} causes were named already", scene.most)))
                 }
@@ -269,7 +271,7 @@ impl Selection<'_, '_> {
         if left < BELIEVED * explained {
             return Vec::new();
         }
-        let tone = |c: &Candidate| c.kind == whirlstand_vehicle::Kind::Vibration;
+        let tone = |c: &Candidate| c.kind == Kind::Vibration;
         let terms = self.model.terms.iter().zip(&self.accepted);
         let taken: Vec<_> =
             terms.filter(|(c, _)| !tone(c)).map(|(c, a)| (c.clone(), a.weight.delta_bic)).collect();
@@ -349,6 +351,17 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>, surveys
         }
         term += 1;
     }
+}
+
+/// True for what happens once.
+fn is_event(candidate: &Candidate) -> bool {
+    matches!(candidate.kind, Kind::StepDisturbance | Kind::PulseDisturbance)
+}
+
+/// Whether one more cause may be named. Harmonics and aliases make several tones of one shaking: they count apart.
+fn room(model: &Model<'_, '_>, candidate: &Candidate, most: usize) -> bool {
+    let tone = |c: &Candidate| matches!(c.kind, Kind::Vibration | Kind::PeriodicDisturbance);
+    model.terms.iter().filter(|t| tone(t) == tone(candidate)).count() < most
 }
 
 /// Whether a fitted candidate passes all conditions.
