@@ -13,8 +13,8 @@
 
 mod errors;
 mod inbox;
-mod links;
-mod state;
+pub(super) mod links;
+pub(super) mod state;
 
 use std::time::{Duration, Instant};
 
@@ -37,6 +37,9 @@ use state::{Fault, Flight};
 
 /// So much of nothing but what cannot be read is told as a wrong link.
 const GIBBERISH: u64 = 200;
+
+/// How long the pilot's channels say at the end that they are disarmed: some of their periods.
+const FAREWELL: Duration = Duration::from_millis(100);
 
 /// The node.
 pub struct Hil {
@@ -280,6 +283,19 @@ impl Hil {
         Ok(Turn::Worked)
     }
 
+    /// Tells the autopilot to disarm while its link is still there, more than once because datagrams get lost.
+    fn disarm(&mut self) {
+        self.flight.forget();
+        let until = Instant::now() + FAREWELL;
+        while Instant::now() < until {
+            self.sense(1);
+            let next = Instant::now() + self.period;
+            while self.links.wait(next) {
+                self.listen();
+            }
+        }
+    }
+
     fn count(&mut self) {
         let counts = self.autopilot.counts();
         let report = &mut self.peers.report;
@@ -329,14 +345,8 @@ impl Follower for Hil {
     }
 
     fn stop(&mut self) -> Result<Health, NodeError> {
-        // The autopilot is told to disarm while its link is still there.
         if self.rc.stage() != Stage::Off {
-            self.flight.forget();
-            for _ in 0..2 {
-                self.sense(1);
-                self.links.wait(Instant::now() + Duration::from_millis(25));
-                self.listen();
-            }
+            self.disarm();
         }
         tracing::info!(
             unsent = self.links.unsent(),
