@@ -148,7 +148,9 @@ fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() {
         format!("--telemetry=tcpout://127.0.0.1:{msp}"),
         "--arm".into(),
     ];
-    let Some((code, said)) = check("betaflight.py", &arguments, "quadrotor-betaflight", &options) else {
+    let launch = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight/flight.toml");
+    let launch = launch.to_str().unwrap();
+    let Some((code, said)) = check("betaflight.py", &arguments, launch, &options) else {
         return;
     };
     assert_eq!(code, 0, "{said}");

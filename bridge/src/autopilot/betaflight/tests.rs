@@ -158,6 +158,9 @@ fn packets_keep_their_pace() {
     for k in 0..300u64 {
         let now = Duration::from_millis(4 * k + if k % 3 == 0 { 4 } else { 0 });
         let sensors = model.step(&Motion::default(), &Errors::default());
+        if betaflight.hold_back(now) {
+            continue;
+        }
         betaflight.sense(&sensors, &Rc::default(), now, &mut |port, bytes| match port {
             STATE => sent.push(f64::from_le_bytes(bytes[..8].try_into().unwrap())),
             CHANNELS => {

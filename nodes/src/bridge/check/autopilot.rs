@@ -60,6 +60,10 @@ struct Check<'a> {
     origin: Instant,
     due: Instant,
     sensed_at: Instant,
+    /// Time as the sensors have it.
+    sensor_time: Duration,
+    /// Periods that were not sensed, lest there be a burst.
+    held_back: u32,
     say: &'a mut dyn FnMut(Finding),
 }
 
@@ -106,6 +110,8 @@ pub fn check_autopilot(
         origin: now,
         due: now,
         sensed_at: now,
+        sensor_time: Duration::ZERO,
+        held_back: 0,
         say,
     };
     check.wait_for_outputs(options)?;
@@ -134,16 +140,11 @@ impl Check<'_> {
         self.witness.attitude(AGE, self.now())
     }
 
-    /// Flies along `motion` for at most `limit`, until `done` says what it found.
-    fn until<T>(
-        &mut self,
-        limit: Duration,
-        motion: impl Fn(Duration) -> Motion,
-        mut done: impl FnMut(&mut Self) -> Option<T>,
-    ) -> Option<T> {
+    /// Stands level for at most `limit`, until `done` says what it found.
+    fn until<T>(&mut self, limit: Duration, mut done: impl FnMut(&mut Self) -> Option<T>) -> Option<T> {
         let begun = Instant::now();
         while begun.elapsed() < limit {
-            self.turn(&motion(begun.elapsed()));
+            self.turn(&|_| Motion::default());
             if let Some(found) = done(self) {
                 return Some(found);
             }
@@ -151,8 +152,16 @@ impl Check<'_> {
         None
     }
 
+    /// Flies along `motion`, by the time of the sensors.
+    fn fly(&mut self, span: Duration, motion: impl Fn(Duration) -> Motion) {
+        let begun = self.sensor_time;
+        while self.sensor_time < begun + span {
+            self.turn(&|at| motion(at - begun));
+        }
+    }
+
     /// Waits for bytes or the next reading, takes in the one and sends the other.
-    fn turn(&mut self, motion: &Motion) {
+    fn turn(&mut self, motion: &dyn Fn(Duration) -> Motion) {
         self.wait();
         let now = self.now();
         self.links.receive(self.autopilot.as_mut(), now);
@@ -171,23 +180,43 @@ impl Check<'_> {
         }
         self.hear(now);
         let instant = Instant::now();
-        if instant < self.due {
+        if instant < self.due() {
             return;
         }
-        self.due = if instant >= self.due + self.period { instant } else { self.due } + self.period;
-        // One that waits gets its next sensors when it has answered, or when its answer seems lost.
-        let patience = if self.autopilot.is_lockstep() { self.patience } else { Duration::ZERO };
-        if self.autopilot.is_answered() || instant >= self.sensed_at + patience {
-            self.sensed_at = instant;
-            self.rc.turn(self.flight.is_fresh(now), true, now);
-            let sensors = self.model.step(motion, &Errors::default());
-            let links = &mut self.links;
-            self.autopilot.sense(&sensors, &self.rc, now, &mut |port, bytes| links.send(port, bytes));
+        if self.autopilot.is_lockstep() {
+            // The sensors of one that waits are of the next period, whenever that is.
+            self.due = instant + self.period;
+            return self.sense(1, motion, now);
+        }
+        // For one that runs freely time is the wall's: a late reading is of all periods since the last.
+        let late = instant.saturating_duration_since(self.due).as_nanos() / self.period.as_nanos();
+        let periods = u32::try_from(late).unwrap_or(u32::MAX).saturating_add(1);
+        self.due += self.period * periods;
+        self.held_back += periods;
+        if !self.autopilot.hold_back(now) {
+            let periods = std::mem::take(&mut self.held_back);
+            self.sense(periods, motion, now);
         }
     }
 
+    /// When sensors are to be sent: one that waits gets them when it has answered, or when its answer seems lost.
+    fn due(&self) -> Instant {
+        let waits = self.autopilot.is_lockstep() && !self.autopilot.is_answered();
+        if waits { self.due.max(self.sensed_at + self.patience) } else { self.due }
+    }
+
+    fn sense(&mut self, periods: u32, motion: &dyn Fn(Duration) -> Motion, now: Duration) {
+        self.sensor_time += self.period * periods;
+        self.sensed_at = Instant::now();
+        self.rc.turn(self.flight.is_fresh(now), true, now);
+        let motion = motion(self.sensor_time);
+        let sensors = self.model.step_after(periods.into(), &motion, &Errors::default());
+        let links = &mut self.links;
+        self.autopilot.sense(&sensors, &self.rc, now, &mut |port, bytes| links.send(port, bytes));
+    }
+
     fn wait(&self) {
-        let left = self.due.saturating_duration_since(Instant::now());
+        let left = self.due().saturating_duration_since(Instant::now());
         let timeout = Timespec { tv_sec: 0, tv_nsec: left.subsec_nanos().into() };
         let fds = self.links.fds().chain(self.telemetry.fd());
         let mut fds: Vec<_> = fds.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)).collect();
@@ -213,8 +242,7 @@ impl Check<'_> {
     }
 
     fn wait_for_outputs(&mut self, options: &CheckOptions) -> Result<(), NodeError> {
-        let standing = |_| Motion::default();
-        let came = self.until(options.timeout, standing, |check| check.newest.map(drop));
+        let came = self.until(options.timeout, |check| check.newest.map(drop));
         came.ok_or(NodeError::NoAutopilot {
             name: self.name,
             waited_s: options.timeout.as_secs_f64(),
@@ -225,7 +253,7 @@ impl Check<'_> {
     /// Rate and losses.
     fn link(&mut self) {
         let (before, begun) = (self.autopilot.counts(), Instant::now());
-        let _: Option<()> = self.until(Duration::from_secs(1), |_| Motion::default(), |_| None);
+        let _: Option<()> = self.until(Duration::from_secs(1), |_| None);
         let (after, spent) = (self.autopilot.counts(), begun.elapsed().as_secs_f64());
         let outputs = ((after.outputs - before.outputs) as f64 / spent).round();
         let (dropped, lost) = (after.dropped() - before.dropped(), after.lost - before.lost);
@@ -241,8 +269,7 @@ impl Check<'_> {
     /// Waits until the autopilot says that it stands level; false when it says nothing.
     fn wait_for_level(&mut self, options: &CheckOptions, place: &str) -> bool {
         let level = |a: &[f64; 3]| a[0].abs() < LEVEL && a[1].abs() < LEVEL;
-        let settled =
-            self.until(options.timeout, |_| Motion::default(), |check| check.attitude().filter(level));
+        let settled = self.until(options.timeout, |check| check.attitude().filter(level));
         let name = self.name;
         match settled.map_or_else(|| self.attitude().ok_or(()), Ok) {
             Ok(angles) => {
@@ -272,7 +299,7 @@ impl Check<'_> {
             let up = matches!(check.rc.stage(), Stage::Off | Stage::Flying);
             (up && check.flight.is_flying(&check.mixer, check.now())).then_some(())
         };
-        let armed = self.until(options.timeout, |_| Motion::default(), armed).is_some();
+        let armed = self.until(options.timeout, armed).is_some();
         if !armed {
             (self.say)(Finding::Unknown(format!("the outputs: {} was not armed in time", self.name)));
         }
@@ -284,13 +311,11 @@ impl Check<'_> {
         for to in [TILT, -TILT, 0.0] {
             let before = self.attitude();
             self.demands = Demands::default();
-            let rest = |_| tilt::motion(axis, from, from, RAMP);
-            let _: Option<()> = self.until(RAMP / 4, rest, |_| None);
+            self.fly(RAMP / 4, |_| tilt::motion(axis, from, from, RAMP));
             let still = std::mem::take(&mut self.demands);
-            let turning = |spent| tilt::motion(axis, from, to, spent);
-            let _: Option<()> = self.until(RAMP, turning, |_| None);
+            self.fly(RAMP, |spent| tilt::motion(axis, from, to, spent));
             let moved = std::mem::take(&mut self.demands);
-            let _: Option<()> = self.until(SETTLE, turning, |_| None);
+            self.fly(SETTLE, |_| tilt::motion(axis, from, to, RAMP));
             if to != 0.0 {
                 let finding = match (before, self.attitude()) {
                     (Some(before), Some(after)) => Some(tilt::judge(axis, to - from, before, after)),
@@ -311,7 +336,7 @@ impl Check<'_> {
         if self.rc.stage() != Stage::Off {
             self.rc.turn(false, false, self.now());
             self.flight.forget();
-            let _: Option<()> = self.until(Duration::from_millis(200), |_| Motion::default(), |_| None);
+            let _: Option<()> = self.until(Duration::from_millis(200), |_| None);
         }
     }
 }

@@ -65,6 +65,8 @@ pub struct Hil {
     stand_due: Instant,
     /// When sensors were sent last.
     sensed_at: Instant,
+    /// Periods that were not sensed, lest there be a burst.
+    held_back: u64,
     last: Option<Command>,
     origin: Instant,
     steps: u64,
@@ -112,6 +114,7 @@ impl Hil {
             at: None,
             stand_due: Instant::now(),
             sensed_at: Instant::now(),
+            held_back: 0,
             last: None,
             origin: Instant::now(),
             steps: 0,
@@ -159,6 +162,12 @@ impl Hil {
     /// Reads the sensors `periods` after the last time and sends them.
     fn sense(&mut self, periods: u64) {
         let Some(At { motion, errors, .. }) = self.at else { return };
+        let periods = periods + std::mem::take(&mut self.held_back);
+        if self.autopilot.hold_back(self.now()) {
+            // The turn of this period is part of the next reading: none of it may be missing from the gyroscope's sum.
+            self.held_back = periods;
+            return;
+        }
         let sensors = self.model.step_after(periods, &motion, &errors);
         self.send(&sensors);
     }
