@@ -70,7 +70,7 @@ fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
     let mut exchange = |i: u32| {
         let now = began.elapsed();
         let mut bytes = Vec::with_capacity(128);
-        if i.is_multiple_of(200) {
+        if i.is_multiple_of(20) {
             let beat = dialect::HEARTBEAT_DATA {
                 autopilot: dialect::MavAutopilot::MAV_AUTOPILOT_GENERIC,
                 base_mode: dialect::MavModeFlag::empty(),
