@@ -52,7 +52,7 @@ fn half_a_message_of_a_lost_line_does_not_spoil_the_next_line() {
     let mut pair = Pair::flying(&config());
     let mut bytes = Vec::new();
     pair.autopilot.encode(&pair.attitude(0.5), pair.now, &mut bytes);
-    pair.vehicle.receive(Port::Link, &bytes[..20], false, pair.now);
+    pair.vehicle.receive(Port::Link, &bytes[..15], false, pair.now);
     pair.silence(1000, [10.0, -4.0]);
     assert!(matches!(pair.vehicle.mode(), Mode::Failed(_)));
     let lost = |pair: &mut Pair| pair.vehicle.figures().dropped + pair.vehicle.figures().noise_bytes;
