@@ -5,9 +5,10 @@ mod support;
 
 use std::net::{TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use serde_json::Value;
-use support::{json, python, run};
+use support::{json, python, run, spawn};
 
 /// Roll may be pushed so far by the gust, rad, and is back after so long, s.
 const PEAK: f64 = 0.35;
@@ -75,6 +76,89 @@ fn fly(
     let end = run(&args).success();
     let summary = json(dir.path().join("out/summary.json"));
     Some(Flight { summary, report: json(&report), stderr: end.stderr })
+}
+
+#[test]
+fn px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop() {
+    let dir = tempfile::tempdir().unwrap();
+    let line = dir.path().join("ttyACM0").display().to_string();
+    let arguments = ["0", "REPORT", "--free", "--pty", &line].map(Into::into);
+    let link = format!("bridge.px4.link=serial://{line}:921600");
+    let rest = ["--mode", "realtime", "--set", "rate_hz=250"];
+    let Some(flight) = fly("px4-hil", "px4.py", &arguments, &[link], &rest) else { return };
+    let flight = flight.well();
+    assert!(flight.report["steps"].as_u64().unwrap() > 2000, "{}", flight.report);
+}
+
+/// A stand-in that flies nobody's bench, and what `bridge check` says of it; its exit code and its words.
+fn check(program: &str, arguments: &[String], launch: &str, options: &[String]) -> Option<(i32, String)> {
+    let mut stand_in = Command::new(python()?);
+    stand_in.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots").join(program));
+    let dir = tempfile::tempdir().unwrap();
+    let report = dir.path().join("report.json").display().to_string();
+    stand_in.args(arguments.iter().map(|a| if a == "REPORT" { &report } else { a }));
+    let stand_in = spawn(stand_in);
+    let check = ["bridge", "check", "controller", "--launch", launch].map(String::from);
+    let end = run(check.iter().chain(options));
+    stand_in.signal(libc::SIGTERM);
+    stand_in.finish();
+    assert_eq!(json(&report)["faults"], serde_json::json!([]), "{}", end.stdout);
+    Some((end.code(), end.stdout + &end.stderr))
+}
+
+#[test]
+fn the_check_says_which_axis_px4_has_turned() {
+    let (port, ground) = (free_tcp(), free_udp());
+    let arguments =
+        [&port.to_string(), "REPORT", "--disarmed", "--telemetry", &ground.to_string(), "--turned", "pitch"];
+    let options = [
+        format!("--set=bridge.px4.link=tcpin://127.0.0.1:{port}"),
+        format!("--telemetry=udpin://127.0.0.1:{ground}"),
+    ];
+    let Some((code, said)) = check("px4.py", &arguments.map(Into::into), "quadrotor-px4", &options) else {
+        return;
+    };
+    assert_eq!(code, 1, "{said}");
+    for (verdict, words) in [
+        ("ok", "PX4 sends outputs"),
+        ("ok", "stands level"),
+        ("ok", "roll: +17.2 deg (right side down)"),
+        ("ok", "roll: -34.4 deg (left side down)"),
+        ("WRONG", "pitch: +17.2 deg (nose up)"),
+        ("WRONG", "pitch: -34.4 deg (nose down)"),
+        ("ok", "yaw: +17.2 deg (nose right)"),
+    ] {
+        assert!(
+            said.lines().any(|l| l.starts_with(verdict) && l.contains(words)),
+            "{verdict} {words}:\n{said}"
+        );
+    }
+    assert_eq!(said.matches("the sign is turned").count(), 2, "{said}");
+}
+
+#[test]
+fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() {
+    let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
+    let msp = free_tcp().to_string();
+    let mut arguments: Vec<String> = ports.iter().map(ToString::to_string).collect();
+    arguments.extend(["REPORT", "--msp", &msp].map(String::from));
+    let options = [
+        format!("--set=bridge.betaflight.ports={ports:?}"),
+        "--set=bridge.rc.grace_s=2.0".into(),
+        format!("--telemetry=tcpout://127.0.0.1:{msp}"),
+        "--arm".into(),
+    ];
+    let launch = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight/flight.toml");
+    let launch = launch.to_str().unwrap();
+    let Some((code, said)) = check("betaflight.py", &arguments, launch, &options) else {
+        return;
+    };
+    assert_eq!(code, 0, "{said}");
+    for words in ["roll: +17.2", "pitch: -34.4", "yaw: +17.2"] {
+        assert!(said.lines().any(|l| l.starts_with("ok") && l.contains(words)), "{words}:\n{said}");
+    }
+    // The stand-in holds roll and pitch, both ways.
+    assert_eq!(said.matches("they push back").count(), 4, "{said}");
 }
 
 fn px4(options: &[&str], rest: &[&str]) -> Option<Flight> {

@@ -19,3 +19,4 @@ pub mod sbus;
 pub mod sensors;
 pub mod vehicle;
 pub mod watch;
+pub mod witness;

@@ -8,9 +8,9 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use support::{Pair, config};
 use whirlstand_bridge::arming::Mode;
-use whirlstand_bridge::crsf;
 use whirlstand_bridge::mavlink::{Deframer, Encoder, Event, Key, MavMessage, Signing, dialect};
 use whirlstand_bridge::vehicle::{Group, Port};
+use whirlstand_bridge::{crsf, sbus};
 
 /// Damage to a stream of frames, applied in this order.
 #[derive(Debug, Clone)]
@@ -237,6 +237,72 @@ proptest! {
             prop_assert_eq!((counts.checksum, counts.noise_bytes), (0, 0));
         } else if heard < channels.len() {
             prop_assert!(counts.checksum + counts.noise_bytes + counts.malformed > 0);
+        }
+    }
+
+    /// SBUS has no checksum; between frames is a pause, and what is cut, doubled or overtaken is told from a frame by that.
+    #[test]
+    fn sbus_passes_only_what_was_sent_and_counts_the_rest(
+        bursts in prop::collection::vec((prop::array::uniform16(0u16..2048), 0u8..6, 0usize..60, any::<u8>()), 1..40),
+    ) {
+        let mut parser = sbus::Parser::new();
+        let (mut sent, mut heard, mut whole, mut bytes) = (Vec::new(), Vec::new(), 0, 0);
+        for (channels, fate, size, noise) in bursts {
+            let frame = sbus::Frame { channels, digital: [false; 2], lost: false, failsafe: false };
+            sent.push(frame);
+            let mut burst = Vec::new();
+            sbus::write(&frame, &mut burst);
+            match fate {
+                0 => burst.truncate(size % sbus::FRAME),
+                1 => burst = burst.repeat(2),
+                // Noise that begins no frame.
+                2 => burst.splice(0..0, std::iter::repeat_n(noise | 0x80, size)).for_each(drop),
+                3 => { let last = sent[size % sent.len()]; sbus::write(&last, &mut burst); }
+                _ => {}
+            }
+            whole += [1, 2, 1, 2, 1, 1][usize::from(fate)] - usize::from(fate == 0);
+            bytes += burst.len() as u64;
+            for piece in burst.chunks(1 + size % 30) {
+                parser.push(piece);
+                while let Some(frame) = parser.next_frame() {
+                    prop_assert!(sent.contains(&frame));
+                    heard.push(frame);
+                }
+            }
+            parser.reset();
+        }
+        let counts = parser.counts();
+        prop_assert_eq!(heard.len(), whole);
+        prop_assert_eq!(counts.bytes, bytes);
+        prop_assert_eq!(counts.bytes, counts.noise_bytes + counts.frames * sbus::FRAME as u64);
+    }
+
+    /// Whatever the delays, the controller is in charge only while the newest attitude is as young as it must be.
+    #[test]
+    fn what_is_delayed_is_never_flown_on(delays in prop::collection::vec(0u64..500, 1..8)) {
+        let mut pair = Pair::flying(&config());
+        let stale = Duration::from_millis(250);
+        let mut under_way = Vec::new();
+        let mut newest = pair.now;
+        for k in 0..300 {
+            pair.now += Duration::from_millis(5);
+            let delay = Duration::from_millis(delays[k / 40 % delays.len()]);
+            under_way.push((pair.now + delay, pair.now, pair.attitude(0.1)));
+            pair.say(&pair.heartbeat());
+            let (arrived, later) = under_way.into_iter().partition::<Vec<_>, _>(|(due, ..)| *due <= pair.now);
+            under_way = later;
+            for (_, measured, message) in arrived {
+                pair.say(&message);
+                newest = newest.max(measured);
+            }
+            pair.vehicle.command(&[10.0, -4.0], pair.now);
+            pair.listen();
+            let age = pair.now - newest;
+            // The stamps are in whole milliseconds.
+            if age > stale + Duration::from_millis(2) {
+                prop_assert_ne!(pair.vehicle.mode(), Mode::Automatic, "{:?}", age);
+                prop_assert_eq!(pair.channels(), Some([1500, 1500]));
+            }
         }
     }
 }

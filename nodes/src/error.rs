@@ -86,6 +86,19 @@ pub enum NodeError {
         /// Messages that came.
         messages: u64,
     },
+    /// The autopilot behind a bridge was never heard.
+    #[error(
+        "{name} sent no outputs within {waited_s} s ({malformed} bytes or packets were none): see whether it runs, whether \
+         host, port or baud rate are right, and whether nothing else has the port"
+    )]
+    NoAutopilot {
+        /// Its name.
+        name: &'static str,
+        /// How long it was waited for, s.
+        waited_s: f64,
+        /// Bytes or packets that are not of its protocol.
+        malformed: u64,
+    },
     /// The operating system refuses a real-time option.
     #[error(transparent)]
     Realtime(#[from] RealtimeError),

@@ -1,9 +1,9 @@
 """A stand-in for Betaflight's software-in-the-loop build, strict about pace, layout and arming.
 
-    betaflight.py RAW MOTORS STATE CHANNELS REPORT
+    betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT]
 
 Its clock follows the ratio of simulated to wall time as Betaflight's does; it arms after its boot grace on AUX 1 going
-from low to high at low throttle.
+from low to high at low throttle. `--msp`: tells its attitude there, over TCP.
 """
 
 import argparse
@@ -11,6 +11,7 @@ import math
 import select
 import socket
 import struct
+import threading
 import time
 
 import flight
@@ -20,20 +21,43 @@ FDM = struct.Struct("<18d")
 RC = struct.Struct("<d16H")
 
 
+def tell(port, attitude):
+    """Answers MSP_ATTITUDE; Betaflight's pitch is positive nose down, its heading 0 to 359 degrees."""
+    with socket.create_server(("127.0.0.1", port)) as server:
+        link, _ = server.accept()
+        asked = b""
+        while data := link.recv(4096):
+            asked += data
+            while len(asked) >= 6:
+                request, asked = asked[:6], asked[6:]
+                assert request == b"$M<\x00\x6c\x6c", request
+                roll, pitch, yaw = (math.degrees(angle) for angle in attitude.told(None))
+                body = b"\x06\x6c" + struct.pack("<3h", round(10 * roll), round(-10 * pitch), round(yaw) % 360)
+                sum = 0
+                for byte in body:
+                    sum ^= byte
+                link.sendall(b"$M>" + body + bytes([sum]))
+
+
 def main():
     parser = argparse.ArgumentParser()
     for port in ("raw", "motors", "state", "channels"):
         parser.add_argument(port, type=int)
     parser.add_argument("report")
+    parser.add_argument("--msp", type=int)
     args = parser.parse_args()
     report = flight.Report(args.report)
-    flight.end_in_order(report)
+    report["disarmed"] = False
+    # It stays until it is disarmed.
+    flight.end_in_order(report, lambda: report.notes.get("armed_at") is None or report["disarmed"])
     state, channels = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
     state.bind(("127.0.0.1", args.state))
     channels.bind(("127.0.0.1", args.channels))
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     attitude, last, last_wall, clock = flight.Attitude(), None, None, 0.0
     began = None
+    if args.msp:
+        threading.Thread(target=tell, args=(args.msp, attitude), daemon=True).start()
     armed, seen_low, aux, throttle = False, False, 1000, 1000
     report["rates"] = []
     report["armed_at"] = report["rc"] = None
@@ -72,8 +96,10 @@ def main():
             if 0 < sim < 0.02 and wall > 0:
                 rates.append(sim / wall)
             clock += sim
-        gyro = (f[1], f[2], f[3])
-        accel = (f[4], f[5], f[6])
+        # Yaw comes positive nose left.
+        gyro = (f[1], f[2], -f[3])
+        # Betaflight negates all three, for forward, left, up.
+        accel = (-f[4], f[5], f[6])
         report.demand(abs(flight.norm(accel) - flight.G) < 1.0 and accel[2] < -8.0, f"accelerometer {accel}")
         report.demand(abs(flight.norm(f[7:11]) - 1.0) < 1e-9, f"quaternion {f[7:11]}")
         report.demand(abs(f[14] - 8.545594) < 0.01 and abs(f[15] - 47.397742) < 0.01, f"place {f[14:17]}")

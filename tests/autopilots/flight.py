@@ -8,6 +8,7 @@ import json
 import math
 import signal
 import sys
+import time
 
 G = 9.80665
 
@@ -35,10 +36,15 @@ class Report:
             json.dump(self.notes, file)
 
 
-def end_in_order(report):
-    """Writes the report when asked to end."""
+def end_in_order(report, when=lambda: True):
+    """Writes the report when asked to end, and `when` says so, or two seconds later."""
 
     def stop(*_):
+        until = time.monotonic() + 2.0
+        signal.signal(signal.SIGALRM, lambda *_: end() if when() or time.monotonic() > until else None)
+        signal.setitimer(signal.ITIMER_REAL, 0.01, 0.01)
+
+    def end():
         report.write()
         sys.exit(0)
 
@@ -47,10 +53,11 @@ def end_in_order(report):
 
 
 class Attitude:
-    """A complementary filter: forward, right, down; roll right and nose up are positive."""
+    """A complementary filter: forward, right, down; roll right and nose up are positive. Yaw is the integral of its rate."""
 
     def __init__(self):
         self.roll = self.pitch = None
+        self.yaw = 0.0
 
     def step(self, gyro, accel, dt):
         felt = math.atan2(-accel[1], -accel[2]), math.atan2(accel[0], math.hypot(accel[1], accel[2]))
@@ -59,6 +66,12 @@ class Attitude:
         share = math.exp(-dt / 0.5)
         self.roll = share * (self.roll + gyro[0] * dt) + (1.0 - share) * felt[0]
         self.pitch = share * (self.pitch + gyro[1] * dt) + (1.0 - share) * felt[1]
+        self.yaw += gyro[2] * dt
+
+    def told(self, turned):
+        """Roll, pitch and yaw as told to a ground station; the axis `turned` with the wrong sign."""
+        angles = {"roll": self.roll or 0.0, "pitch": self.pitch or 0.0, "yaw": self.yaw}
+        return [-angle if axis == turned else angle for axis, angle in angles.items()]
 
 
 def level(attitude, gyro):

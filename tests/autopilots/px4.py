@@ -1,14 +1,17 @@
 """A stand-in for PX4: connects to the simulator with pymavlink and flies by its sensors.
 
-    px4.py PORT REPORT [--free] [--reconnect-after STEPS]
+    px4.py PORT REPORT [--free] [--reconnect-after STEPS] [--pty NAME] [--disarmed] [--telemetry PORT] [--turned AXIS]
 
-`--free`: without lockstep, as hardware in the loop is.
+`--free`: without lockstep, as hardware in the loop is; `--pty`: over a serial line of that name, as it is as well.
+`--telemetry`: tells its attitude to a ground station; `--turned`: with the wrong sign of one axis.
 """
 
 import argparse
 import math
+import os
 import socket
 import time
+import tty
 
 from pymavlink.dialects.v20 import common
 
@@ -28,6 +31,44 @@ def connect(port):
             if time.monotonic() > until:
                 raise
             time.sleep(0.02)
+
+
+class Line:
+    """A pseudo-terminal whose other end has a name."""
+
+    def __init__(self, name):
+        self.master, self.held = os.openpty()
+        tty.setraw(self.held)
+        os.symlink(os.ttyname(self.held), name)
+
+    def recv(self, most):
+        return os.read(self.master, most)
+
+    def sendall(self, data):
+        while data:
+            data = data[os.write(self.master, data) :]
+
+    def close(self):
+        os.close(self.master)
+        os.close(self.held)
+
+
+class Telemetry:
+    """What a ground station hears."""
+
+    def __init__(self, port):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.to = ("127.0.0.1", port)
+        self.mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def tell(self, message):
+        self.socket.sendto(message.pack(self.mav), self.to)
+
+    def attitude(self, ms, angles):
+        if ms % 1000 < 20:
+            self.tell(self.mav.heartbeat_encode(2, 12, 0, 0, 4))
+        if ms % 20 < 4:
+            self.tell(self.mav.attitude_encode(ms, *angles, 0, 0, 0))
 
 
 def check_sensor(report, s, last):
@@ -55,6 +96,10 @@ def main():
     parser.add_argument("report")
     parser.add_argument("--free", action="store_true")
     parser.add_argument("--reconnect-after", type=int)
+    parser.add_argument("--pty")
+    parser.add_argument("--disarmed", action="store_true")
+    parser.add_argument("--telemetry", type=int)
+    parser.add_argument("--turned")
     args = parser.parse_args()
     report = flight.Report(args.report)
     flight.end_in_order(report)
@@ -63,7 +108,7 @@ def main():
     steps = 0
     while True:
         try:
-            link = connect(args.port)
+            link = Line(args.pty) if args.pty else connect(args.port)
         except OSError:
             report.write()
             return
@@ -83,6 +128,7 @@ def converse(link, args, report, seen, steps):
     send(mav.command_long_encode(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0))
     attitude, last, turned, began = flight.Attitude(), None, 0.0, None
     first_time = None
+    telemetry = Telemetry(args.telemetry) if args.telemetry else None
     while True:
         try:
             data = link.recv(65536)
@@ -111,7 +157,9 @@ def converse(link, args, report, seen, steps):
             gyro = (message.xgyro, message.ygyro, message.zgyro)
             attitude.step(gyro, (message.xacc, message.yacc, message.zacc), dt)
             # Half a second to start, then armed.
-            armed = last - first_time > 500_000
+            armed = last - first_time > 500_000 and not args.disarmed
+            if telemetry:
+                telemetry.attitude(last // 1000, attitude.told(args.turned))
             controls = flight.quad_x(*flight.level(attitude, gyro)) if armed else [0.0] * 4
             controls += [math.nan] * 12
             send(mav.hil_actuator_controls_encode(last, controls, 129 if armed else 1, 0 if args.free else 1))

@@ -67,7 +67,7 @@ class Module:
         self.bytes += data
         while len(self.bytes) >= 2:
             address, length = self.bytes[0], self.bytes[1]
-            if address != 0xEE or length != 24:
+            if address != 0xC8 or length != 24:
                 self.faults.append(f"a frame begins with {self.bytes[:3].hex()}")
                 self.bytes = self.bytes[1:]
                 continue

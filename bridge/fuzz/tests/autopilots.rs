@@ -13,6 +13,7 @@ use whirlstand_bridge::mavlink::dialect::{
 };
 use whirlstand_bridge::mavlink::{Encoder, MavMessage};
 use whirlstand_bridge::sensors::{Errors, Motion, SensorModel, SensorOptions};
+use whirlstand_bridge::witness::{Language, Witness};
 
 const PERIOD_NS: u64 = 4_000_000;
 
@@ -105,5 +106,22 @@ fn betaflight() {
             bytes.resize(if piece.len() > 16 { 68 } else { 16 }, 0);
             bytes
         });
+    });
+}
+
+/// What an autopilot tells of its attitude, in both languages: a number within a turn, or nothing.
+#[test]
+fn witness() {
+    bolero::check!().for_each(|input: &[u8]| {
+        let language =
+            if input.first().is_some_and(|b| b & 1 == 0) { Language::Mavlink } else { Language::Msp };
+        let mut witness = Witness::new(language);
+        let now = Duration::from_secs(1);
+        for piece in input.chunks(37) {
+            witness.receive(piece, now);
+            witness.ask(now, &mut Vec::new());
+        }
+        let attitude = witness.attitude(Duration::ZERO, now);
+        assert!(attitude.is_none_or(|a| a.iter().all(|angle| angle.abs() <= 3.15)), "{attitude:?}");
     });
 }

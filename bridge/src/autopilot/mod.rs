@@ -83,6 +83,12 @@ pub trait Autopilot {
     /// What the received bytes were; `None` until more come.
     fn next(&mut self) -> Option<Event>;
 
+    /// Whether sensors that are sent now would come in a burst that it does not stand: then they are left out, which is
+    /// counted, and the next ones are of all the time since the last.
+    fn hold_back(&mut self, _now: Duration) -> bool {
+        false
+    }
+
     /// Sends the sensors of a step, and the pilot's channels.
     fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>);
 

@@ -1,6 +1,6 @@
 //! The content of the frames.
 
-use super::{FLIGHT_CONTROLLER, TRANSMITTER, crc8, kind};
+use super::{SYNC, crc8, kind};
 
 /// Channels in a frame.
 pub const CHANNELS: usize = 16;
@@ -68,7 +68,7 @@ pub fn us_of_ticks(ticks: u16) -> f64 {
 pub fn write_channels(channels: &Channels, out: &mut Vec<u8>) {
     let mut payload = [0; CHANNEL_BYTES];
     pack_channels(&channels.0, &mut payload);
-    write(TRANSMITTER, kind::CHANNELS, &payload, out);
+    write(SYNC, kind::CHANNELS, &payload, out);
 }
 
 /// Appends a frame of attitude telemetry, in steps of 0.0001 rad: what a vehicle sends.
@@ -77,7 +77,7 @@ pub fn write_attitude(attitude: &Attitude, out: &mut Vec<u8>) {
     for (bytes, angle) in payload.chunks_exact_mut(2).zip([attitude.pitch, attitude.roll, attitude.yaw]) {
         bytes.copy_from_slice(&((angle * 1e4).round() as i16).to_be_bytes());
     }
-    write(FLIGHT_CONTROLLER, kind::ATTITUDE, &payload, out);
+    write(SYNC, kind::ATTITUDE, &payload, out);
 }
 
 /// Packs channels of 11 bits, the first in the lowest bits of the first byte; SBUS packs them alike.

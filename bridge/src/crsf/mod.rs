@@ -17,11 +17,11 @@ pub use frames::{
 pub(crate) use frames::{pack_channels, unpack_channels};
 pub use parser::{Counts, Event, Parser};
 
-/// Address of a flight controller, and the sync byte of most frames.
-pub const FLIGHT_CONTROLLER: u8 = 0xC8;
-/// Address of a transmitter module: where a handset's channels go.
+/// First byte of a frame, which is the address of a flight controller as well.
+pub const SYNC: u8 = 0xC8;
+/// First byte of some handsets' frames: the address of a transmitter module.
 pub const TRANSMITTER: u8 = 0xEE;
-/// Address of a handset: where a transmitter module's telemetry goes.
+/// First byte of some transmitter modules' telemetry: the address of a handset.
 pub const HANDSET: u8 = 0xEA;
 /// Longest frame.
 pub const LONGEST_FRAME: usize = 64;

@@ -1,7 +1,7 @@
 //! Bytes to frames.
 
 use super::frames::{Attitude, Battery, CHANNEL_BYTES, Channels, LinkStatistics, unpack_channels};
-use super::{FLIGHT_CONTROLLER, HANDSET, LONGEST_FRAME, TRANSMITTER, crc8, kind};
+use super::{HANDSET, LONGEST_FRAME, SYNC, TRANSMITTER, crc8, kind};
 
 /// What the bytes were.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,7 +75,7 @@ impl Parser {
     /// The next event; `None` until more bytes come.
     pub fn next_event(&mut self) -> Option<Event> {
         let bytes = &self.buffer[self.read..];
-        let is_start = |b: &u8| matches!(*b, FLIGHT_CONTROLLER | HANDSET | TRANSMITTER);
+        let is_start = |b: &u8| matches!(*b, SYNC | HANDSET | TRANSMITTER);
         let noise = bytes.iter().position(is_start).unwrap_or(bytes.len());
         if noise > 0 {
             return Some(self.noise(noise));
@@ -138,7 +138,7 @@ mod tests {
         let channels = std::array::from_fn(|i| 172 + 100 * i as u16);
         let mut bytes = Vec::new();
         write_channels(&Channels(channels), &mut bytes);
-        assert_eq!(bytes[..3], [0xEE, 0x18, 0x16]);
+        assert_eq!((bytes.len(), &bytes[..3]), (26, &[0xC8, 0x18, 0x16][..]));
         let mut theirs = crsf::PacketParser::<128>::new();
         theirs.push_bytes(&bytes);
         let Some(Ok((_, crsf::Packet::RcChannels(read)))) = theirs.next_packet() else { panic!() };

@@ -21,6 +21,9 @@ const TIMESYNC_FIRST: Duration = Duration::from_millis(100);
 const FIRST_EXCHANGES: u32 = 16;
 /// Bytes that should have held a message.
 const BAUD_DOUBT: u64 = 600;
+/// Message numbers.
+const HIGHRES_IMU: u32 = 105;
+const SCALED_IMU: u32 = 26;
 /// Stamps that differ by more belong to different clocks, ns.
 const OTHER_CLOCK_NS: i64 = 10_000_000_000;
 
@@ -66,7 +69,7 @@ impl Autopilot {
         };
         let wanted = [
             (true, attitude, rate_hz),
-            (config.rates == RatesMessage::Imu, 105, rate_hz),
+            (config.rates == RatesMessage::Imu, HIGHRES_IMU, rate_hz),
             (wants_odometry, 32, rate_hz),
             // Without a pilot they still show whether the outputs arrive.
             (true, 65, rate_hz.min(if wants_rc { 50.0 } else { 10.0 })),
@@ -211,9 +214,7 @@ impl Autopilot {
             MavMessage::TIMESYNC(m) => self.timesync(m, now, heard),
             MavMessage::COMMAND_ACK(ack) => match self.requests.hear(ack) {
                 Some(Answer::Refused(id, _)) => {
-                    heard
-                        .notes
-                        .warn(format!("the autopilot refuses to send message {id} at the rate asked for"));
+                    self.refused(id, "refuses to send message", heard.notes);
                 }
                 Some(Answer::Accepted(_)) | None => {}
             },
@@ -319,9 +320,14 @@ impl Autopilot {
         match self.requests.next(target, now) {
             Ok(Some(message)) => self.encoder.encode(&message, now, out),
             Ok(None) | Err(Answer::Accepted(_)) => {}
-            Err(Answer::Refused(id, _)) => notes.warn(format!(
-                "the autopilot does not answer the request to send message {id}: set its rate there"
-            )),
+            Err(Answer::Refused(id, _)) => self.refused(id, "does not answer the request for message", notes),
+        }
+    }
+
+    /// One that has no `HIGHRES_IMU` may have `SCALED_IMU`.
+    fn refused(&mut self, id: u32, how: &str, notes: &mut Notes) {
+        if id != HIGHRES_IMU || !self.requests.ask_instead(HIGHRES_IMU, SCALED_IMU) {
+            notes.warn(format!("the autopilot {how} {id}: set its rate there"));
         }
     }
 

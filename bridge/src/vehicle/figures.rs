@@ -9,8 +9,10 @@ pub struct Figures {
     pub bytes: u64,
     /// Messages from the vehicle.
     pub messages: u64,
-    /// Messages given up: damaged, unknown, unsigned.
+    /// Messages given up, of the vehicle, the pilot's receiver or a ground station: damaged, unknown, unsigned.
     pub dropped: u64,
+    /// Bytes outside of messages, of the vehicle or the pilot's receiver.
+    pub noise_bytes: u64,
     /// Messages that never came, from gaps in their numbers.
     pub lost: u64,
     /// Measurements refused: repeated, overtaken, or not finite.
@@ -39,14 +41,17 @@ impl Vehicle {
             Source::Mavlink(autopilot) => {
                 let c = autopilot.counts();
                 (figures.bytes, figures.messages, figures.lost) = (c.bytes, c.messages, c.lost);
-                figures.dropped = c.dropped();
+                (figures.dropped, figures.noise_bytes) = (c.dropped(), c.noise_bytes);
             }
             Source::Crsf { parser, .. } => {
                 let c = parser.counts();
                 (figures.bytes, figures.messages) = (c.bytes, c.frames);
-                figures.dropped = c.checksum + c.malformed;
+                (figures.dropped, figures.noise_bytes) = (c.checksum + c.malformed, c.noise_bytes);
             }
         }
+        let (pilot, ground) = (self.pilot_crsf.counts(), self.ground.counts());
+        figures.dropped += pilot.checksum + pilot.malformed + ground.dropped();
+        figures.noise_bytes += pilot.noise_bytes + self.pilot_sbus.counts().noise_bytes;
         if let Some((offset, trip)) = self.telemetry.clock().offset() {
             (figures.clock_offset_ns, figures.round_trip_ns) = (Some(offset), trip);
         }

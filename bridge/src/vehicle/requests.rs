@@ -50,6 +50,16 @@ impl Requests {
         Self { list }
     }
 
+    /// Asks for another message in place of one that was refused, at its rate; false when it is on the list already.
+    pub fn ask_instead(&mut self, refused: u32, id: u32) -> bool {
+        if self.list.iter().any(|r| r.id == id) {
+            return false;
+        }
+        let like = self.list.iter().find(|r| r.id == refused).cloned();
+        self.list.extend(like.map(|r| Request { id, tries: 0, due: Duration::ZERO, done: false, ..r }));
+        true
+    }
+
     /// Asks for everything again: the autopilot restarted or came back.
     pub fn restart(&mut self) {
         for request in &mut self.list {
@@ -131,6 +141,20 @@ mod tests {
         assert_eq!(r.next((1, 1), at(9000)), Ok(None));
         r.restart();
         assert_eq!(id(r.next((1, 1), at(9001)).unwrap()), Some(30.0));
+    }
+
+    #[test]
+    fn another_message_takes_the_place_of_one_that_is_refused() {
+        let mut r = Requests::new(&[(105, 200.0)]);
+        let _ = r.next((1, 1), Duration::ZERO);
+        assert_eq!(
+            r.hear(&ack(dialect::MavResult::MAV_RESULT_UNSUPPORTED)),
+            Some(Answer::Refused(105, true))
+        );
+        assert!(r.ask_instead(105, 26));
+        let Ok(Some(MavMessage::COMMAND_LONG(second))) = r.next((1, 1), Duration::ZERO) else { panic!() };
+        assert_eq!((second.param1, second.param2), (26.0, 5000.0));
+        assert!(!r.ask_instead(105, 26), "once");
     }
 
     #[test]

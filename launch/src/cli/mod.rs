@@ -247,7 +247,9 @@ pub(crate) enum BridgeCommand {
 #[command(after_help = "Example:\n  \
     whirlstand bridge check plant --launch quad-on-usb.toml\n\n\
     For a vehicle: lift it and follow the words; then each channel is moved by 100 us and read back. Take the propellers \
-    off. An armed vehicle is refused.")]
+    off. An armed vehicle is refused.\n  \
+    For an autopilot: the simulated vehicle is tilted about each axis, and the attitude that the autopilot tells its ground \
+    station must follow.")]
 pub(crate) struct BridgeCheckArgs {
     /// The node that is a bridge: plant or controller.
     pub node: String,
@@ -257,9 +259,16 @@ pub(crate) struct BridgeCheckArgs {
     /// How long to wait for the vehicle and for each axis.
     #[arg(long, value_name = "S", value_parser = seconds, default_value = "20")]
     pub timeout: f64,
-    /// Leave out the channels: listen only.
+    /// A vehicle: leave out the channels, listen only.
     #[arg(long)]
     pub no_outputs: bool,
+    /// An autopilot: where it speaks to its ground station [default: udpin://0.0.0.0:14550, Betaflight:
+    /// tcpout://127.0.0.1:5761]
+    #[arg(long, value_name = "ADDRESS")]
+    pub telemetry: Option<String>,
+    /// An autopilot: arm it as well, and see that its outputs push back.
+    #[arg(long)]
+    pub arm: bool,
     /// Sets any key of the launch file; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,

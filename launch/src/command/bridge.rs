@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use whirlstand_nodes::bridge::check::{CheckOptions, Finding, check_vehicle};
+use whirlstand_nodes::bridge::check::{CheckOptions, Finding, check_autopilot, check_vehicle};
 
 use super::node::is_mendable;
 use super::print;
@@ -40,9 +40,15 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
             args.node, args.launch, bridge.kind
         )));
     }
-    let options = CheckOptions { timeout: Duration::from_secs_f64(args.timeout), outputs: !args.no_outputs };
+    let options = CheckOptions {
+        timeout: Duration::from_secs_f64(args.timeout),
+        outputs: !args.no_outputs,
+        telemetry: args.telemetry.clone(),
+        arm: args.arm,
+    };
+    let check = if bridge.kind.is_vehicle() { check_vehicle } else { check_autopilot };
     let mut wrong = 0;
-    check_vehicle(&config, bridge, &options, &mut |finding| {
+    check(&config, bridge, &options, &mut |finding| {
         let text = match finding {
             Finding::Ask(text) => format!("{text}\n"),
             Finding::Good(text) => format!("{} {text}\n", style::good("ok")),

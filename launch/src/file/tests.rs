@@ -26,13 +26,31 @@ fn every_built_in_file_reads_and_is_disturbed_at_6_s() {
         assert!(!jobs.description.is_empty(), "{name}");
         for job in &jobs.runs {
             let onset = job.plan.config.effects.iter().filter_map(|e| e.parameter("at_s"));
-            assert!(onset.into_iter().any(|t| t == 6.0), "{name}");
+            let is_real = job.plan.config.bridge.as_ref().is_some_and(|b| b.kind.is_vehicle());
+            assert!(is_real || onset.into_iter().any(|t| t == 6.0), "{name}");
             assert_eq!(job.plan.config.mode, Mode::Realtime);
             assert!(!job.plan.expect.is_empty() || job.variant.as_deref() == Some("manual"), "{name}");
         }
     }
     let default = jobs(DEFAULT, &OverrideArgs::default(), false).unwrap();
     assert_eq!(default.runs[0].plan.config.controller.law, LawKind::Smc);
+}
+
+#[test]
+fn one_line_swaps_hardware_and_simulation() {
+    let mut bridged = 0;
+    for (name, text) in BUILTIN {
+        let Some(config) = plain(text).unwrap().runs.swap_remove(0).plan.config.bridge else { continue };
+        bridged += 1;
+        let (lines, taken): (Vec<_>, Vec<_>) = text.lines().partition(|line| !line.starts_with("bridge = "));
+        assert_eq!(taken.len(), 1, "{name}");
+        let ours = plain(&lines.join("\n")).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(ours.runs[0].plan.config.bridge, None, "{name}");
+        let nodes: Vec<_> = ours.runs[0].plan.nodes.iter().filter_map(|n| n.role).collect();
+        assert_eq!(nodes.len(), 4, "{name}: {nodes:?}");
+        assert!(taken[0].contains(config.kind.name()), "{name}");
+    }
+    assert_eq!(bridged, 4, "Betaflight has its example, with a vehicle of its own");
 }
 
 #[test]

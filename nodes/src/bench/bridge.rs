@@ -36,6 +36,7 @@ const WARM_UP: u32 = 100;
 
 /// Longest wait for an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
+const PATIENCE_S: f64 = PATIENCE.as_secs() as f64;
 
 /// A bridge may take this many times as long as the echo.
 const GOAL: f64 = 2.0;
@@ -69,7 +70,7 @@ fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
     let mut exchange = |i: u32| {
         let now = began.elapsed();
         let mut bytes = Vec::with_capacity(128);
-        if i.is_multiple_of(200) {
+        if i.is_multiple_of(20) {
             let beat = dialect::HEARTBEAT_DATA {
                 autopilot: dialect::MavAutopilot::MAV_AUTOPILOT_GENERIC,
                 base_mode: dialect::MavModeFlag::empty(),
@@ -82,7 +83,9 @@ fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
         let attitude = dialect::ATTITUDE_DATA { time_boot_ms, roll: roll as f32, ..Default::default() };
         autopilot.encode(&MavMessage::ATTITUDE(attitude), now, &mut bytes);
         wire.send(&bytes).map_err(failed("send"))?;
+        let until = Instant::now() + PATIENCE;
         loop {
+            in_time(until)?;
             let length = wire.recv(&mut buffer).map_err(failed("wait for the bridge"))?;
             deframer.push(&buffer[..length]);
             while let Some(event) = deframer.next(now) {
@@ -111,7 +114,9 @@ fn crsf_line(count: u32) -> Result<Vec<Figure>, BenchError> {
         crsf::write_attitude(&crsf::Attitude { roll, pitch: 0.0, yaw: 0.0 }, &mut bytes);
         rustix::io::write(&wire, &bytes).map_err(|e| failed("send")(e.into()))?;
         let mut buffer = [0; 256];
+        let until = Instant::now() + PATIENCE;
         loop {
+            in_time(until)?;
             let length = read_line(&wire, &mut buffer)?;
             parser.push(&buffer[..length]);
             while let Some(event) = parser.next_event() {
@@ -125,6 +130,12 @@ fn crsf_line(count: u32) -> Result<Vec<Figure>, BenchError> {
     };
     let bridged = with_bridge(BridgeKind::Crsf, options, count, &mut exchange)?;
     Ok(figures("crsf", "a pseudo-terminal", &bridged, &echo))
+}
+
+/// Outputs that are kept alive come without an answer as well.
+fn in_time(until: Instant) -> Result<(), BenchError> {
+    let late = || failed("wait for the bridge's answer")(std::io::ErrorKind::TimedOut.into());
+    (Instant::now() < until).then_some(()).ok_or_else(late)
 }
 
 /// Roll that is said in an exchange, rad, and the channel that follows from it, us.
@@ -159,6 +170,9 @@ fn with_bridge(
 ) -> Result<Histogram<u64>, BenchError> {
     options.safety.arm = ArmBy::Start;
     options.safety.recover_after_s = Some(0.05);
+    // A pause of a busy machine is a long latency here, and no failure.
+    let safety = &mut options.safety;
+    (safety.stale_s, safety.command_timeout_s, safety.link_timeout_s) = (PATIENCE_S, PATIENCE_S, PATIENCE_S);
     let mut bench = config("bridge", Transport::Iceoryx2, Mode::Realtime, u64::MAX / 2)?;
     bench.period_ns = PERIOD.as_nanos() as u64;
     bench.peers = Vec::new();

@@ -164,15 +164,17 @@ impl Autopilot for Betaflight {
         self.event.take()
     }
 
+    fn hold_back(&mut self, now: Duration) -> bool {
+        let soon = self.last_state.is_some_and(|last| now.saturating_sub(last) < self.period / 2);
+        self.counts.skipped += u64::from(soon);
+        soon
+    }
+
     fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>) {
         if self.last_channels.is_none_or(|last| now.saturating_sub(last) >= CHANNEL_PERIOD) {
             self.last_channels = Some(now);
             self.counts.sent += 1;
             send(CHANNELS, &packet::channels(now, &rc.pulses()));
-        }
-        if self.last_state.is_some_and(|last| now.saturating_sub(last) < self.period / 2) {
-            self.counts.skipped += 1;
-            return;
         }
         self.last_state = Some(now);
         self.answered = false;

@@ -128,7 +128,7 @@ pub(super) fn channels(now: Duration, pulses: &[u16; RC_CHANNELS]) -> [u8; RC_BY
     bytes
 }
 
-/// `fdm_packet`: time in s; turn rate in rad/s; specific force in m/s^2, FRD; attitude, real part first; velocity in m/s,
+/// `fdm_packet`: time in s; turn rate in rad/s; specific force in m/s^2, backward, right, down; attitude, real part first; velocity in m/s,
 /// east, north, up; longitude and latitude in degrees, height in m; pressure in Pa.
 pub(super) fn state(now: Duration, s: &Sensors, flavour: Flavour, origin: (f64, f64)) -> [u8; FDM_BYTES] {
     let (gyro, attitude) = (gyro(s, flavour), attitude(s, flavour));
@@ -143,7 +143,8 @@ pub(super) fn state(now: Duration, s: &Sensors, flavour: Flavour, origin: (f64, 
         gyro.x,
         gyro.y,
         gyro.z,
-        s.accel.x,
+        // Betaflight negates all three, and takes the result for forward, left, up.
+        -s.accel.x,
         s.accel.y,
         s.accel.z,
         attitude.w,
@@ -165,11 +166,12 @@ pub(super) fn state(now: Duration, s: &Sensors, flavour: Flavour, origin: (f64, 
     bytes
 }
 
-/// Betaflight negates what comes for pitch, because its pitch rate is positive nose down; and, from legacy bridges, yaw.
+/// Inside Betaflight rates are about forward, left and up: its attitude, its yaw stick and its mixer agree on that. It
+/// negates what comes for pitch and, from legacy bridges, yaw; what comes for yaw from Gazebo it takes as it is.
 fn gyro(s: &Sensors, flavour: Flavour) -> Vector3<f64> {
     match flavour {
-        Flavour::Gazebo => s.gyro,
-        Flavour::Legacy => Vector3::new(s.gyro.x, s.gyro.y, -s.gyro.z),
+        Flavour::Gazebo => Vector3::new(s.gyro.x, s.gyro.y, -s.gyro.z),
+        Flavour::Legacy => s.gyro,
     }
 }
 

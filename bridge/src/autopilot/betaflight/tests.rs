@@ -111,12 +111,19 @@ fn each_axis_alone_arrives_in_betaflight_with_its_sign() {
                 let mut motion = Motion::default();
                 motion.angles[axis] = size;
                 let (gyro, attitude) = inside(flavour, &state_of(flavour, motion));
-                // Inside, Betaflight's pitch rate is positive nose down; attitude is of the body forward, left, up over
-                // north, west, up: roll has its sign, nose up is a negative turn about left, right is about down.
-                let sign = [1.0, -1.0, 1.0];
+                // Inside, Betaflight's rates are about forward, left, up, and its attitude is of that body over north, west,
+                // up: roll has its sign, nose up is a negative turn about left, nose right one about up.
+                let sign = [1.0, -1.0, -1.0];
                 for i in 0..3 {
                     let wanted = if i == axis { sign[i] * size / 4e-3 } else { 0.0 };
                     assert!((gyro[i] - wanted).abs() < 1e-9, "{flavour:?} {axis}: {gyro:?}");
+                }
+                // Half way through the turn its accelerometer feels up from half of the angle, forward, left, up: with the
+                // right side down from the left, with the nose up from the front.
+                let f = state_of(flavour, motion);
+                let felt = [[0.0, 0.5 * size, 1.0], [0.5 * size, 0.0, 1.0], [0.0, 0.0, 1.0]][axis];
+                for (found, felt) in f[4..7].iter().zip(felt) {
+                    assert!((-found - 9.80665 * felt).abs() < 1e-3, "{flavour:?} {axis}: {:?}", &f[4..7]);
                 }
                 let (roll, pitch, yaw) = attitude.euler_angles();
                 for (i, angle) in [roll, -pitch, -yaw].into_iter().enumerate() {
@@ -151,6 +158,9 @@ fn packets_keep_their_pace() {
     for k in 0..300u64 {
         let now = Duration::from_millis(4 * k + if k % 3 == 0 { 4 } else { 0 });
         let sensors = model.step(&Motion::default(), &Errors::default());
+        if betaflight.hold_back(now) {
+            continue;
+        }
         betaflight.sense(&sensors, &Rc::default(), now, &mut |port, bytes| match port {
             STATE => sent.push(f64::from_le_bytes(bytes[..8].try_into().unwrap())),
             CHANNELS => {

@@ -1,5 +1,6 @@
 //! The links of an autopilot's protocol, by the protocol's own port numbers.
 
+use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -12,7 +13,7 @@ use crate::error::NodeError;
 const BUFFER: usize = 65_536;
 
 /// All links to the autopilot.
-pub(super) struct Links {
+pub(in crate::bridge) struct Links {
     links: Vec<Link>,
     senders: Vec<LinkSender>,
     /// Why a link was lost since it was last asked.
@@ -25,7 +26,7 @@ impl Links {
     ///
     /// # Errors
     /// [`NodeError::Config`] for an address that is none.
-    pub(super) fn new(options: &AutopilotConfig) -> Result<Self, NodeError> {
+    pub(in crate::bridge) fn new(options: &AutopilotConfig) -> Result<Self, NodeError> {
         let b = &options.betaflight;
         let addresses = match options.kind {
             AutopilotKind::Px4Hil => vec![("bridge.px4.link", options.px4.link.clone())],
@@ -49,7 +50,7 @@ impl Links {
     }
 
     /// Opens what is closed, and hands everything that waits to the autopilot's protocol.
-    pub(super) fn receive(&mut self, autopilot: &mut dyn Autopilot, now: Duration) {
+    pub(in crate::bridge) fn receive(&mut self, autopilot: &mut dyn Autopilot, now: Duration) {
         let Self { links, senders, lost, buffer } = self;
         for (port, link) in links.iter_mut().enumerate() {
             if !link.is_up() {
@@ -81,29 +82,34 @@ impl Links {
     }
 
     /// Why a link was lost since the last call, if one was.
-    pub(super) fn take_lost(&mut self) -> Option<String> {
+    pub(in crate::bridge) fn take_lost(&mut self) -> Option<String> {
         self.lost.take()
     }
 
     /// Sends what can go out at once.
-    pub(super) fn send(&mut self, port: usize, bytes: &[u8]) {
+    pub(in crate::bridge) fn send(&mut self, port: usize, bytes: &[u8]) {
         if let Some(sender) = self.senders.get(port) {
             sender.send(bytes);
         }
     }
 
     /// Packets that could not be sent.
-    pub(super) fn unsent(&self) -> u64 {
+    pub(in crate::bridge) fn unsent(&self) -> u64 {
         self.senders.iter().map(LinkSender::dropped).sum()
     }
 
+    /// What to poll for input.
+    pub(in crate::bridge) fn fds(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+        self.links.iter().filter_map(Link::fd)
+    }
+
     /// Waits until something comes, or until `until`; false when nothing came.
-    pub(super) fn wait(&self, until: Instant) -> bool {
+    pub(in crate::bridge) fn wait(&self, until: Instant) -> bool {
         let left = until.saturating_duration_since(Instant::now());
         if left.is_zero() {
             return false;
         }
-        let fds = self.links.iter().filter_map(Link::fd);
+        let fds = self.fds();
         let mut fds: Vec<_> = fds.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)).collect();
         let timeout = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: i64::from(left.subsec_nanos()) };
         // An interrupted wait is looked at as if something had come.

@@ -13,8 +13,8 @@
 
 mod errors;
 mod inbox;
-mod links;
-mod state;
+pub(super) mod links;
+pub(super) mod state;
 
 use std::time::{Duration, Instant};
 
@@ -37,6 +37,9 @@ use state::{Fault, Flight};
 
 /// So much of nothing but what cannot be read is told as a wrong link.
 const GIBBERISH: u64 = 200;
+
+/// How long the pilot's channels say at the end that they are disarmed: some of their periods.
+const FAREWELL: Duration = Duration::from_millis(100);
 
 /// The node.
 pub struct Hil {
@@ -62,6 +65,8 @@ pub struct Hil {
     stand_due: Instant,
     /// When sensors were sent last.
     sensed_at: Instant,
+    /// Periods that were not sensed, lest there be a burst.
+    held_back: u64,
     last: Option<Command>,
     origin: Instant,
     steps: u64,
@@ -109,6 +114,7 @@ impl Hil {
             at: None,
             stand_due: Instant::now(),
             sensed_at: Instant::now(),
+            held_back: 0,
             last: None,
             origin: Instant::now(),
             steps: 0,
@@ -156,6 +162,12 @@ impl Hil {
     /// Reads the sensors `periods` after the last time and sends them.
     fn sense(&mut self, periods: u64) {
         let Some(At { motion, errors, .. }) = self.at else { return };
+        let periods = periods + std::mem::take(&mut self.held_back);
+        if self.autopilot.hold_back(self.now()) {
+            // The turn of this period is part of the next reading: none of it may be missing from the gyroscope's sum.
+            self.held_back = periods;
+            return;
+        }
         let sensors = self.model.step_after(periods, &motion, &errors);
         self.send(&sensors);
     }
@@ -280,6 +292,19 @@ impl Hil {
         Ok(Turn::Worked)
     }
 
+    /// Tells the autopilot to disarm while its link is still there, more than once because datagrams get lost.
+    fn disarm(&mut self) {
+        self.flight.forget();
+        let until = Instant::now() + FAREWELL;
+        while Instant::now() < until {
+            self.sense(1);
+            let next = Instant::now() + self.period;
+            while self.links.wait(next) {
+                self.listen();
+            }
+        }
+    }
+
     fn count(&mut self) {
         let counts = self.autopilot.counts();
         let report = &mut self.peers.report;
@@ -329,14 +354,8 @@ impl Follower for Hil {
     }
 
     fn stop(&mut self) -> Result<Health, NodeError> {
-        // The autopilot is told to disarm while its link is still there.
         if self.rc.stage() != Stage::Off {
-            self.flight.forget();
-            for _ in 0..2 {
-                self.sense(1);
-                self.links.wait(Instant::now() + Duration::from_millis(25));
-                self.listen();
-            }
+            self.disarm();
         }
         tracing::info!(
             unsent = self.links.unsent(),

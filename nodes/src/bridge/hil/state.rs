@@ -34,7 +34,7 @@ impl Fault {
 
 /// The state of the flight.
 #[derive(Debug, Clone)]
-pub(super) struct Flight {
+pub(in crate::bridge) struct Flight {
     begin: Begin,
     stale: Duration,
     motors: bool,
@@ -48,7 +48,7 @@ pub(super) struct Flight {
 }
 
 impl Flight {
-    pub(super) fn new(options: &FlightOptions, frame: FrameKind) -> Self {
+    pub(in crate::bridge) fn new(options: &FlightOptions, frame: FrameKind) -> Self {
         Self {
             begin: options.begin,
             stale: Duration::from_secs_f64(options.stale_s),
@@ -77,12 +77,12 @@ impl Flight {
     }
 
     /// New outputs.
-    pub(super) fn take(&mut self, outputs: Outputs, now: Duration) {
+    pub(in crate::bridge) fn take(&mut self, outputs: Outputs, now: Duration) {
         self.outputs = Some((outputs, now));
     }
 
     /// The autopilot is gone, or knows nothing any more.
-    pub(super) fn forget(&mut self) {
+    pub(in crate::bridge) fn forget(&mut self) {
         self.outputs = None;
         self.lost |= self.begun;
     }
@@ -98,12 +98,12 @@ impl Flight {
     }
 
     /// Whether there are outputs that are not too old.
-    pub(super) fn is_fresh(&self, now: Duration) -> bool {
+    pub(in crate::bridge) fn is_fresh(&self, now: Duration) -> bool {
         self.fresh(now).is_some()
     }
 
     /// Whether there are fresh outputs of an armed autopilot.
-    pub(super) fn is_flying(&self, mixer: &Mixer, now: Duration) -> bool {
+    pub(in crate::bridge) fn is_flying(&self, mixer: &Mixer, now: Duration) -> bool {
         self.fresh(now).is_some_and(|outputs| self.is_armed(&outputs, mixer))
     }
 

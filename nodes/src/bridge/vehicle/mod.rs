@@ -355,6 +355,7 @@ fn tell_figures(f: &Figures, dropped: u64) {
     tracing::info!(
         messages = f.messages,
         dropped = f.dropped,
+        noise_bytes = f.noise_bytes,
         lost = f.lost,
         refused = f.refused,
         outputs = f.outputs,

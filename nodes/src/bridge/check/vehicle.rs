@@ -1,4 +1,4 @@
-//! `whirlstand bridge check`: each axis of a vehicle, live and disarmed.
+//! The check of a vehicle.
 //!
 //! First the vehicle is moved by hand, axis by axis, and its attitude and rates must follow with the right sign, that axis
 //! most of all. Then each channel is moved by 100 us and read back where the vehicle tells it (`RC_CHANNELS`). What
@@ -11,8 +11,9 @@ use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bridge::vehicle::Group;
 use whirlstand_msgs::valid;
 
-use super::vehicle::open_vehicle;
-use super::vehicle::wires::{Core, Wires, lock};
+use super::super::vehicle::open_vehicle;
+use super::super::vehicle::wires::{Core, Wires, lock};
+use super::{CheckOptions, Finding};
 use crate::config::NodeConfig;
 use crate::error::NodeError;
 use crate::gate::Gate;
@@ -36,28 +37,6 @@ const AXES: [(&str, &str); 3] = [
     ("pitch", "pitch the vehicle up: nose up, by about 30 degrees"),
     ("yaw", "yaw the vehicle clockwise, seen from above, by about 30 degrees"),
 ];
-
-/// How to check.
-#[derive(Debug, Clone, Copy)]
-pub struct CheckOptions {
-    /// How long to wait for the vehicle and for each axis.
-    pub timeout: Duration,
-    /// Move the channels.
-    pub outputs: bool,
-}
-
-/// What was found.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Finding {
-    /// Something that the user is to do.
-    Ask(String),
-    /// Something is right.
-    Good(String),
-    /// Something is wrong.
-    Wrong(String),
-    /// Something cannot be told.
-    Unknown(String),
-}
 
 /// A check under way.
 struct Check<'a> {

@@ -1,0 +1,342 @@
+//! The check of an autopilot.
+//!
+//! The simulated vehicle stands still, then it is tilted about each axis, to both sides, and the attitude that the
+//! autopilot tells over its telemetry must follow. So gyroscope, accelerometer and magnetic field are checked through the
+//! autopilot's own estimator. The autopilot stays disarmed; with `arm` its outputs must push back against the tilts as well.
+
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use whirlstand_bridge::autopilot::{
+    Autopilot, AutopilotConfig, AutopilotKind, Event, Outputs, Parts, Rc, Stage,
+};
+use whirlstand_bridge::config::BridgeConfig;
+use whirlstand_bridge::mixer::{FrameKind, Mixer};
+use whirlstand_bridge::sensors::{Errors, Motion, SensorModel};
+use whirlstand_bridge::witness::{Language, Witness};
+
+use super::super::hil::links::Links;
+use super::super::hil::state::Flight;
+use super::super::link::{Address, Link, Received};
+use super::reaction::{self, Demands};
+use super::tilt::{self, AXES, RAMP, TILT};
+use super::{CheckOptions, Finding};
+use crate::config::NodeConfig;
+use crate::error::NodeError;
+use crate::setup::Setup;
+
+/// Oldest attitude of the autopilot that counts.
+const AGE: Duration = Duration::from_millis(500);
+
+/// Time after a tilt before it is judged: the autopilot's estimator and its telemetry take theirs.
+const SETTLE: Duration = Duration::from_millis(1500);
+
+/// How level a vehicle that stands must be told, rad.
+const LEVEL: f64 = 0.1;
+
+/// Where the autopilots speak to a ground station.
+fn usual_place(kind: AutopilotKind) -> (&'static str, Language) {
+    match kind {
+        AutopilotKind::Px4Hil | AutopilotKind::ArdupilotJson => ("udpin://0.0.0.0:14550", Language::Mavlink),
+        AutopilotKind::BetaflightSitl => ("tcpout://127.0.0.1:5761", Language::Msp),
+    }
+}
+
+/// A check under way.
+struct Check<'a> {
+    name: &'static str,
+    autopilot: Box<dyn Autopilot>,
+    links: Links,
+    witness: Witness,
+    telemetry: Link,
+    model: SensorModel,
+    mixer: Mixer,
+    rc: Rc,
+    flight: Flight,
+    newest: Option<Outputs>,
+    demands: Demands,
+    period: Duration,
+    patience: Duration,
+    origin: Instant,
+    due: Instant,
+    sensed_at: Instant,
+    /// Time as the sensors have it.
+    sensor_time: Duration,
+    /// Periods that were not sensed, lest there be a burst.
+    held_back: u32,
+    say: &'a mut dyn FnMut(Finding),
+}
+
+/// Checks the bridge to an autopilot; `say` hears each finding as it comes.
+///
+/// # Errors
+/// For options that cannot be, and an autopilot that is not heard.
+pub fn check_autopilot(
+    config: &NodeConfig,
+    bridge: &BridgeConfig,
+    options: &CheckOptions,
+    say: &mut dyn FnMut(Finding),
+) -> Result<(), NodeError> {
+    let wrong =
+        |field: String, value: &str, reason: String| NodeError::Config { field, value: value.into(), reason };
+    let Some(mut autopilot) = AutopilotConfig::of(bridge) else {
+        let reason = "it takes the place of a vehicle, not of an autopilot".into();
+        return Err(wrong("bridge".into(), bridge.kind.name(), reason));
+    };
+    autopilot.rc.arm = options.arm;
+    let name = autopilot.kind.autopilot();
+    let setup = Setup::new(config)?;
+    let Parts { mixer, rc, .. } = autopilot
+        .parts(&setup.vehicle, false, 1e9 / config.period_ns as f64)
+        .map_err(|e| wrong(format!("bridge.{}", e.path.join(".")), name, e.message))?;
+    let (usual, language) = usual_place(autopilot.kind);
+    let place = options.telemetry.as_deref().unwrap_or(usual);
+    let address: Address = place.parse().map_err(|e| wrong("--telemetry".into(), place, format!("{e}")))?;
+    let now = Instant::now();
+    let mut check = Check {
+        name,
+        links: Links::new(&autopilot)?,
+        witness: Witness::new(language),
+        telemetry: Link::new(address),
+        model: SensorModel::new(autopilot.sensors.clone(), config.period_ns, config.seed),
+        rc,
+        flight: Flight::new(&autopilot.flight, autopilot.mixer.frame),
+        mixer,
+        newest: None,
+        demands: Demands::default(),
+        period: Duration::from_nanos(config.period_ns),
+        patience: Duration::from_secs_f64(autopilot.flight.answer_timeout_s),
+        autopilot: autopilot.autopilot(config.period_ns),
+        origin: now,
+        due: now,
+        sensed_at: now,
+        sensor_time: Duration::ZERO,
+        held_back: 0,
+        say,
+    };
+    check.wait_for_outputs(options)?;
+    if check.flight.is_flying(&check.mixer, check.now()) {
+        (check.say)(Finding::Wrong(format!("{name} is armed: disarm it, then check again")));
+        return Ok(());
+    }
+    check.link();
+    let told = check.wait_for_level(options, place);
+    let armed = options.arm && autopilot.mixer.frame != FrameKind::Ccpm && check.arm(options);
+    for axis in 0..AXES.len() {
+        if told || armed {
+            check.axis(axis, told, armed);
+        }
+    }
+    check.disarm();
+    Ok(())
+}
+
+impl Check<'_> {
+    fn now(&self) -> Duration {
+        self.origin.elapsed()
+    }
+
+    fn attitude(&self) -> Option<[f64; 3]> {
+        self.witness.attitude(AGE, self.now())
+    }
+
+    /// Stands level for at most `limit`, until `done` says what it found.
+    fn until<T>(&mut self, limit: Duration, mut done: impl FnMut(&mut Self) -> Option<T>) -> Option<T> {
+        let begun = Instant::now();
+        while begun.elapsed() < limit {
+            self.turn(&|_| Motion::default());
+            if let Some(found) = done(self) {
+                return Some(found);
+            }
+        }
+        None
+    }
+
+    /// Flies along `motion`, by the time of the sensors.
+    fn fly(&mut self, span: Duration, motion: impl Fn(Duration) -> Motion) {
+        let begun = self.sensor_time;
+        while self.sensor_time < begun + span {
+            self.turn(&|at| motion(at - begun));
+        }
+    }
+
+    /// Waits for bytes or the next reading, takes in the one and sends the other.
+    fn turn(&mut self, motion: &dyn Fn(Duration) -> Motion) {
+        self.wait();
+        let now = self.now();
+        self.links.receive(self.autopilot.as_mut(), now);
+        while let Some(event) = self.autopilot.next() {
+            match event {
+                Event::Outputs(outputs) => {
+                    self.flight.take(outputs, now);
+                    self.demands.add(&self.mixer, &outputs.values);
+                    self.newest = Some(outputs);
+                }
+                Event::Restarted => (self.say)(Finding::Wrong(format!("{} began anew", self.name))),
+            }
+        }
+        if let Some(why) = self.links.take_lost() {
+            (self.say)(Finding::Wrong(why));
+        }
+        self.hear(now);
+        let instant = Instant::now();
+        if instant < self.due() {
+            return;
+        }
+        if self.autopilot.is_lockstep() {
+            // The sensors of one that waits are of the next period, whenever that is.
+            self.due = instant + self.period;
+            return self.sense(1, motion, now);
+        }
+        // For one that runs freely time is the wall's: a late reading is of all periods since the last.
+        let late = instant.saturating_duration_since(self.due).as_nanos() / self.period.as_nanos();
+        let periods = u32::try_from(late).unwrap_or(u32::MAX).saturating_add(1);
+        self.due += self.period * periods;
+        self.held_back += periods;
+        if !self.autopilot.hold_back(now) {
+            let periods = std::mem::take(&mut self.held_back);
+            self.sense(periods, motion, now);
+        }
+    }
+
+    /// When sensors are to be sent: one that waits gets them when it has answered, or when its answer seems lost.
+    fn due(&self) -> Instant {
+        let waits = self.autopilot.is_lockstep() && !self.autopilot.is_answered();
+        if waits { self.due.max(self.sensed_at + self.patience) } else { self.due }
+    }
+
+    fn sense(&mut self, periods: u32, motion: &dyn Fn(Duration) -> Motion, now: Duration) {
+        self.sensor_time += self.period * periods;
+        self.sensed_at = Instant::now();
+        self.rc.turn(self.flight.is_fresh(now), true, now);
+        let motion = motion(self.sensor_time);
+        let sensors = self.model.step_after(periods.into(), &motion, &Errors::default());
+        let links = &mut self.links;
+        self.autopilot.sense(&sensors, &self.rc, now, &mut |port, bytes| links.send(port, bytes));
+    }
+
+    fn wait(&self) {
+        let left = self.due().saturating_duration_since(Instant::now());
+        let timeout = Timespec { tv_sec: 0, tv_nsec: left.subsec_nanos().into() };
+        let fds = self.links.fds().chain(self.telemetry.fd());
+        let mut fds: Vec<_> = fds.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)).collect();
+        // All outcomes mean the same: look again.
+        let _ = poll(&mut fds, Some(&timeout));
+    }
+
+    /// What the autopilot says to its ground station.
+    fn hear(&mut self, now: Duration) {
+        // One that is not there yet is tried again; that it never came is told by what was not heard.
+        let _ = self.telemetry.maintain(Instant::now());
+        let mut buffer = [0; 4096];
+        while let Ok(Received::Stream(length) | Received::Datagram(length)) =
+            self.telemetry.receive(&mut buffer)
+        {
+            self.witness.receive(&buffer[..length], now);
+        }
+        let mut ask = Vec::new();
+        self.witness.ask(now, &mut ask);
+        if !ask.is_empty() {
+            self.telemetry.sender().send(&ask);
+        }
+    }
+
+    fn wait_for_outputs(&mut self, options: &CheckOptions) -> Result<(), NodeError> {
+        let came = self.until(options.timeout, |check| check.newest.map(drop));
+        came.ok_or(NodeError::NoAutopilot {
+            name: self.name,
+            waited_s: options.timeout.as_secs_f64(),
+            malformed: self.autopilot.counts().malformed,
+        })
+    }
+
+    /// Rate and losses.
+    fn link(&mut self) {
+        let (before, begun) = (self.autopilot.counts(), Instant::now());
+        let _: Option<()> = self.until(Duration::from_secs(1), |_| None);
+        let (after, spent) = (self.autopilot.counts(), begun.elapsed().as_secs_f64());
+        let outputs = ((after.outputs - before.outputs) as f64 / spent).round();
+        let (dropped, lost) = (after.dropped() - before.dropped(), after.lost - before.lost);
+        let text =
+            format!("{} sends outputs {outputs} times a second; {dropped} damaged, {lost} lost", self.name);
+        (self.say)(if outputs > 0.0 && dropped + lost == 0 {
+            Finding::Good(text)
+        } else {
+            Finding::Wrong(text)
+        });
+    }
+
+    /// Waits until the autopilot says that it stands level; false when it says nothing.
+    fn wait_for_level(&mut self, options: &CheckOptions, place: &str) -> bool {
+        let level = |a: &[f64; 3]| a[0].abs() < LEVEL && a[1].abs() < LEVEL;
+        let settled = self.until(options.timeout, |check| check.attitude().filter(level));
+        let name = self.name;
+        match settled.map_or_else(|| self.attitude().ok_or(()), Ok) {
+            Ok(angles) => {
+                let [roll, pitch, _] = angles.map(|a| format!("{:+.1}", a.to_degrees()));
+                let text =
+                    format!("the vehicle stands level, and {name} says roll {roll}, pitch {pitch} deg");
+                (self.say)(if level(&angles) { Finding::Good(text) } else { Finding::Wrong(text) });
+                true
+            }
+            Err(()) => {
+                (self.say)(Finding::Unknown(format!(
+                    "the sensors: {name} does not tell its attitude at {place}; give its place with --telemetry"
+                )));
+                false
+            }
+        }
+    }
+
+    /// Arms, or waits until somebody has; false when it was not.
+    fn arm(&mut self, options: &CheckOptions) -> bool {
+        if self.rc.stage() == Stage::Off {
+            (self.say)(Finding::Ask(format!("now arm {} with its ground station", self.name)));
+        } else {
+            (self.say)(Finding::Ask(format!("arming {} by its pilot's channels", self.name)));
+        }
+        let armed = |check: &mut Self| {
+            let up = matches!(check.rc.stage(), Stage::Off | Stage::Flying);
+            (up && check.flight.is_flying(&check.mixer, check.now())).then_some(())
+        };
+        let armed = self.until(options.timeout, armed).is_some();
+        if !armed {
+            (self.say)(Finding::Unknown(format!("the outputs: {} was not armed in time", self.name)));
+        }
+        armed
+    }
+
+    fn axis(&mut self, axis: usize, told: bool, armed: bool) {
+        let mut from = 0.0;
+        for to in [TILT, -TILT, 0.0] {
+            let before = self.attitude();
+            self.demands = Demands::default();
+            self.fly(RAMP / 4, |_| tilt::motion(axis, from, from, RAMP));
+            let still = std::mem::take(&mut self.demands);
+            self.fly(RAMP, |spent| tilt::motion(axis, from, to, spent));
+            let moved = std::mem::take(&mut self.demands);
+            self.fly(SETTLE, |_| tilt::motion(axis, from, to, RAMP));
+            if to != 0.0 {
+                let finding = match (before, self.attitude()) {
+                    (Some(before), Some(after)) => Some(tilt::judge(axis, to - from, before, after)),
+                    _ if told => Some(Err(format!("{}: the telemetry stopped", AXES[axis].0))),
+                    _ => None,
+                };
+                let answer = if armed { reaction::judge(axis, to - from, &still, &moved) } else { None };
+                for finding in [finding, answer].into_iter().flatten() {
+                    (self.say)(finding.map_or_else(Finding::Wrong, Finding::Good));
+                }
+            }
+            from = to;
+        }
+    }
+
+    /// Tells the autopilot to disarm, by its pilot's channels.
+    fn disarm(&mut self) {
+        if self.rc.stage() != Stage::Off {
+            self.rc.turn(false, false, self.now());
+            self.flight.forget();
+            let _: Option<()> = self.until(Duration::from_millis(200), |_| None);
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Whether the outputs of an armed autopilot push back against a tilt.
+
+use whirlstand_bridge::mixer::{Demand, Mixer};
+
+use super::tilt::AXES;
+
+/// A demand that is this small says nothing.
+const QUIET: f64 = 0.01;
+
+/// What the outputs asked for about each axis, on average.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Demands {
+    sum: [f64; 3],
+    count: u32,
+}
+
+impl Demands {
+    /// Takes in outputs.
+    pub(super) fn add(&mut self, mixer: &Mixer, values: &[f64]) {
+        let demands = [Demand::Roll, Demand::Pitch, Demand::Yaw].map(|d| mixer.demand(d, values));
+        if demands.iter().all(|d| d.is_finite()) {
+            self.sum.iter_mut().zip(demands).for_each(|(sum, d)| *sum += d);
+            self.count += 1;
+        }
+    }
+
+    fn mean(&self) -> Option<[f64; 3]> {
+        (self.count > 0).then(|| self.sum.map(|s| s / f64::from(self.count)))
+    }
+}
+
+/// The outputs before and while the vehicle was tilted by `by` about `axis`, judged; `None` when they say nothing.
+///
+/// # Errors
+/// What is wrong, in words.
+pub(super) fn judge(
+    axis: usize,
+    by: f64,
+    before: &Demands,
+    during: &Demands,
+) -> Option<Result<String, String>> {
+    let (before, during) = (before.mean()?, during.mean()?);
+    let change: [f64; 3] = std::array::from_fn(|i| during[i] - before[i]);
+    let most = (0..3).max_by(|a, b| change[*a].abs().total_cmp(&change[*b].abs()))?;
+    if change[most].abs() < QUIET {
+        return None;
+    }
+    let [name, words] = [AXES[axis].0, AXES[axis].1[usize::from(by < 0.0)]];
+    let seen = format!("{name}, {words}: its motors answer with {:+.2} of the full demand", change[axis]);
+    Some(if most != axis {
+        Err(format!(
+            "{seen}, and {:+.2} about {}: the outputs are in another order",
+            change[most], AXES[most].0
+        ))
+    } else if change[axis] * by > 0.0 {
+        Err(format!("{seen}: they push the same way, so an output or a sign is wrong"))
+    } else {
+        Ok(format!("{seen}: they push back"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_bridge::mixer::MixerOptions;
+    use whirlstand_vehicle::Vehicle;
+
+    #[test]
+    fn outputs_that_push_back_are_told_from_those_that_do_not() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let mixer = Mixer::new(&MixerOptions::default(), &[1, 2, 3, 4], &vehicle).unwrap();
+        // Front right, rear left, front left, rear right.
+        let demands = |motors: [f64; 4]| {
+            let mut demands = Demands::default();
+            demands.add(&mixer, &motors);
+            demands
+        };
+        let even = demands([0.5; 4]);
+        let left_up = demands([0.4, 0.6, 0.6, 0.4]);
+        let said = |axis, by, during: &Demands| judge(axis, by, &even, during);
+        assert!(said(0, 0.3, &even).is_none(), "motors that do not answer");
+        assert!(said(0, -0.3, &left_up).unwrap().unwrap().contains("push back"));
+        assert!(said(0, 0.3, &left_up).unwrap().unwrap_err().contains("the same way"));
+        assert!(said(1, 0.3, &left_up).unwrap().unwrap_err().contains("about roll"));
+        let mut broken = even;
+        broken.add(&mixer, &[f64::NAN; 4]);
+        assert!(judge(0, 0.3, &broken, &left_up).is_some(), "what is no number is left out");
+    }
+}
