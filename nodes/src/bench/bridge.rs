@@ -67,6 +67,7 @@ fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
     let (mut autopilot, mut deframer) = (Encoder::new(1, 1), Deframer::new());
     let began = Instant::now();
     let mut buffer = [0; 1024];
+    let mut time_boot_ms = 0;
     let mut exchange = |i: u32| {
         let now = began.elapsed();
         let mut bytes = Vec::with_capacity(128);
@@ -79,7 +80,8 @@ fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
             autopilot.encode(&MavMessage::HEARTBEAT(beat), now, &mut bytes);
         }
         let (roll, us) = asked(i);
-        let time_boot_ms = now.as_millis() as u32;
+        // A stamp that is not newer than the last is refused.
+        time_boot_ms = (now.as_millis() as u32).max(time_boot_ms + 1);
         let attitude = dialect::ATTITUDE_DATA { time_boot_ms, roll: roll as f32, ..Default::default() };
         autopilot.encode(&MavMessage::ATTITUDE(attitude), now, &mut bytes);
         wire.send(&bytes).map_err(failed("send"))?;
