@@ -6,10 +6,10 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 use super::answer::{Diagnosis, NotTestable, Verdict};
 use super::data::Data;
+use super::judge::LEAST_DETECTABILITY;
 use super::model::dot;
 use super::run::Findings;
 use super::screen::Frame;
-use super::select::LEAST_DETECTABILITY;
 
 /// What would tell two effects apart.
 pub fn separating(a: Kind, b: Kind) -> &'static str {

@@ -2,6 +2,7 @@
 
 pub mod adequacy;
 pub mod answer;
+pub mod candidate;
 mod checks;
 mod curves;
 pub mod data;
@@ -15,6 +16,7 @@ mod evidence_random;
 mod experiments;
 pub mod gains;
 pub mod heldout;
+mod judge;
 mod kalman;
 pub mod library;
 mod missing;
@@ -28,6 +30,7 @@ pub mod select;
 mod shows;
 pub mod stochastic;
 pub mod survey;
+mod surveys;
 mod text;
 pub mod tones;
 mod turbulent;
