@@ -14,7 +14,7 @@ use support::{json, run};
 fn stand_in(dir: &Path, diagnosis: &str) -> PathBuf {
     let (path, list) = (dir.join("stand-in.sh"), dir.join("seen.txt"));
     let script = format!(
-        "#!/bin/sh\necho \"$@\" >> '{list}'\nls -a | tr '\\n' ' ' >> '{list}'\nprintf '%s' '{diagnosis}' > diagnosis.json\n",
+        "#!/bin/sh\necho \"$@ $(ls -a | tr '\\n' ' ')\" >> '{list}'\nprintf '%s' '{diagnosis}' > diagnosis.json\n",
         list = list.display()
     );
     std::fs::write(&path, script).unwrap();

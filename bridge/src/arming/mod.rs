@@ -222,6 +222,10 @@ impl Arming {
         if c.pilot.is_some_and(|p| p.present && !p.automatic) {
             return Mode::Manual;
         }
+        // Who could have taken over is gone too: that is worth telling, whatever broke first.
+        if broken == Some(Reason::PilotLost) && reason != Reason::PilotLost {
+            return Mode::Failed(Reason::PilotLost);
+        }
         let held = self.good_since.is_some_and(|since| {
             self.policy.recover_after.is_some_and(|wait| now.saturating_sub(since) >= wait)
         });

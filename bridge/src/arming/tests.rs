@@ -92,6 +92,18 @@ fn the_pilots_switch_always_wins() {
 }
 
 #[test]
+fn a_pilot_who_is_lost_after_the_vehicle_is_told_too() {
+    let mut a = arming(ArmBy::Start);
+    let well = Conditions { pilot: Some(PILOT), ..GOOD };
+    a.update(&well, at(0));
+    assert_eq!(a.mode(), Mode::Automatic);
+    let stale = Conditions { data_age: None, ..well };
+    assert_eq!(a.update(&stale, at(10)), Some(Mode::Failed(Reason::Stale)));
+    let alone = Conditions { pilot: Some(PilotView { present: false, ..PILOT }), ..stale };
+    assert_eq!(a.update(&alone, at(20)), Some(Mode::Failed(Reason::PilotLost)));
+}
+
+#[test]
 fn a_bench_without_a_pilot_may_come_back_when_it_was_told_to() {
     let policy = Policy { arm: ArmBy::Start, stale: STALE, recover_after: Some(at(1000)) };
     let mut a = Arming::new(policy);
