@@ -96,7 +96,7 @@ magnitude = "150 deg/s^2"
     let ours = launch(dir.path(), port, "pace = \"telemetry\"");
     let (out, sim) = (dir.path().join("physics"), dir.path().join("sim"));
     let vehicle = spawn(whirlstand(["run", physics.to_str().unwrap(), "--out", out.to_str().unwrap()]));
-    let bridge = spawn(whirlstand([
+    let mut bridge = spawn(whirlstand([
         "run",
         ours.to_str().unwrap(),
         "--set",
@@ -107,6 +107,8 @@ magnitude = "150 deg/s^2"
         dir.path().join("bridge").to_str().unwrap(),
     ]));
     vehicle.finish().success();
+    // The vehicle is gone now, and the bridge must say so by itself.
+    bridge.wait_for_stderr("FAILSAFE");
     bridge.signal(libc::SIGINT);
     let bridged = bridge.finish();
     // The same bench with the controller inside it.
