@@ -3,60 +3,82 @@
 use rayon::prelude::*;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
-use whirlstand_vehicle::{Effect, Kind};
 
 use super::data::Data;
 use super::library::{Candidate, Sizes, pulse, step};
-use super::model::{Fit, Model};
+use super::model::Model;
+use super::responses::Responses;
 use super::screen::Frame;
 
-/// Times at which an event is tried.
+/// Times at which an event is tried, at least.
 const TIMES: usize = 600;
-/// Spectra of all channels.
-type Spectra = Vec<Vec<Complex<f64>>>;
-
-/// Durations of a pulse, in shares of the record and in steps of the grid of times: each about 1.6 times the last.
+/// Durations of a pulse, in steps of the grid of times: each about 1.6 times the last.
 const GROWTH: f64 = 1.6;
+
+/// The times that are tried, and what is needed to look at all of them at once.
+struct Grid {
+    /// Steps from one time to the next: a multiple of every channel's stride.
+    every: usize,
+    times: usize,
+    /// Length of each channel's spectrum, so that no shift comes round, and of the products' at the grid's times.
+    lengths: Vec<(usize, usize)>,
+}
+
+impl Grid {
+    fn new(data: &Data) -> Self {
+        let stride = data.channels.iter().map(|c| c.stride).fold(1, lcm);
+        let mut every = stride;
+        while 2 * every * TIMES <= data.steps {
+            every *= 2;
+        }
+        let lengths = data.channels.iter().zip(data.ranges()).map(|(channel, range)| {
+            let short = (2 * range.len()).div_ceil(every / channel.stride).next_power_of_two();
+            (short * (every / channel.stride), short)
+        });
+        Self { every, times: data.steps / every, lengths: lengths.collect() }
+    }
+}
+
+fn lcm(a: usize, b: usize) -> usize {
+    let (mut x, mut y) = (a, b);
+    while y > 0 {
+        (x, y) = (y, x % y);
+    }
+    a / x * b
+}
+
+/// Spectra of all channels, from 0 to half the sampling rate.
+type Spectra = Vec<Vec<Complex<f64>>>;
 
 /// The best times for a step and for a pulse on every state, in a frame.
 ///
 /// The model is taken as linear and constant here: the response to a disturbance at one time is that at another,
 /// shifted. What is found is fitted with the simulator afterwards.
-pub fn events(model: &Model<'_, '_>, fit: &Fit, frame: &Frame<'_>, sizes: &Sizes) -> Vec<Candidate> {
+pub fn events(model: &Model<'_, '_>, frame: &Frame<'_>, sizes: &Sizes, responses: &Responses) -> Vec<Candidate> {
     let states = &model.runner.vehicle.states;
     let data = model.runner.data;
-    let residual = transforms(data, frame.residual());
-    let basis: Vec<_> = frame.basis().iter().map(|b| transforms(data, b)).collect();
-    let found = (0..states.len())
-        .into_par_iter()
-        .filter_map(|i| on_state(model, fit, frame, sizes, i, (&residual, &basis)));
+    let grid = Grid::new(data);
+    let residual = transforms(data, &grid, frame.residual());
+    let basis: Vec<Spectra> = frame.basis().par_iter().map(|b| transforms(data, &grid, b)).collect();
+    let found = (0..states.len()).into_par_iter().filter_map(|i| {
+        on_state(&states[i].name, data, frame, sizes, responses.step(i)?, (&grid, &residual, &basis))
+    });
     found.flatten_iter().collect()
 }
 
 fn on_state(
-    model: &Model<'_, '_>,
-    fit: &Fit,
+    place: &str,
+    data: &Data,
     frame: &Frame<'_>,
     sizes: &Sizes,
-    state: usize,
-    (residual, basis): (&Spectra, &[Spectra]),
+    response: &[f64],
+    (grid, residual, basis): (&Grid, &Spectra, &[Spectra]),
 ) -> Option<Vec<Candidate>> {
-    let place = &model.runner.vehicle.states[state].name;
-    let data = model.runner.data;
-    let size = sizes.slopes[state].max(1e-9);
-    // Smaller than a nonlinear effect would notice, larger than rounding.
-    let effect =
-        Effect::new(Kind::StepDisturbance, place, &[("at_s", 0.0), ("magnitude", 1e-3 * size)]).ok()?;
-    let mut vehicle = model.vehicle(&fit.values)?;
-    vehicle.add_effect(effect).ok()?;
-    let mut response = model.runner.run_vehicle(&vehicle, &fit.values[..model.states()])?;
-    response.iter_mut().zip(&fit.predicted).for_each(|(r, y)| *r = (*r - y) / (1e-3 * size));
-    let white = frame.noise().filter_all(data, &response);
-    let every = data.steps.div_ceil(TIMES).max(1);
-    let times = data.steps / every;
-    let transforms = transforms(data, &white);
-    let products = shifted(data, residual, &transforms, every, times);
-    let overlaps: Vec<Vec<f64>> = basis.iter().map(|b| shifted(data, b, &transforms, every, times)).collect();
+    let white = frame.noise().filter_all(data, response);
+    let (every, times) = (grid.every, grid.times);
+    let transforms = transforms(data, grid, &white);
+    let products = shifted(residual, &transforms, grid);
+    let overlaps: Vec<Vec<f64>> = basis.iter().map(|b| shifted(b, &transforms, grid)).collect();
     // Energy of the response to a pulse of d grid steps within its first k steps.
     let energy = |d: usize| -> Vec<f64> {
         let mut total = vec![0.0; times + 1];
@@ -124,38 +146,51 @@ fn on_state(
 }
 
 /// Spectra of all channels, each padded so that no shift comes round.
-fn transforms(data: &Data, samples: &[f64]) -> Vec<Vec<Complex<f64>>> {
+fn transforms(data: &Data, grid: &Grid, samples: &[f64]) -> Spectra {
     let mut planner = FftPlanner::new();
     data.ranges()
         .into_iter()
-        .map(|range| {
-            let length = (2 * range.len()).next_power_of_two();
+        .zip(&grid.lengths)
+        .map(|(range, (length, _))| {
             let mut buffer: Vec<Complex<f64>> =
                 samples[range].iter().map(|v| Complex::new(*v, 0.0)).collect();
-            buffer.resize(length, Complex::new(0.0, 0.0));
-            planner.plan_fft_forward(length).process(&mut buffer);
+            buffer.resize(*length, Complex::new(0.0, 0.0));
+            planner.plan_fft_forward(*length).process(&mut buffer);
+            buffer.truncate(length / 2 + 1);
             buffer
         })
         .collect()
 }
 
 /// Products of samples, given by their spectra, with a response that begins at each time of the grid; 0 at its end.
-fn shifted(
-    data: &Data,
-    of: &[Vec<Complex<f64>>],
-    response: &[Vec<Complex<f64>>],
-    every: usize,
-    times: usize,
-) -> Vec<f64> {
+///
+/// Only the grid's times are wanted: what lies between them may fold together before the transform back.
+fn shifted(of: &Spectra, response: &Spectra, grid: &Grid) -> Vec<f64> {
     let mut planner = FftPlanner::new();
-    let mut products = vec![0.0; times + 1];
-    for (channel, (of, response)) in data.channels.iter().zip(of.iter().zip(response)) {
-        let mut buffer: Vec<Complex<f64>> = of.iter().zip(response).map(|(a, b)| a * b.conj()).collect();
-        let scale = 1.0 / buffer.len() as f64;
-        planner.plan_fft_inverse(buffer.len()).process(&mut buffer);
-        for (t, product) in products.iter_mut().take(times).enumerate() {
-            *product += buffer[t * every / channel.stride].re * scale;
+    let mut products = vec![0.0; grid.times + 1];
+    let mut short = 0;
+    let mut folded: Vec<Complex<f64>> = Vec::new();
+    let mut back = |folded: &mut Vec<Complex<f64>>| {
+        if !folded.is_empty() {
+            planner.plan_fft_inverse(folded.len()).process(folded);
+            products.iter_mut().take(grid.times).zip(&*folded).for_each(|(p, f)| *p += f.re);
+            folded.clear();
+        }
+    };
+    for ((of, response), (length, own)) in of.iter().zip(response).zip(&grid.lengths) {
+        if *own != short {
+            back(&mut folded);
+            (short, folded) = (*own, vec![Complex::new(0.0, 0.0); *own]);
+        }
+        let scale = 2.0 / *length as f64;
+        let edge = |k: usize| k == 0 || 2 * k == *length;
+        for (block, (a, b)) in of.chunks(short).zip(response.chunks(short)).enumerate() {
+            for (k, (f, (a, b))) in folded.iter_mut().zip(a.iter().zip(b)).enumerate() {
+                let share = if edge(block * short + k) { 0.5 * scale } else { scale };
+                *f += a * b.conj() * share;
+            }
         }
     }
+    back(&mut folded);
     products
 }

@@ -23,6 +23,7 @@ mod missing;
 pub mod model;
 pub mod noise;
 mod run;
+mod responses;
 pub mod runner;
 pub mod samples;
 pub mod screen;

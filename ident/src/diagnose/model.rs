@@ -135,7 +135,13 @@ impl<'r, 'd> Model<'r, 'd> {
             Some(columns) => columns.to_vec(),
             None => self.runner.initial_columns(&self.vehicle(values)?, &values[..n], centre)?,
         };
-        for i in n..values.len() {
+        columns.extend(self.own_columns(values, centre, slots)?);
+        Some(columns)
+    }
+
+    /// Those of the values after the initial state.
+    fn own_columns(&self, values: &[f64], centre: &[f64], slots: &[Slot]) -> Option<Vec<Vec<f64>>> {
+        let column = |i: usize| {
             let up = values[i] + slots[i].scale <= slots[i].upper;
             let step = if up { slots[i].scale } else { -slots[i].scale };
             let mut moved = values.to_vec();
@@ -149,9 +155,9 @@ impl<'r, 'd> Model<'r, 'd> {
             };
             let inverse = 1.0 / (moved[i] - values[i]);
             column.iter_mut().zip(centre).for_each(|(c, y)| *c = (*c - y) * inverse);
-            columns.push(column);
-        }
-        Some(columns)
+            Some(column)
+        };
+        (self.states()..values.len()).map(column).collect()
     }
 
     fn residual(&self, measured: &[f64], predicted: &[f64]) -> Vec<f64> {
@@ -198,13 +204,15 @@ impl<'r, 'd> Model<'r, 'd> {
             // Given sensitivities are the same in every step: they are whitened once.
             let known = initial.map(|columns| whitened(&used, data, columns));
             for _ in 0..inner {
-                columns = self.columns(&values, &predicted, &slots, initial)?;
                 let (information, right) = match &known {
                     Some(known) => {
-                        let own = whitened(&used, data, &columns[known.len()..]);
-                        normal(known.iter().chain(&own), &white)
+                        let own = self.own_columns(&values, &predicted, &slots)?;
+                        normal(known.iter().chain(&whitened(&used, data, &own)), &white)
                     }
-                    None => normal(whitened(&used, data, &columns).iter(), &white),
+                    None => {
+                        columns = self.columns(&values, &predicted, &slots, None)?;
+                        normal(whitened(&used, data, &columns).iter(), &white)
+                    }
                 };
                 let mut moved = None;
                 for _ in 0..6 {

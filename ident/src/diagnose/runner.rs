@@ -10,6 +10,19 @@ const FAR_OUT: f64 = 1e3;
 /// By how much a state is moved for a sensitivity.
 const NUDGE: f64 = 1e-3;
 
+/// Where the samples of a channel go.
+struct Place {
+    output: usize,
+    stride: usize,
+    /// Step of the next sample.
+    next: usize,
+    /// Where it goes, and where the channel ends.
+    at: usize,
+    end: usize,
+    /// Largest magnitude.
+    reach: f64,
+}
+
 /// A vehicle that is run over one record.
 #[derive(Debug, Clone)]
 pub struct Runner<'d> {
@@ -66,29 +79,37 @@ impl<'d> Runner<'d> {
         let mut records = data.starts.iter().zip(initial.chunks_exact(self.states().max(1))).peekable();
         let mut bounded = true;
         let mut samples = vec![0.0; data.samples()];
-        let mut places: Vec<(usize, usize, usize, usize)> = data
+        let mut places: Vec<Place> = data
             .channels
             .iter()
             .zip(data.ranges())
-            .map(|(c, range)| (c.output, c.stride, c.first, range.start))
+            .zip(&self.reach)
+            .map(|((c, range), reach)| Place {
+                output: c.output,
+                stride: c.stride,
+                next: c.first,
+                at: range.start,
+                end: range.end,
+                reach: *reach,
+            })
             .collect();
-        let ends: Vec<usize> = data.ranges().iter().map(|r| r.end).collect();
-        for k in 0..data.steps {
+        for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
             if let Some((_, state)) = records.next_if(|(start, _)| **start == k) {
                 bounded &= !simulator.diverged();
                 simulator = fresh.clone();
                 simulator.set_state(state);
             }
-            simulator.apply(&data.inputs[k * data.m..(k + 1) * data.m]);
+            simulator.apply(u);
             let y = simulator.measure();
-            for (((output, stride, next, at), end), reach) in places.iter_mut().zip(&ends).zip(&self.reach) {
-                if k == *next && *at < *end {
-                    if y[*output].abs() > *reach {
+            for place in &mut places {
+                if k == place.next && place.at < place.end {
+                    let y = y[place.output];
+                    if y.abs() > place.reach {
                         return None;
                     }
-                    samples[*at] = y[*output];
-                    *next += *stride;
-                    *at += 1;
+                    samples[place.at] = y;
+                    place.next += place.stride;
+                    place.at += 1;
                 }
             }
             simulator.advance();

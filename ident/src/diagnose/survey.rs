@@ -7,6 +7,7 @@ use super::library::Candidate;
 use super::library::Sizes;
 use super::model::{Effort, Fit, Model};
 use super::noise::Noise;
+use super::responses::Responses;
 use super::screen::Frame;
 use super::{events, tones};
 
@@ -82,12 +83,13 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         .filter(|c| !model.terms.iter().any(|t| t.kind == c.kind && t.place == c.place))
         .cloned()
         .collect();
+    let responses = Responses::new(model, fit, scene.sizes);
     for frame in &frames {
         // An event of one of several records is none of the others.
         if data.starts.len() == 1 {
-            candidates.extend(events::events(model, fit, frame, scene.sizes));
+            candidates.extend(events::events(model, frame, scene.sizes, &responses));
         }
-        candidates.extend(tones::tones(model, fit, frame, scene.sizes));
+        candidates.extend(tones::tones(model, fit, frame, scene.sizes, &responses));
     }
     let mut weighed: Vec<(Candidate, Vec<Shot>)> = candidates
         .into_par_iter()

@@ -1,11 +1,13 @@
 //! Tones: frequencies at which a residual stands out of its own noise.
 
+use rayon::prelude::*;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
-use whirlstand_vehicle::{Effect, Kind};
+use whirlstand_vehicle::Kind;
 
 use super::library::{Candidate, Sizes, tone};
 use super::model::{Fit, Model};
+use super::responses::Responses;
 use super::screen::Frame;
 use crate::stats::median;
 
@@ -16,35 +18,48 @@ const MOST: usize = 2;
 const STANDS_OUT: f64 = 8.0;
 
 /// Candidates: a vibration of the channel, and a periodic disturbance of every state, at every tone of a channel.
-pub fn tones(model: &Model<'_, '_>, fit: &Fit, frame: &Frame<'_>, sizes: &Sizes) -> Vec<Candidate> {
+pub fn tones(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    frame: &Frame<'_>,
+    sizes: &Sizes,
+    responses: &Responses,
+) -> Vec<Candidate> {
     let data = frame.data();
     let rest = frame.without_nuisances(&fit.residual);
     let vehicle = &model.runner.vehicle;
     let looks = (data.steps / 2) as f64;
-    let mut found = Vec::new();
-    let mut frequencies: Vec<f64> = Vec::new();
-    for (channel, range) in data.channels.iter().zip(data.ranges()) {
-        let period_s = data.period_s * channel.stride as f64;
-        for f in lines(&rest[range], period_s) {
-            let start_s = channel.first as f64 * data.period_s;
+    let channels: Vec<_> = data.channels.iter().zip(data.ranges()).collect();
+    let sensed: Vec<(f64, Candidate)> = channels
+        .into_par_iter()
+        .flat_map_iter(|(channel, range)| {
             let place = &vehicle.outputs[channel.output].name;
-            let (amplitude, phase) = sine(frame, fit, channel.output, f, start_s, data);
-            found.push(tone(Kind::Vibration, place, (f, amplitude, phase), sizes, looks));
-            if !frequencies.iter().any(|g| (f - g).abs() < 0.5 / data.duration_s()) {
-                frequencies.push(f);
-            }
+            let start_s = channel.first as f64 * data.period_s;
+            lines(&rest[range], data.period_s * channel.stride as f64)
+                .into_iter()
+                .map(|f| {
+                    let (amplitude, phase) = sine(frame, fit, channel.output, f, start_s, data);
+                    (f, tone(Kind::Vibration, place, (f, amplitude, phase), sizes, looks))
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect();
+    let mut frequencies: Vec<f64> = Vec::new();
+    for (f, _) in &sensed {
+        if !frequencies.iter().any(|g| (f - g).abs() < 0.5 / data.duration_s()) {
+            frequencies.push(*f);
         }
     }
     frequencies.truncate(2 * MOST);
-    for f in frequencies {
-        for (i, state) in vehicle.states.iter().enumerate() {
-            if let Some((amplitude, phase)) = driven(model, fit, frame, &state.name, f, sizes.slopes[i]) {
-                let values = (f, amplitude, phase);
-                found.push(tone(Kind::PeriodicDisturbance, &state.name, values, sizes, looks));
-            }
-        }
-    }
-    found
+    let forces: Vec<(f64, usize)> =
+        frequencies.iter().flat_map(|f| (0..vehicle.states.len()).map(move |i| (*f, i))).collect();
+    let driven = forces.into_par_iter().filter_map(|(f, i)| {
+        let (s, c) = responses.waves(data, i, f)?;
+        let (amplitude, phase) = pair(frame, &s, &c).map(|(s, c)| polar(s, c))?;
+        Some(tone(Kind::PeriodicDisturbance, &vehicle.states[i].name, (f, amplitude, phase), sizes, looks))
+    });
+    let driven: Vec<Candidate> = driven.collect();
+    sensed.into_iter().map(|(_, candidate)| candidate).chain(driven).collect()
 }
 
 /// Frequencies that stand out, strongest first, Hz.
@@ -141,26 +156,4 @@ fn sine(
     };
     let (s, c) = (wave(0.0), wave(std::f64::consts::FRAC_PI_2));
     pair(frame, &s, &c).map_or((0.0, 0.0), |(s, c)| polar(s, c))
-}
-
-fn driven(
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    frame: &Frame<'_>,
-    place: &str,
-    f: f64,
-    slope: f64,
-) -> Option<(f64, f64)> {
-    let size = 1e-3 * slope.max(1e-9);
-    let wave = |phase: f64| {
-        let parameters = [("frequency_hz", f), ("amplitude", size), ("phase_rad", phase)];
-        let effect = Effect::new(Kind::PeriodicDisturbance, place, &parameters).ok()?;
-        let mut vehicle = model.vehicle(&fit.values)?;
-        vehicle.add_effect(effect).ok()?;
-        let mut y = model.runner.run_vehicle(&vehicle, &fit.values[..model.states()])?;
-        y.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y = (*y - p) / size);
-        Some(y)
-    };
-    let (s, c) = pair(frame, &wave(0.0)?, &wave(std::f64::consts::FRAC_PI_2)?)?;
-    Some(polar(s, c))
 }

@@ -134,7 +134,9 @@ impl Disturbances {
         for (_, turbulence) in &mut self.turbulence {
             turbulence.advance();
         }
-        self.refresh(next);
+        if !(self.pulses.is_empty() && self.turbulence.is_empty() && self.oscillators.is_empty()) {
+            self.refresh(next);
+        }
     }
 
     /// Sets what is added from outside, from now on.

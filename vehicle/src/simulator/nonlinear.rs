@@ -127,11 +127,15 @@ impl Nonlinear {
         });
         // The method's error is of fourth order in both; at these shares it is about 1e-7 of the signal. Across the
         // kink of x abs(x) it would be of second order, were the step not made short there (see `attempt`).
-        let needed = (slope.sum::<f64>() / 0.05).max(self.fastest / 0.0625) * length_s;
+        let needed = (slope.sum::<f64>() / 0.1).max(self.fastest / 0.25) * length_s;
         if needed <= 1.0 || self.smooth.is_empty() {
             return 0;
         }
-        (needed.log2().ceil() as usize).min(DEEPEST_SMOOTH)
+        let mut level = 1;
+        while level < DEEPEST_SMOOTH && needed > (1u32 << level) as f64 {
+            level += 1;
+        }
+        level
     }
 
     /// One step of this level from `z` into `result`; false when it must be halved first.

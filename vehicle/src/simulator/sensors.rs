@@ -83,6 +83,8 @@ struct Sensor {
     outliers: Vec<(f64, f64, Stream)>,
     /// Last value before outliers: what a dropout repeats.
     delivered: Option<f64>,
+    /// Scale, offset and drift are all there is while the engine is off.
+    plain: bool,
 }
 
 /// All sensors of a vehicle.
@@ -92,6 +94,8 @@ pub struct Sensors {
     sensors: Vec<Sensor>,
     /// Distinct frequencies of declared vibrations, Hz, and sine and cosine of their phase at the present step.
     frequencies: Vec<(f64, f64, f64)>,
+    /// True when a sensor looks back in time.
+    delayed: bool,
     /// Pairs of outputs that turn into each other: indices, cosine, sine.
     turned: Vec<(usize, usize, f64, f64)>,
     motion: Vec<f64>,
@@ -138,8 +142,12 @@ impl Sensors {
             sensor.tap = Tap::new(delay_s, period_s);
         }
         let p = sensors.len();
+        for sensor in &mut sensors {
+            sensor.plain = sensor.is_plain();
+        }
         Self {
             period_s,
+            delayed: sensors.iter().any(|s| s.tap.is_some()),
             sensors,
             frequencies,
             turned,
@@ -156,7 +164,7 @@ impl Sensors {
     }
 
     pub fn has_delay(&self) -> bool {
-        self.sensors.iter().any(|s| s.tap.is_some())
+        self.delayed
     }
 
     /// The past becomes what the outputs are now.
@@ -172,6 +180,9 @@ impl Sensors {
 
     /// Lets delayed outputs remember what they are at this offset of a step.
     pub fn remember(&mut self, offset_s: f64, z: &[f64], v: &[f64]) {
+        if !self.delayed {
+            return;
+        }
         let tolerance = 2.0 * super::inputs::TIME_TOLERANCE * self.period_s;
         for sensor in &mut self.sensors {
             if let Some(tap) = &mut sensor.tap
@@ -205,8 +216,10 @@ impl Sensors {
             self.motion[j] = cosine * second - sine * first;
         }
         let t = step as f64 * self.period_s;
-        for (frequency_hz, sine, cosine) in &mut self.frequencies {
-            (*sine, *cosine) = phase(*frequency_hz, t);
+        if engine != Engine::Off {
+            for (frequency_hz, sine, cosine) in &mut self.frequencies {
+                (*sine, *cosine) = phase(*frequency_hz, t);
+            }
         }
         for (index, sensor) in self.sensors.iter_mut().enumerate() {
             // The first measurement is fresh at whatever step it is; later ones fall on multiples of the divider.
@@ -214,7 +227,11 @@ impl Sensors {
             if self.fresh[index] {
                 sensor.due =
                     if sensor.every == 1 { step + 1 } else { (step / sensor.every + 1) * sensor.every };
-                self.values[index] = sensor.value(self.motion[index], t, engine, &self.frequencies);
+                self.values[index] = if sensor.plain && engine == Engine::Off {
+                    sensor.gain * self.motion[index] + sensor.offset + sensor.drift * t
+                } else {
+                    sensor.value(self.motion[index], t, engine, &self.frequencies)
+                };
             }
         }
         &self.values
@@ -263,6 +280,7 @@ fn declared(
         dropouts: Vec::new(),
         outliers: Vec::new(),
         delivered: None,
+        plain: false,
     }
 }
 
@@ -287,6 +305,15 @@ impl Sensor {
             }
             _ => {}
         }
+    }
+
+    fn is_plain(&self) -> bool {
+        self.tones.is_empty()
+            && self.noise.is_empty()
+            && self.rounding.is_empty()
+            && self.limits.is_empty()
+            && self.dropouts.is_empty()
+            && self.outliers.is_empty()
     }
 
     fn value(&mut self, motion: f64, t: f64, engine: Engine, frequencies: &[(f64, f64, f64)]) -> f64 {
