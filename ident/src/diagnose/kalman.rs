@@ -12,6 +12,8 @@ use super::noise::MOST;
 
 /// Steps after which a filter's covariance is taken as settled.
 const SETTLED: usize = 400;
+/// Relative change of the gain in a step below which it is settled. Likelihoods err by its square.
+const NEAR: f64 = 1e-6;
 
 /// Parameters of the noises: logarithms of the turbulence's standard deviation and bandwidth, then of every channel's own
 /// noise the logarithm of its innovation and its partial correlations.
@@ -62,18 +64,19 @@ pub fn coefficients(partial: [f64; 2]) -> [f64; 2] {
 /// is coloured.
 struct Filter {
     f: DMatrix<f64>,
+    f_transposed: DMatrix<f64>,
     q: DMatrix<f64>,
     h: DMatrix<f64>,
+    h_transposed: DMatrix<f64>,
     r: DMatrix<f64>,
     /// Index and variance of the turbulence, whose spread at the beginning is its own.
     turbulence: (usize, f64),
 }
 
-/// Gain, inverse of the innovations' covariance and the inverse of its lower factor, logarithm of its determinant.
+/// Gain, inverse of the lower factor of the innovations' covariance, logarithm of its determinant.
 #[derive(Debug, Clone, PartialEq)]
 struct Update {
     gain: DMatrix<f64>,
-    inverse: DMatrix<f64>,
     inverse_factor: DMatrix<f64>,
     log_det: f64,
 }
@@ -81,7 +84,8 @@ struct Update {
 impl Update {
     /// The covariance itself says nothing: states that no channel shows spread for ever.
     fn is_near(&self, other: &Self) -> bool {
-        (&self.gain - &other.gain).amax() < 1e-7 * other.gain.amax()
+        let pairs = self.gain.iter().zip(&other.gain);
+        pairs.fold(0.0f64, |m, (a, b)| m.max((a - b).abs())) < NEAR * other.gain.amax()
     }
 }
 
@@ -120,7 +124,8 @@ impl Filter {
                 }
             }
         }
-        Some(Self { f, q, h, r, turbulence: (n, std * std) })
+        let (f_transposed, h_transposed) = (f.transpose(), h.transpose());
+        Some(Self { f, f_transposed, q, h, h_transposed, r, turbulence: (n, std * std) })
     }
 
     fn start(&self, open: f64) -> DMatrix<f64> {
@@ -131,18 +136,41 @@ impl Filter {
         covariance
     }
 
+    /// From states and samples to the next states and the innovations over their standard deviations.
+    fn step(&self, update: &Update) -> DMatrix<f64> {
+        let ((p, n), gain, factor) = (self.h.shape(), &update.gain, &update.inverse_factor);
+        let mut step = DMatrix::zeros(n + p, n + p);
+        step.view_mut((0, 0), (n, n)).copy_from(&(&self.f - gain * &self.h));
+        step.view_mut((0, n), (n, p)).copy_from(gain);
+        step.view_mut((n, 0), (p, n)).copy_from(&(-factor * &self.h));
+        step.view_mut((n, n), (p, p)).copy_from(factor);
+        step
+    }
+
     /// The update that belongs to a predicted covariance, which goes on to the next step.
     fn update(&self, covariance: &mut DMatrix<f64>) -> Option<Update> {
-        let (f, h) = (&self.f, &self.h);
-        let crossed = &*covariance * h.transpose();
-        let factor = (h * &crossed + &self.r).cholesky()?;
+        let crossed = &*covariance * &self.h_transposed;
+        let factor = (&self.h * &crossed + &self.r).cholesky()?;
         let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        let shifted = f * &crossed;
-        let gain = factor.solve(&shifted.transpose()).transpose();
-        let after = f * &*covariance * f.transpose() + &self.q - &gain * shifted.transpose();
-        *covariance = (&after + after.transpose()) * 0.5;
-        let inverse_factor = factor.l().try_inverse()?;
-        Some(Update { gain, inverse: factor.inverse(), inverse_factor, log_det })
+        let p = self.h.nrows();
+        let mut inverse_factor = DMatrix::identity(p, p);
+        factor.l_dirty().solve_lower_triangular_mut(&mut inverse_factor);
+        let shifted = &self.f * &crossed;
+        // Over the innovations' standard deviations; the gain is that times the inverse factor.
+        let scaled = &shifted * inverse_factor.transpose();
+        let gain = &scaled * &inverse_factor;
+        let mut after = &self.f * &*covariance * &self.f_transposed;
+        after += &self.q;
+        after.gemm(-1.0, &scaled, &scaled.transpose(), 1.0);
+        // Symmetric up to rounding, and kept so.
+        for i in 0..after.nrows() {
+            for j in 0..i {
+                let mean = 0.5 * (after[(i, j)] + after[(j, i)]);
+                (after[(i, j)], after[(j, i)]) = (mean, mean);
+            }
+        }
+        *covariance = after;
+        Some(Update { gain, inverse_factor, log_det })
     }
 }
 
@@ -150,9 +178,11 @@ impl Filter {
 /// innovations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Whitener {
-    f: DMatrix<f64>,
-    h: DMatrix<f64>,
-    update: Update,
+    /// From the filter's states and a row of samples to the next states and the row made white.
+    step: DMatrix<f64>,
+    /// Number of the filter's states.
+    order: usize,
+    log_det: f64,
     /// How many numbers the noises have.
     pub parameters: usize,
 }
@@ -171,12 +201,14 @@ impl Whitener {
                 break;
             }
         }
-        Some(Self { f: filter.f, h: filter.h, update: last?, parameters: noises.parameters() })
+        let update = last?;
+        let (order, step) = (filter.f.nrows(), filter.step(&update));
+        Some(Self { step, order, log_det: update.log_det, parameters: noises.parameters() })
     }
 
     /// Logarithm of the determinant of one step's innovations.
     pub fn log_det(&self) -> f64 {
-        self.update.log_det
+        self.log_det
     }
 
     /// Innovations over their standard deviations, uncorrelated between channels. All channels have one sample a step.
@@ -195,23 +227,18 @@ impl Whitener {
         let ranges = data.ranges();
         let rows = ranges.iter().map(std::ops::Range::len).min().unwrap_or(0);
         let mut white = vec![0.0; samples.len()];
-        let mut x = DVector::zeros(self.f.nrows());
-        let mut next = x.clone();
-        let mut e = DVector::zeros(ranges.len());
-        let mut w = e.clone();
+        let mut now = DVector::zeros(self.step.nrows());
+        let mut next = now.clone();
         for k in 0..rows {
             for (c, range) in ranges.iter().enumerate() {
-                e[c] = samples[range.start + k];
+                now[self.order + c] = samples[range.start + k];
             }
-            e.gemv(-1.0, &self.h, &x, 1.0);
-            w.gemv(1.0, &self.update.inverse_factor, &e, 0.0);
+            next.gemv(1.0, &self.step, &now, 0.0);
             for (c, range) in ranges.iter().enumerate() {
-                white[range.start + k] = w[c];
+                white[range.start + k] = next[self.order + c];
             }
-            next.gemv(1.0, &self.f, &x, 0.0);
-            next.gemv(1.0, &self.update.gain, &e, 1.0);
-            std::mem::swap(&mut x, &mut next);
-            each(&x);
+            std::mem::swap(&mut now, &mut next);
+            each(&now);
         }
         white
     }
@@ -233,32 +260,27 @@ pub fn log_likelihood(
     let mut covariance = filter.start(100.0 * residual.iter().fold(0.0f64, |m, r| m.max(r.abs())));
     let ranges = data.ranges();
     let rows = ranges.iter().map(|r| r.len()).min()?;
-    let mut x = DVector::zeros(filter.f.nrows());
-    let mut next = x.clone();
-    let mut e = DVector::zeros(p);
+    let order = filter.f.nrows();
+    let mut now = DVector::zeros(order + p);
+    let mut next = now.clone();
     let mut update = filter.update(&mut covariance)?;
+    let mut step = filter.step(&update);
     let (mut sum, mut settled) = (0.0, false);
     for k in 0..rows {
         for (c, range) in ranges.iter().enumerate() {
-            e[c] = residual[range.start + k];
+            now[order + c] = residual[range.start + k];
         }
-        e.gemv(-1.0, &filter.h, &x, 1.0);
+        next.gemv(1.0, &step, &now, 0.0);
         if k >= MOST {
-            let mut square = 0.0;
-            for j in 0..p {
-                for i in 0..p {
-                    square += update.inverse[(i, j)] * e[i] * e[j];
-                }
-            }
+            let square: f64 = next.rows(order, p).norm_squared();
             sum -= 0.5 * (update.log_det + square);
         }
-        next.gemv(1.0, &filter.f, &x, 0.0);
-        next.gemv(1.0, &update.gain, &e, 1.0);
-        std::mem::swap(&mut x, &mut next);
+        std::mem::swap(&mut now, &mut next);
         if k < SETTLED && !settled {
             let next = filter.update(&mut covariance)?;
             settled = update.is_near(&next);
             update = next;
+            step = filter.step(&update);
         }
     }
     sum.is_finite().then_some(sum)
@@ -266,16 +288,19 @@ pub fn log_likelihood(
 
 /// Rounds of a climb, at most.
 const ROUNDS: usize = 15;
+/// A climb may gain so many times what its first steps promise, and so much more.
+const HOPE: f64 = 4.0;
 
 /// Climbs from `noises` to the greatest likelihood by Newton's steps with the curvatures of the single values, those of
 /// the turbulence's two together; what the climb gained last is below a tenth. Returns noises, likelihood and standard
-/// errors of the first two values.
+/// errors of the first two values. A climb that will not come to `wanted` ends early, with errors of one.
 pub fn climb(
     data: &Data,
     vehicle: &Vehicle,
     state: usize,
     residual: &[f64],
     mut noises: Noises,
+    wanted: f64,
 ) -> Option<(Noises, f64, [f64; 2])> {
     let value = |noises: &Noises| log_likelihood(data, vehicle, state, residual, noises);
     let mut best = value(&noises)?;
@@ -289,16 +314,31 @@ pub fn climb(
             value(&noises.moved(&step))
         };
         let open: Vec<usize> = (0..count).filter(|i| noises.is_open(*i)).collect();
-        let sides: Vec<Option<(f64, f64)>> =
-            open.par_iter().map(|i| Some((moved(*i, reach[*i])?, moved(*i, -reach[*i])?))).collect();
+        // Where the curvature is known, one side tells the slope.
+        let slopes: Vec<Option<(f64, f64)>> = open
+            .par_iter()
+            .map(|i| {
+                let (d, known) = (reach[*i], curvatures[*i]);
+                let up = moved(*i, d)?;
+                if known > 0.0 {
+                    return Some(((up - best) / d + 0.5 * known * d, known));
+                }
+                let down = moved(*i, -d)?;
+                Some(((up - down) / (2.0 * d), (2.0 * best - up - down) / (d * d)))
+            })
+            .collect();
         let mut step = vec![0.0; count];
-        for (i, side) in open.into_iter().zip(sides) {
-            let (up, down) = side?;
-            let slope = (up - down) / (2.0 * reach[i]);
-            curvatures[i] = (2.0 * best - up - down) / (reach[i] * reach[i]);
+        let mut hoped = 0.0;
+        for (i, slope) in open.into_iter().zip(slopes) {
+            let (slope, curvature) = slope?;
+            curvatures[i] = curvature;
             // Where the likelihood is not yet curved as at a top: a bold step uphill.
-            step[i] = if curvatures[i] > 0.0 { slope / curvatures[i] } else { slope.signum() };
+            step[i] = if curvature > 0.0 { slope / curvature } else { slope.signum() };
             step[i] = step[i].clamp(-1.0, 1.0);
+            hoped += (slope * step[i]).abs();
+        }
+        if best + HOPE * hoped + HOPE < wanted {
+            return Some((noises, best, [1.0, 1.0]));
         }
         let before = best;
         let mut share = 1.0;
@@ -317,19 +357,22 @@ pub fn climb(
             break;
         }
     }
-    // Size and bandwidth go together: the cross curvature belongs to their errors.
-    let d = [0.05, 0.05];
+    // Size and bandwidth go together: their curvatures at the top, and the cross curvature, belong to their errors.
+    let d = 0.05;
     let at = |a: f64, b: f64| {
         let mut next = noises.clone();
-        next.common[0] += a;
-        next.common[1] += b;
+        next.common[0] += a * d;
+        next.common[1] += b * d;
         value(&next)
     };
-    let cross =
-        -(at(d[0], d[1])? - at(d[0], -d[1])? - at(-d[0], d[1])? + at(-d[0], -d[1])?) / (4.0 * d[0] * d[1]);
-    let determinant = curvatures[0] * curvatures[1] - cross * cross;
-    let errors = if determinant > 0.0 {
-        [(curvatures[1] / determinant).sqrt(), (curvatures[0] / determinant).sqrt()]
+    let corners = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)];
+    let values: Vec<f64> = corners.par_iter().map(|(a, b)| at(*a, *b)).collect::<Option<_>>()?;
+    let first = (2.0 * best - values[0] - values[1]) / (d * d);
+    let second = (2.0 * best - values[2] - values[3]) / (d * d);
+    let cross = 0.5 * ((2.0 * best - values[4] - values[5]) / (d * d) - first - second);
+    let determinant = first * second - cross * cross;
+    let errors = if determinant > 0.0 && first > 0.0 {
+        [(second / determinant).sqrt(), (first / determinant).sqrt()]
     } else {
         [1.0, 1.0]
     };

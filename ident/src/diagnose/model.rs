@@ -202,16 +202,20 @@ impl<'r, 'd> Model<'r, 'd> {
             let mut white = used.whiten(data, &residual);
             let mut cost = dot(&white, &white);
             // Given sensitivities are the same in every step: they are whitened once.
-            let known = initial.map(|columns| whitened(&used, data, columns));
+            let known = initial.map(|columns| {
+                let white = whitened(&used, data, columns);
+                let products = products(&white);
+                (white, products)
+            });
             for _ in 0..inner {
                 let (information, right) = match &known {
-                    Some(known) => {
+                    Some((known, products)) => {
                         let own = self.own_columns(&values, &predicted, &slots)?;
-                        normal(known.iter().chain(&whitened(&used, data, &own)), &white)
+                        bordered(known, products, &whitened(&used, data, &own), &white)
                     }
                     None => {
                         columns = self.columns(&values, &predicted, &slots, None)?;
-                        normal(whitened(&used, data, &columns).iter(), &white)
+                        normal(&whitened(&used, data, &columns), &white)
                     }
                 };
                 let mut moved = None;
@@ -262,7 +266,7 @@ impl<'r, 'd> Model<'r, 'd> {
         let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
         let data = self.runner.data;
         let zero = vec![0.0; fit.residual.len()];
-        let (information, _) = normal(whitened(&fit.profile.noise, data, &columns).iter(), &zero);
+        let (information, _) = normal(&whitened(&fit.profile.noise, data, &columns), &zero);
         pseudo_inverse(&information)
     }
 }
@@ -276,18 +280,44 @@ fn whitened(noise: &Noise, data: &super::data::Data, columns: &[Vec<f64>]) -> Ve
     columns.iter().map(white).collect()
 }
 
-/// Information matrix and gradient from whitened columns and residual.
-fn normal<'c>(columns: impl Iterator<Item = &'c Vec<f64>>, white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
-    let columns: Vec<&Vec<f64>> = columns.collect();
+/// Products of all columns with each other.
+fn products(columns: &[Vec<f64>]) -> DMatrix<f64> {
     let n = columns.len();
-    let mut information = DMatrix::zeros(n, n);
+    let mut products = DMatrix::zeros(n, n);
     for i in 0..n {
         for j in 0..=i {
-            let v = dot(columns[i], columns[j]);
-            (information[(i, j)], information[(j, i)]) = (v, v);
+            let v = dot(&columns[i], &columns[j]);
+            (products[(i, j)], products[(j, i)]) = (v, v);
         }
     }
-    (information, DVector::from_iterator(n, columns.iter().map(|c| dot(c, white))))
+    products
+}
+
+/// Information matrix and gradient from whitened columns and residual.
+fn normal(columns: &[Vec<f64>], white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+    let gradient = DVector::from_iterator(columns.len(), columns.iter().map(|c| dot(c, white)));
+    (products(columns), gradient)
+}
+
+/// The same when the products of the first columns are known.
+fn bordered(
+    known: &[Vec<f64>],
+    known_products: &DMatrix<f64>,
+    own: &[Vec<f64>],
+    white: &[f64],
+) -> (DMatrix<f64>, DVector<f64>) {
+    let (k, n) = (known.len(), known.len() + own.len());
+    let mut information = DMatrix::zeros(n, n);
+    information.view_mut((0, 0), (k, k)).copy_from(known_products);
+    information.view_mut((k, k), (n - k, n - k)).copy_from(&products(own));
+    for (i, a) in own.iter().enumerate() {
+        for (j, b) in known.iter().enumerate() {
+            let v = dot(a, b);
+            (information[(k + i, j)], information[(j, k + i)]) = (v, v);
+        }
+    }
+    let gradient = known.iter().chain(own).map(|c| dot(c, white));
+    (information, DVector::from_iterator(n, gradient))
 }
 
 /// The step of Levenberg and Marquardt; directions that the data do not show stay.

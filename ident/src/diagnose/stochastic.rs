@@ -134,7 +134,8 @@ fn refined(
         .filter_map(|(rank, (state, shaped, whittle))| {
             let starts = starts(data, vehicle, profile, shaped, (*whittle > 0.0, rank == 0));
             let tops = starts.into_iter().filter_map(|noises| {
-                let (noises, likelihood, errors) = climb(data, vehicle, *state, residual, noises)?;
+                let wanted = 0.5 * (noises.parameters() as f64 * rows + LEAST - alone);
+                let (noises, likelihood, errors) = climb(data, vehicle, *state, residual, noises, wanted)?;
                 let bic = -2.0 * likelihood + noises.parameters() as f64 * rows;
                 Some((*state, noises, errors, alone - bic))
             });
