@@ -1,6 +1,8 @@
 //! How visible an effect is: its change of the record against the noise, beyond what the initial state and the free
 //! parameters could imitate. The noise model is the true one.
 
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
 use super::linear::{Recursion, model};
@@ -62,6 +64,31 @@ pub(crate) fn lambda(signature: &[f64]) -> f64 {
     dot(signature, signature)
 }
 
+/// Detectability of a random signature of `outputs` channels (samples x outputs), whose course nobody knows beforehand:
+/// twice the log-likelihood that is to be gained by who knows its spectrum, the sum of r - ln(1 + r) over all frequencies with
+/// the ratio r of signal to noise. For r far above 1 it is that of a known signature.
+pub(crate) fn random_lambda(signature: &[f64], outputs: usize) -> f64 {
+    let samples = signature.len() / outputs.max(1);
+    if samples < 16 {
+        return 0.0;
+    }
+    let fft = FftPlanner::new().plan_fft_forward(samples);
+    let mut ratio = vec![0.0; samples / 2];
+    for channel in 0..outputs {
+        let column = signature.iter().skip(channel).step_by(outputs);
+        let mut buffer: Vec<Complex<f64>> = column.map(|w| Complex::new(*w, 0.0)).collect();
+        fft.process(&mut buffer);
+        ratio.iter_mut().zip(&buffer).for_each(|(r, b)| *r += b.norm_sqr() / samples as f64);
+    }
+    // Averaged over neighbours: one record's lines are not its spectrum.
+    let mean = |k: usize| {
+        let reach = 4.max(k / 8);
+        let around = &ratio[k.saturating_sub(reach)..(k + reach + 1).min(ratio.len())];
+        around.iter().sum::<f64>() / around.len() as f64
+    };
+    (0..ratio.len()).map(|k| 2.0 * (mean(k) - mean(k).ln_1p())).sum()
+}
+
 /// Confusability of two signatures: the cosine of the angle between them.
 pub(crate) fn kappa(a: &[f64], b: &[f64]) -> f64 {
     let norms = norm(a) * norm(b);
@@ -110,4 +137,25 @@ fn free(vehicle: &Vehicle, x0: &[f64], commands: &Commands) -> Vec<Vec<f64>> {
         columns.push(moved.iter().zip(&nominal).map(|(y, y0)| (y - y0) / nudge).collect());
     }
     columns
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_random_signature_far_above_the_noise_tells_what_a_known_one_does_and_a_faint_one_less() {
+        let mut dice = super::super::random::Dice::new(5, "signature");
+        let white: Vec<f64> = (0..8000).map(|_| dice.normal()).collect();
+        let of = |size: f64| {
+            let signature: Vec<f64> = white.iter().map(|w| size * w).collect();
+            random_lambda(&signature, 2) / lambda(&signature)
+        };
+        // Two channels: r = 2 size^2 at every frequency, and 1 - ln(1 + r) / r of what a known one would tell.
+        for size in [30.0f64, 1.0, 0.1] {
+            let r = 2.0 * size * size;
+            let expected = 1.0 - r.ln_1p() / r;
+            assert!((of(size) / expected - 1.0).abs() < 0.1, "{size}: {} {expected}", of(size));
+        }
+    }
 }

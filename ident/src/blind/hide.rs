@@ -3,7 +3,7 @@
 use whirlstand_vehicle::{Effect, Kind};
 
 use super::BlindError;
-use super::detect::{Judge, kappa, lambda};
+use super::detect::{Judge, kappa, lambda, random_lambda};
 use super::draft::{self, Draft};
 use super::facts::Facts;
 use super::nearest::nearest;
@@ -70,13 +70,13 @@ struct Fitted {
 fn fit(
     sizes: (f64, f64),
     target: f64,
-    mut signature: impl FnMut(f64) -> Result<Vec<f64>, BlindError>,
+    mut detectability: impl FnMut(f64) -> Result<f64, BlindError>,
 ) -> Result<Fitted, BlindError> {
     let mut size = (sizes.0 * sizes.1).sqrt();
     let mut power = 2.0;
     let mut last: Option<(f64, f64)> = None;
     for round in 0.. {
-        let lambda = lambda(&signature(size)?);
+        let lambda = detectability(size)?;
         if let Some((size_before, lambda_before)) = last
             && lambda > 0.0
             && lambda_before > 0.0
@@ -95,6 +95,11 @@ fn fit(
         size = next;
     }
     unreachable!("the loop ends by its own rounds")
+}
+
+/// Detectability of an effect by its signature.
+fn detectability(kind: Kind, signature: &[f64], outputs: usize) -> f64 {
+    if kind == Kind::Turbulence { random_lambda(signature, outputs) } else { lambda(signature) }
 }
 
 /// A factor for the commands that would bring the detectability to the target, where the size could not.
@@ -119,13 +124,14 @@ fn place(
     let (least, most) = draft.sizes;
     let sizes = (dice.scaled(least, (least * least * most).cbrt()), most);
     let of = |size: f64| at(&draft, size);
-    let signature = |size: f64| -> Result<Vec<f64>, BlindError> {
-        Ok(stage.signature(&scene.record(&[of(size)?], None)?, &stage.clean))
+    let detectability = |size: f64| -> Result<f64, BlindError> {
+        let signature = stage.signature(&scene.record(&[of(size)?], None)?, &stage.clean);
+        Ok(detectability(kind, &signature, scene.nominal.vehicle.outputs.len()))
     };
     let fitted = if draft.fixed {
-        Fitted { size: fixed, lambda: lambda(&signature(fixed)?) }
+        Fitted { size: fixed, lambda: detectability(fixed)? }
     } else {
-        fit(sizes, target, signature)?
+        fit(sizes, target, detectability)?
     };
     Ok(Some((of(fitted.size)?, fitted)))
 }
@@ -179,7 +185,10 @@ pub(crate) fn pair(plan: &Plan, mut scene: Scene, attempt: u32) -> Result<Option
         let of_two = stage.signature(&both, &scene.record(std::slice::from_ref(&one), None)?);
         let masked = kappa(&of_one, &of_two);
         let left = 1.0 - masked * masked;
-        let lambdas = [lambda(&of_one) * left, lambda(&of_two) * left];
+        let own = |kind: Kind, signature: &[f64]| {
+            left * detectability(kind, signature, scene.nominal.vehicle.outputs.len())
+        };
+        let lambdas = [own(first, &of_one), own(second, &of_two)];
         if masked > 0.7 || lambdas.iter().any(|l| *l < 30.0) || !stage.bounded(&both) {
             return Ok(None);
         }
@@ -201,7 +210,7 @@ pub(crate) fn outside(plan: &Plan, mut scene: Scene, attempt: u32) -> Result<Opt
         };
         let of = |size: f64| Outside { size: size * unit.size, ..unit.clone() };
         let fitted = fit(sizes, target, |size| {
-            Ok(stage.signature(&scene.record(&[], Some(&of(size)))?, &stage.clean))
+            Ok(lambda(&stage.signature(&scene.record(&[], Some(&of(size)))?, &stage.clean)))
         })?;
         if let Some(factor) = missing(fitted.lambda, target)
             && scene.rescale(factor)

@@ -11,11 +11,19 @@ use whirlstand_vehicle::{Simulator, Vehicle};
 use super::library::Sizes;
 use super::model::{Fit, Model, dot};
 use super::screen::Frame;
+use crate::identify::quality::chi_square_tail;
 
 /// Forces are tried on so many states at most.
 const FORCED: usize = 3;
 /// Products of states are tried up to so many states.
 const FEW_STATES: usize = 4;
+
+/// Share of an input's largest magnitude from which on a switch is through.
+const SMALL: f64 = 0.1;
+/// How often an input's effect may swing over the record.
+const SWINGS: usize = 6;
+/// Functions of an input that are the same at all times.
+const STATIC: usize = 5;
 
 /// What is left, against chance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,11 +32,54 @@ pub struct Left {
     pub energy: f64,
     /// By how many standard deviations that is more than chance.
     pub sigmas: f64,
+    /// Probability that chance leaves as much.
+    pub chance: f64,
+}
+
+/// What is left by all functions together, and by those of the one signal that explains most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lack {
+    /// All functions.
+    pub all: Left,
+    /// Functions of one signal, as one force or one sensor's error; the one that stands out most.
+    pub one: Left,
+}
+
+/// All functions together tell beyond so many standard deviations of chance,
+const SIGMAS: f64 = 5.0;
+/// from this energy on, twice what a single effect needs to be told at all,
+const SURE: f64 = 40.0;
+/// and from this share on of what the causes explain.
+const BELIEVED: f64 = 0.004;
+/// One signal tells below this probability of chance, of all looks together,
+const CHANCE: f64 = 1e-3;
+/// and from this share on: a cause that is true leaves nothing that follows a signal.
+const TRUE: f64 = 1e-4;
+
+impl Lack {
+    fn all_tell(&self) -> bool {
+        self.all.sigmas > SIGMAS && self.all.energy > SURE
+    }
+
+    fn one_tells(&self) -> bool {
+        self.one.chance < CHANCE
+    }
+
+    /// True when what is left is no noise.
+    pub fn is_told(&self) -> bool {
+        self.all_tell() || self.one_tells()
+    }
+
+    /// True when it is too much for causes that explain this energy to be true.
+    pub fn outweighs(&self, explained: f64) -> bool {
+        self.all_tell() && self.all.energy > BELIEVED * explained
+            || self.one_tells() && self.one.energy > TRUE * explained
+    }
 }
 
 /// Tests the residual of a fit, but for the channels that are `known` to have errors of their own. `None` when nothing
 /// could be tried.
-pub fn left(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) -> Option<Left> {
+pub fn lack(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) -> Option<Lack> {
     let data = model.runner.data;
     let frame = Frame::new(data, &fit.profile.noise, &fit.residual, &fit.columns);
     let ranges = data.ranges();
@@ -50,17 +101,19 @@ pub fn left(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) ->
         all.truncate(FORCED);
         all
     };
-    let pairs: Vec<(usize, &Vec<f64>)> =
+    let pairs: Vec<(usize, &Function)> =
         forced.iter().flat_map(|s| functions.iter().map(move |f| (*s, f))).collect();
-    let mut columns: Vec<Vec<f64>> = pairs
+    // Of each column, which state it forces and which signal it follows; sensors come behind.
+    let mut columns: Vec<(usize, usize, Vec<f64>)> = pairs
         .par_iter()
-        .filter_map(|(state, force)| {
-            let response = response(model, fit, &vehicle, *state, force, sizes.slopes[*state])?;
-            Some(unknown(frame.signature(&response)))
+        .filter_map(|(state, function)| {
+            let response = response(model, fit, &vehicle, *state, &function.values, sizes.slopes[*state])?;
+            Some((*state, function.of, unknown(frame.signature(&response))))
         })
         .collect();
-    columns.extend(sensors(model, fit).iter().map(|s| unknown(frame.signature(s))));
-    columns.retain_mut(|c| {
+    let n = vehicle.states.len();
+    columns.extend(sensors(model, fit).iter().map(|(c, s)| (n, *c, unknown(frame.signature(s)))));
+    columns.retain_mut(|(_, _, c)| {
         let norm = dot(c, c).sqrt();
         // What nuisances explain tells nothing.
         let told = norm > 1e-6 && norm.is_finite();
@@ -69,25 +122,48 @@ pub fn left(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) ->
         }
         told
     });
-    let n = columns.len();
-    if n == 0 {
+    if columns.is_empty() {
         return None;
     }
-    let rows: Vec<Vec<f64>> =
-        (0..n).into_par_iter().map(|i| (0..=i).map(|j| dot(&columns[i], &columns[j])).collect()).collect();
-    let gram = DMatrix::from_fn(n, n, |i, j| rows[i.max(j)][i.min(j)]);
-    let right = DVector::from_iterator(n, columns.iter().map(|c| dot(c, frame.residual())));
+    let n = columns.len();
+    let right = DVector::from_iterator(n, columns.iter().map(|(_, _, c)| dot(c, frame.residual())));
+    let of: Vec<(usize, usize)> = columns.iter().map(|(s, f, _)| (*s, *f)).collect();
+    let samples = frame.residual().len();
+    let gram = {
+        let mut flat = Vec::with_capacity(n * samples);
+        columns.into_iter().for_each(|(_, _, mut c)| flat.append(&mut c));
+        let all = DMatrix::from_vec(samples, n, flat);
+        all.tr_mul(&all)
+    };
+    let mut groups = of.clone();
+    groups.sort_unstable();
+    groups.dedup();
+    let looks = groups.len() as f64;
+    let one = groups.into_iter().map(|group| {
+        let own: Vec<usize> = (0..n).filter(|i| of[*i] == group).collect();
+        explained(gram.select_rows(&own).select_columns(&own), &right.select_rows(&own))
+    });
+    let one = one.min_by(|a, b| a.chance.total_cmp(&b.chance))?;
+    Some(Lack { all: explained(gram, &right), one: Left { chance: (looks * one.chance).min(1.0), ..one } })
+}
+
+/// What columns explain, given by their products with each other and with the residual.
+fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Left {
     // Directions that repeat others carry rounding only.
     let eigen = gram.symmetric_eigen();
     let strongest = eigen.eigenvalues.max();
     let (mut energy, mut degrees) = (0.0, 0.0);
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         if *value > 1e-6 * strongest {
-            energy += vector.dot(&right).powi(2) / value;
+            energy += vector.dot(right).powi(2) / value;
             degrees += 1.0;
         }
     }
-    Some(Left { energy: energy - degrees, sigmas: (energy - degrees) / (2.0f64 * degrees).sqrt() })
+    Left {
+        energy: energy - degrees,
+        sigmas: (energy - degrees) / (2.0f64 * degrees).sqrt(),
+        chance: chi_square_tail(energy, degrees),
+    }
 }
 
 /// States of the fitted run, over the steps of the record, each over its largest magnitude.
@@ -116,23 +192,45 @@ fn scale(values: &mut [f64]) {
     }
 }
 
+/// What a force could follow.
+struct Function {
+    /// Which signal it is made from: inputs, then states.
+    of: usize,
+    values: Vec<f64>,
+}
+
 /// Functions of time that a force could follow.
-fn functions(model: &Model<'_, '_>, states: &[Vec<f64>]) -> Vec<Vec<f64>> {
+fn functions(model: &Model<'_, '_>, states: &[Vec<f64>]) -> Vec<Function> {
     let data = model.runner.data;
     let mut inputs: Vec<Vec<f64>> = (0..data.m).map(|j| data.input(j).collect()).collect();
     inputs.iter_mut().for_each(|u| scale(u));
     let mut all = Vec::new();
     let map = |v: &[f64], f: fn(f64) -> f64| v.iter().map(|v| f(*v)).collect::<Vec<f64>>();
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).collect::<Vec<f64>>();
-    for u in &inputs {
-        all.extend([map(u, |u| u), map(u, f64::abs), map(u, |u| u * u), map(u, |u| u * u * u)]);
+    let m = inputs.len();
+    for (j, u) in inputs.iter().enumerate() {
+        let mut own = vec![map(u, |u| u), map(u, f64::abs), map(u, |u| u * u), map(u, |u| u * u * u)];
+        own.push(map(u, |u| (u / SMALL).tanh()));
+        // An input that acts now more, now less.
+        for turns in 1..=SWINGS {
+            let angle = |k: usize| std::f64::consts::TAU * (turns * k) as f64 / data.steps as f64;
+            own.push(u.iter().enumerate().map(|(k, u)| u * angle(k).sin()).collect());
+            own.push(u.iter().enumerate().map(|(k, u)| u * angle(k).cos()).collect());
+        }
+        all.extend(
+            own.into_iter().enumerate().map(|(i, values)| Function {
+                of: if i < STATIC { j } else { m + states.len() + j },
+                values,
+            }),
+        );
     }
     for (i, x) in states.iter().enumerate() {
-        all.extend([map(x, |x| x), map(x, |x| x * x), map(x, |x| x * x.abs()), map(x, |x| x * x * x)]);
+        let mut own = vec![map(x, |x| x), map(x, |x| x * x), map(x, |x| x * x.abs()), map(x, |x| x * x * x)];
         if states.len() <= FEW_STATES {
-            all.extend(states[i + 1..].iter().map(|y| product(x, y)));
-            all.extend(inputs.iter().map(|u| product(x, u)));
+            own.extend(states[i + 1..].iter().map(|y| product(x, y)));
+            own.extend(inputs.iter().map(|u| product(x, u)));
         }
+        all.extend(own.into_iter().map(|values| Function { of: m + i, values }));
     }
     all
 }
@@ -177,18 +275,18 @@ fn response(
     (!simulator.diverged()).then_some(samples)
 }
 
-/// Errors of a sensor that follow what it measures, or what another measures.
-fn sensors(model: &Model<'_, '_>, fit: &Fit) -> Vec<Vec<f64>> {
+/// By channel, errors of a sensor that follow what it measures, or what another measures.
+fn sensors(model: &Model<'_, '_>, fit: &Fit) -> Vec<(usize, Vec<f64>)> {
     let data = model.runner.data;
     let ranges = data.ranges();
     let mut all = Vec::new();
-    for range in &ranges {
+    for (c, range) in ranges.iter().enumerate() {
         let mut own = fit.predicted[range.clone()].to_vec();
         scale(&mut own);
         for f in [|v: f64| v, |v: f64| v * v, |v: f64| v * v.abs(), |v: f64| v * v * v] {
             let mut column = vec![0.0; fit.predicted.len()];
             column[range.clone()].iter_mut().zip(&own).for_each(|(c, v)| *c = f(*v));
-            all.push(column);
+            all.push((c, column));
         }
     }
     all

@@ -54,7 +54,12 @@ type Spectra = Vec<Vec<Complex<f64>>>;
 ///
 /// The model is taken as linear and constant here: the response to a disturbance at one time is that at another,
 /// shifted. What is found is fitted with the simulator afterwards.
-pub fn events(model: &Model<'_, '_>, frame: &Frame<'_>, sizes: &Sizes, responses: &Responses) -> Vec<Candidate> {
+pub fn events(
+    model: &Model<'_, '_>,
+    frame: &Frame<'_>,
+    sizes: &Sizes,
+    responses: &Responses,
+) -> Vec<Candidate> {
     let states = &model.runner.vehicle.states;
     let data = model.runner.data;
     let grid = Grid::new(data);

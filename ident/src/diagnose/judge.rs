@@ -54,6 +54,8 @@ pub struct Rival {
     pub values: Vec<f64>,
     /// By how much the accepted cause is better, in BIC.
     pub gap: f64,
+    /// By how much it is better in twice the log-likelihood: what the record itself says, whatever the parameters cost.
+    pub ratio: f64,
     /// Cosine of the angle between the signatures.
     pub kappa: f64,
 }
@@ -150,6 +152,7 @@ pub(super) fn rivals(model: &Model<'_, '_>, fit: &Fit, own: &Trial, trials: &[Se
                 values: values[values.len() - t.candidate.tunables.len()..].to_vec(),
                 candidate: t.candidate.clone(),
                 gap: own.delta_bic - t.delta_bic,
+                ratio: own.ratio - t.ratio,
                 kappa: cosine(&mine, &theirs).abs(),
             })
         })
@@ -159,8 +162,8 @@ pub(super) fn rivals(model: &Model<'_, '_>, fit: &Fit, own: &Trial, trials: &[Se
 }
 
 impl Rival {
-    /// True when the record cannot tell it from the accepted cause.
+    /// True when the record cannot tell it from the accepted cause; a simpler cause may be preferred, not proven.
     pub fn indistinguishable(&self) -> bool {
-        self.kappa > ALIKE && self.gap < AS_GOOD
+        self.kappa > ALIKE && self.gap.min(self.ratio) < AS_GOOD
     }
 }

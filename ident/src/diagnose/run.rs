@@ -6,7 +6,7 @@ use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Free, Kind, Vehicle};
 
 use super::DiagnoseError;
-use super::adequacy::{Left, left};
+use super::adequacy::{Lack, lack};
 use super::answer::*;
 use super::data::Data;
 use super::gains::output_error;
@@ -14,7 +14,7 @@ use super::library::{self, Candidate, Sizes};
 use super::model::{Fit, Model};
 use super::runner::Runner;
 use super::samples::{SampleEffect, measured_effects, outliers};
-use super::select::{BELIEVED, MOST, Selection, select};
+use super::select::{MOST, Selection, select};
 use super::stochastic::{ExcessNoise, Turbulence, excess_noise};
 use super::survey::Scene;
 use super::turbulent::beside;
@@ -36,11 +36,6 @@ pub struct Options {
     pub engine_off: Option<Record>,
 }
 
-/// What is left is no chance beyond so many standard deviations.
-pub(super) const SIGMAS: f64 = 5.0;
-/// Nor below this energy, twice what a single effect needs to be told at all.
-pub(super) const SURE: f64 = 40.0;
-
 /// All that was found, before it is put into words.
 pub(super) struct Findings<'r, 'd> {
     pub selection: Selection<'r, 'd>,
@@ -48,8 +43,8 @@ pub(super) struct Findings<'r, 'd> {
     pub samples: Vec<SampleEffect>,
     pub turbulence: Option<Turbulence>,
     pub noise: Vec<(usize, ExcessNoise)>,
-    /// What is left beyond chance.
-    pub left: Option<Left>,
+    /// What is left, against chance.
+    pub lack: Option<Lack>,
     /// Causes that were found and taken back, because what they leave is not noise.
     pub withheld: Vec<(Candidate, f64)>,
 }
@@ -114,28 +109,49 @@ pub fn diagnose(
     }
     let noise = excess(&data, &selection.fit, &declared, random.is_some());
     let exact = declared.iter().all(|d| *d > 0.0);
-    let mut rest = None;
+    let mut doubt = None;
     let mut withheld = Vec::new();
     if exact && !blocked && noise.is_empty() {
         let rounded = samples.iter().filter(|e| e.kind == Kind::Quantization).map(|e| e.channel);
-        rest = left(&selection.model, &selection.fit, &sizes, &rounded.collect::<Vec<_>>());
-        if let Some(more) = rest.filter(|l| l.sigmas > SIGMAS && l.energy > SURE) {
+        doubt = lack(&selection.model, &selection.fit, &sizes, &rounded.collect::<Vec<_>>());
+        if let Some(lack) = doubt.filter(Lack::is_told) {
             // What turbulence explains of the likelihood, in the scale of energies.
-            random = random.filter(|t| more.energy < BELIEVED * 2.0 * t.delta_bic);
+            random = random.filter(|t| !lack.outweighs(2.0 * t.delta_bic));
             if !selection.model.terms.is_empty() {
-                withheld = selection.withhold(more.energy, start());
+                withheld = selection.withhold(&lack, start());
             }
         }
     }
-    let findings = Findings { selection, sizes, samples, turbulence: random, noise, left: rest, withheld };
+    let findings = Findings { selection, sizes, samples, turbulence: random, noise, lack: doubt, withheld };
     let extended = extended(vehicle, &findings);
     let gains = gains::gains(&findings, &data, vehicle);
     Ok(words::answer(records, vehicle, options, &data, found, findings, extended, gains))
 }
 
-/// The causes of a record. Where free parameters are refitted beside them, the first is looked for beside the given values
-/// too: without its cause, a refit may end far from anything (in a closed loop, at a vehicle that no command moves).
+/// The causes of a record. An unmodelled mode can be like several simpler causes together (a gain and a delay), and
+/// what is chosen first is seldom left: the choice is made without modes too.
 fn chosen<'r, 'd>(model: &Model<'r, 'd>, scene: &Scene<'_>) -> Option<Selection<'r, 'd>> {
+    let first = beside_free(model, scene);
+    let mode = |c: &Candidate| c.kind == Kind::UnmodelledMode;
+    if !first.as_ref().is_some_and(|s| s.model.terms.iter().any(mode)) {
+        return first;
+    }
+    let simpler: Vec<Candidate> = scene.library.iter().filter(|c| !mode(c)).cloned().collect();
+    likelier(first, beside_free(model, &Scene { library: &simpler, ..*scene }))
+}
+
+/// The one of smaller BIC.
+fn likelier<'r, 'd>(a: Option<Selection<'r, 'd>>, b: Option<Selection<'r, 'd>>) -> Option<Selection<'r, 'd>> {
+    let bic = |s: &Selection<'_, '_>| s.fit.profile.bic(s.model.parameters());
+    match (a, b) {
+        (Some(a), Some(b)) => Some(if bic(&b) < bic(&a) { b } else { a }),
+        (a, b) => a.or(b),
+    }
+}
+
+/// Where free parameters are refitted beside the causes, the first is looked for beside the given values too: without
+/// its cause, a refit may end far from anything (in a closed loop, at a vehicle that no command moves).
+fn beside_free<'r, 'd>(model: &Model<'r, 'd>, scene: &Scene<'_>) -> Option<Selection<'r, 'd>> {
     let refitted = select(model.clone(), scene, None, &[]);
     if model.free.is_empty() {
         return refitted;
@@ -147,11 +163,7 @@ fn chosen<'r, 'd>(model: &Model<'r, 'd>, scene: &Scene<'_>) -> Option<Selection<
             .collect();
         if terms.is_empty() { None } else { select(model.clone(), scene, None, &terms) }
     });
-    let bic = |s: &Selection<'_, '_>| s.fit.profile.bic(s.model.parameters());
-    match (refitted, beside_given) {
-        (Some(a), Some(b)) => Some(if bic(&b) < bic(&a) { b } else { a }),
-        (a, b) => a.or(b),
-    }
+    likelier(refitted, beside_given)
 }
 
 /// Which free parameters are estimates.

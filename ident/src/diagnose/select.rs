@@ -2,6 +2,7 @@
 
 use whirlstand_vehicle::Kind;
 
+use super::adequacy::Lack;
 use super::judge::{ALIKE, Judgement, LEAST_BIC, Rival, Weight, judge, rivals};
 use super::library::Candidate;
 use super::model::{Fit, Model};
@@ -153,17 +154,14 @@ impl<'r, 'd> Selection<'r, 'd> {
     }
 }
 
-/// Causes that leave more than this share of what they explain are not believed.
-pub const BELIEVED: f64 = 0.004;
-
 impl Selection<'_, '_> {
-    /// Takes back the causes when what they leave, of the given energy beyond chance, is too much for noise. A tone is
-    /// believed whatever else there is. `start` are the values without any cause.
+    /// Takes back the causes when what they leave is too much for noise. A tone is believed whatever else there is. `start`
+    /// are the values without any cause.
     ///
     /// Returns the names that were taken back, with their gains in BIC.
-    pub fn withhold(&mut self, left: f64, start: Vec<f64>) -> Vec<(Candidate, f64)> {
+    pub fn withhold(&mut self, lack: &Lack, start: Vec<f64>) -> Vec<(Candidate, f64)> {
         let explained: f64 = self.accepted.iter().map(|a| a.weight.detectability).sum();
-        if left < BELIEVED * explained {
+        if !lack.outweighs(explained) {
             return Vec::new();
         }
         let tone = |c: &Candidate| c.kind == Kind::Vibration;

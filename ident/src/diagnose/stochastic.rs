@@ -27,8 +27,8 @@ pub struct Turbulence {
     noises: Option<Noises>,
 }
 
-/// Gain in BIC below which turbulence is not thought of: its likelihood has an approximate noise model.
-pub const LEAST: f64 = 30.0;
+/// Gain in BIC below which turbulence is not thought of.
+pub const LEAST: f64 = 10.0;
 /// Largest relative standard errors of size and bandwidth with which turbulence is named.
 const KNOWN: (f64, f64) = (0.3, 1.0);
 /// A slower motion than this many periods in the record is a drift rather than turbulence.
@@ -53,14 +53,11 @@ impl Turbulence {
 
 /// Looks for turbulence on any state in a residual under noise of single channels; the likeliest, however small.
 ///
-/// `None` when all channels have white residuals.
+/// `None` when the record is too short, or the vehicle has no such motion.
 pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Option<Turbulence> {
     let data = model.runner.data;
     let profile = &Noise::fit(data, residual);
     let noise = &profile.noise.channels;
-    if noise.iter().all(|ar| ar.order() == 0) {
-        return None;
-    }
     let cross = cross(data, residual)?;
     let vehicle = model.vehicle(values)?;
     let responses = responses(&vehicle, data, &cross)?;

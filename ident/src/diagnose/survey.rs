@@ -20,6 +20,8 @@ const BEHIND: f64 = 40.0;
 const SAME: f64 = 0.5;
 /// The same with one input and one output, where no record tells them apart but by its first samples.
 const ALONE: f64 = 6.0;
+/// The same for a tone of a force and one of a sensor.
+const TONE: f64 = 1.0;
 /// Score of a transition whose time is still far off, at most.
 const UNSURE: f64 = 100.0;
 /// Gain in BIC below which the first look leaves no hope that a fit would be accepted.
@@ -138,7 +140,12 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         .take(GLANCED)
         .filter(|(_, (trial, _))| trial.delta_bic > HOPELESS)
         .filter_map(|(i, (t, start))| {
-            Some((followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?, i))
+            let mut glance = followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
+            if t.candidate.linear {
+                // What its signature does as it is, a fit to the end does at least.
+                glance.delta_bic = glance.delta_bic.max(t.delta_bic);
+            }
+            Some((glance, i))
         })
         .collect();
     glances.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
@@ -161,16 +168,18 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         let fitted = |t: &Trial| t.fit.is_some();
         fitted(&b.0).cmp(&fitted(&a.0)).then(b.0.delta_bic.total_cmp(&a.0.delta_bic))
     });
-    // With one input and one output, a delay of the one is a delay of the other: then it is the input's.
+    // With one input and one output, a delay of the one is a delay of the other: then it is the input's. A tone that no
+    // other output follows is the sensor's.
+    let same = if data.m == 1 && data.channels.len() == 1 { ALONE } else { SAME };
     let twin = |kind: Kind| match kind {
-        Kind::SensorDelay => Some(Kind::InputDelay),
-        Kind::SensorLag => Some(Kind::ActuatorLag),
-        Kind::SensorScale => Some(Kind::InputGain),
+        Kind::SensorDelay => Some((Kind::InputDelay, same)),
+        Kind::SensorLag => Some((Kind::ActuatorLag, same)),
+        Kind::SensorScale => Some((Kind::InputGain, same)),
+        Kind::PeriodicDisturbance => Some((Kind::Vibration, TONE)),
         _ => None,
     };
-    let same = if data.m == 1 && data.channels.len() == 1 { ALONE } else { SAME };
     if let Some((first, _)) = trials.first()
-        && let Some(kind) = twin(first.candidate.kind)
+        && let Some((kind, same)) = twin(first.candidate.kind)
         && let Some(i) = trials.iter().position(|(t, _)| t.candidate.kind == kind)
         && trials[i].0.fit.is_some()
         && first.delta_bic - trials[i].0.delta_bic < same
@@ -282,7 +291,7 @@ fn profiled(
     Some(fit.profile.bic(0) - profile.bic(candidate.tunables.len()))
 }
 
-/// Where in time a transition does best near a shot, and its gain in BIC: a search by halves, as a fit by derivatives
+/// Where in time a transition does best, and its gain in BIC: all starts, then a search by halves, as a fit by derivatives
 /// would stay at the nearest hump.
 fn located(
     model: &Model<'_, '_>,
@@ -292,8 +301,13 @@ fn located(
     shot: &Shot,
 ) -> (f64, Vec<f64>) {
     let gain = |t: f64| profiled(model, fit, frame, candidate, &[t], 1.0).unwrap_or(f64::NEG_INFINITY);
-    let mut at = candidate.starts[shot.start][0];
-    let mut best = gain(at);
+    let start = |s: &Vec<f64>| (gain(s[0]), s[0]);
+    let first = start(&candidate.starts[shot.start]);
+    let (mut best, mut at) = candidate
+        .starts
+        .iter()
+        .map(start)
+        .fold(first, |best, next| if next.0 > best.0 { next } else { best });
     let mut step = candidate.starts.get(1).map_or(0.0, |second| 0.5 * (second[0] - candidate.starts[0][0]));
     while step > 2.0 * model.runner.data.period_s {
         for t in [at - step, at + step] {

@@ -15,6 +15,8 @@ pub(super) struct Seen {
     pub values: Option<Vec<f64>>,
     /// Gain in BIC.
     pub delta_bic: f64,
+    /// Twice the gain in log-likelihood.
+    pub ratio: f64,
 }
 
 /// What was surveyed beside which terms: the search comes back to the same terms in the end.
@@ -35,6 +37,7 @@ impl Surveys {
             candidate: t.candidate.clone(),
             values: t.fit.as_ref().map(|f| f.values.clone()),
             delta_bic: t.delta_bic,
+            ratio: t.ratio,
         });
         let names = Self::names(model);
         self.0.retain(|(known, _)| *known != names);

@@ -30,22 +30,23 @@ pub fn tones(
     let vehicle = &model.runner.vehicle;
     let looks = (data.steps / 2) as f64;
     let channels: Vec<_> = data.channels.iter().zip(data.ranges()).collect();
-    let sensed: Vec<(f64, Candidate)> = channels
+    let mut sensed: Vec<(f64, f64, Candidate)> = channels
         .into_par_iter()
         .flat_map_iter(|(channel, range)| {
             let place = &vehicle.outputs[channel.output].name;
             let start_s = channel.first as f64 * data.period_s;
             lines(&rest[range], data.period_s * channel.stride as f64)
                 .into_iter()
-                .map(|f| {
+                .map(|(height, f)| {
                     let (amplitude, phase) = sine(frame, fit, channel.output, f, start_s, data);
-                    (f, tone(Kind::Vibration, place, (f, amplitude, phase), sizes, looks))
+                    (height, f, tone(Kind::Vibration, place, (f, amplitude, phase), sizes, looks))
                 })
                 .collect::<Vec<_>>()
         })
         .collect();
+    sensed.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut frequencies: Vec<f64> = Vec::new();
-    for (f, _) in &sensed {
+    for (_, f, _) in &sensed {
         if !frequencies.iter().any(|g| (f - g).abs() < 0.5 / data.duration_s()) {
             frequencies.push(*f);
         }
@@ -59,11 +60,11 @@ pub fn tones(
         Some(tone(Kind::PeriodicDisturbance, &vehicle.states[i].name, (f, amplitude, phase), sizes, looks))
     });
     let driven: Vec<Candidate> = driven.collect();
-    sensed.into_iter().map(|(_, candidate)| candidate).chain(driven).collect()
+    sensed.into_iter().map(|(_, _, candidate)| candidate).chain(driven).collect()
 }
 
-/// Frequencies that stand out, strongest first, Hz.
-fn lines(samples: &[f64], period_s: f64) -> Vec<f64> {
+/// Lines that stand out, highest first: power over that of their surroundings, and frequency, Hz.
+fn lines(samples: &[f64], period_s: f64) -> Vec<(f64, f64)> {
     let n = samples.len();
     if n < 64 {
         return Vec::new();
@@ -104,14 +105,15 @@ fn lines(samples: &[f64], period_s: f64) -> Vec<f64> {
             let (left, middle, right) = (power[i - 1].ln(), power[i].ln(), power[i + 1].ln());
             let shift = 0.5 * (left - right) / (left - 2.0 * middle + right);
             let f = (i as f64 + shift.clamp(-0.5, 0.5)) / (length as f64 * period_s);
-            peaks.push((power[i], f));
+            // Not the largest: where the noise is loud, its own ups and downs are larger than a tone elsewhere.
+            peaks.push((power[i] / floor, f));
         }
     }
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut found: Vec<f64> = Vec::new();
-    for (_, f) in peaks {
-        if found.len() < MOST && found.iter().all(|g| (f - g).abs() > 4.0 / (n as f64 * period_s)) {
-            found.push(f);
+    let mut found: Vec<(f64, f64)> = Vec::new();
+    for (height, f) in peaks {
+        if found.len() < MOST && found.iter().all(|(_, g)| (f - g).abs() > 4.0 / (n as f64 * period_s)) {
+            found.push((height, f));
         }
     }
     found

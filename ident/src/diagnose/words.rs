@@ -304,7 +304,7 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_, '_>, data: &Data, vehicle
         let declared = vehicle.outputs[data.channels[c].output].noise;
         declared > 0.0 && noise.std(c, data, residual) > 2.0 * declared
     });
-    let more = findings.left.is_some_and(|l| l.sigmas > super::run::SIGMAS && l.energy > super::run::SURE);
+    let more = findings.lack.as_ref().is_some_and(super::adequacy::Lack::is_told);
     if loud || more || describe::structured(findings, data) {
         Verdict::Unexplained
     } else if answer.data.iter().any(|f| f.kind == "no_excitation" && f.blocking) {
