@@ -7,7 +7,7 @@ use super::judge::{ALIKE, Judgement, LEAST_BIC, Rival, Weight, judge, rivals};
 use super::library::Candidate;
 use super::model::{Fit, Model};
 use super::noise::Noise;
-use super::survey::{Scene, Trial, fitted};
+use super::survey::{Scene, TONE, Trial, fitted};
 use super::surveys::Surveys;
 
 /// Causes that are named, at most.
@@ -108,7 +108,10 @@ pub fn select<'r, 'd>(
             Some(Judgement::Accepted(weight)) => {
                 let own = own?;
                 let rivals = rivals(&reduced, &without, &own, &trials);
-                let better = rivals.iter().find(|r| r.gap < -1.0).filter(|_| exchanges < EXCHANGES);
+                let better = rivals
+                    .iter()
+                    .find(|r| r.gap < -ahead(&own.candidate, &r.candidate))
+                    .filter(|_| exchanges < EXCHANGES);
                 let trial = better.and_then(|r| fitted(&reduced, &without, &r.candidate, r.values.clone()));
                 let judged = trial.map(|t| (judge(&reduced, &without, &t, hypotheses), t));
                 if let Some((Judgement::Accepted(_), Trial { candidate, fit: Some(better), .. })) = judged {
@@ -230,7 +233,10 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>, surveys
         let own_bic = own.as_ref().map_or(f64::NEG_INFINITY, |t| t.delta_bic);
         let best = surveys.survey(&reduced, &without, scene).into_iter().find(|t| t.fit.is_some());
         match best {
-            Some(best) if best.delta_bic > own_bic + 1.0 && best.delta_bic > LEAST_BIC => {
+            Some(best)
+                if best.delta_bic > own_bic + ahead(&model.terms[term], &best.candidate)
+                    && best.delta_bic > LEAST_BIC =>
+            {
                 let Some(better) = best.fit else { return };
                 *model = reduced;
                 model.terms.push(best.candidate);
@@ -244,6 +250,11 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>, surveys
         }
         term += 1;
     }
+}
+
+/// By how much a rival must be better to take a cause's place.
+fn ahead(own: &Candidate, rival: &Candidate) -> f64 {
+    if (own.kind, rival.kind) == (Kind::Vibration, Kind::PeriodicDisturbance) { TONE } else { 1.0 }
 }
 
 /// True for what happens once.

@@ -21,7 +21,7 @@ const SAME: f64 = 0.5;
 /// The same with one input and one output, where no record tells them apart but by its first samples.
 const ALONE: f64 = 6.0;
 /// The same for a tone of a force and one of a sensor.
-const TONE: f64 = 1.0;
+pub const TONE: f64 = 3.0;
 /// Score of a transition whose time is still far off, at most.
 const UNSURE: f64 = 100.0;
 /// Gain in BIC below which the first look leaves no hope that a fit would be accepted.
