@@ -121,6 +121,7 @@ magnitude = "150 deg/s^2"
 
     let roll = |dir: &Path| json(dir.join("summary.json"))["runs"][0]["outputs"]["roll"].clone();
     let (real, simulated) = (roll(&out), roll(&sim));
+    eprintln!("roll through MAVLink: {real}\nroll in simulation: {simulated}");
     assert_eq!(real["recovered"], true, "{real}\n{}", bridged.stderr);
     let peak = |v: &Value| v["peak"].as_f64().unwrap();
     assert!(peak(&real) < 1.5 * peak(&simulated), "{real}\n{simulated}");

@@ -20,7 +20,7 @@ import tty
 
 from hand import Hand
 
-# Frames that a phase is looked at when the channels are as it awaits.
+# Frames in a row that the channels must be as a phase awaits.
 LASTING = 50
 # What they may take for that, s.
 PATIENCE = 40.0
@@ -131,10 +131,10 @@ class Radio:
         write(self.receiver_fd, sbus(us, sticks.get("failsafe", False)))
 
     def phase(self, awaited, sticks):
-        """The channels that were seen once they were as awaited, for a while."""
-        until, seen, frames, lasting = time.monotonic() + PATIENCE, [], self.module.frames, 0
+        """The channels that were seen while they were as awaited, frame after frame for a while."""
+        until, seen, frames = time.monotonic() + PATIENCE, [], self.module.frames
         again = sticks["arm"] is None
-        while lasting < LASTING:
+        while len(seen) < LASTING:
             now = time.monotonic()
             if now > until:
                 self.module.faults.append(f"never came to {awaited}: {self.module.channels}")
@@ -146,11 +146,13 @@ class Radio:
                 continue
             frames = self.module.frames
             here = self.module.channels[0], self.module.channels[2]
-            if lasting or (AWAITED[awaited](*here) and (sticks["arm"] or not again)):
-                again, lasting = False, lasting + 1
-                if here not in seen:
-                    seen.append(here)
-        return seen
+            if AWAITED[awaited](*here) and (sticks["arm"] or not again):
+                again = False
+                seen.append(here)
+            else:
+                # A wave that passes through neutral is not neutral.
+                seen = []
+        return sorted(set(seen))
 
 
 def main():
