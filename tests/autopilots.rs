@@ -137,6 +137,37 @@ fn the_check_says_which_axis_px4_has_turned() {
 }
 
 #[test]
+fn the_check_says_which_axis_ardupilot_has_turned() {
+    let (port, ground) = (free_udp(), free_udp());
+    let arguments =
+        [&port.to_string(), "REPORT", "--disarmed", "--telemetry", &ground.to_string(), "--turned", "roll"];
+    let options = [
+        format!("--set=bridge.ardupilot.link=udpin://127.0.0.1:{port}"),
+        format!("--telemetry=udpin://127.0.0.1:{ground}"),
+    ];
+    let Some((code, said)) =
+        check("ardupilot.py", &arguments.map(Into::into), "quadrotor-ardupilot", &options)
+    else {
+        return;
+    };
+    assert_eq!(code, 1, "{said}");
+    for (verdict, words) in [
+        ("ok", "ArduPilot sends outputs"),
+        ("ok", "stands level"),
+        ("WRONG", "roll: +17.2 deg (right side down)"),
+        ("WRONG", "roll: -34.4 deg (left side down)"),
+        ("ok", "pitch: +17.2 deg (nose up)"),
+        ("ok", "pitch: -34.4 deg (nose down)"),
+        ("ok", "yaw: +17.2 deg (nose right)"),
+    ] {
+        assert!(
+            said.lines().any(|l| l.starts_with(verdict) && l.contains(words)),
+            "{verdict} {words}:\n{said}"
+        );
+    }
+}
+
+#[test]
 fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() {
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
     let msp = free_tcp().to_string();

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use support::{Running, json, python, run, spawn, whirlstand};
+use support::{Running, json, python, run, said, spawn, spawn_listening, whirlstand};
 
 /// A port that nobody uses.
 fn free_port() -> u16 {
@@ -20,11 +20,11 @@ fn script(name: &str) -> PathBuf {
 }
 
 /// The autopilot alone, talking to the bridge at `port`.
-fn autopilot(python: &Path, port: u16, report: &Path, more: &[&str]) -> Running {
+fn autopilot(python: &Path, port: u16, report: &Path, more: &[&str]) -> Command {
     let mut command = Command::new(python);
     command.arg(script("autopilot.py")).args(["--link", &format!("udpout:127.0.0.1:{port}")]);
     command.arg("--report").arg(report).args(more);
-    spawn(command)
+    command
 }
 
 /// A launch file with the bridge in the plant's place.
@@ -121,6 +121,7 @@ magnitude = "150 deg/s^2"
 
     let roll = |dir: &Path| json(dir.join("summary.json"))["runs"][0]["outputs"]["roll"].clone();
     let (real, simulated) = (roll(&out), roll(&sim));
+    eprintln!("roll through MAVLink: {real}\nroll in simulation: {simulated}");
     assert_eq!(real["recovered"], true, "{real}\n{}", bridged.stderr);
     let peak = |v: &Value| v["peak"].as_f64().unwrap();
     assert!(peak(&real) < 1.5 * peak(&simulated), "{real}\n{simulated}");
@@ -138,12 +139,23 @@ fn a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again() {
     let Some(python) = python() else { return };
     let dir = tempfile::tempdir().unwrap();
     let (port, report) = (free_port(), dir.path().join("autopilot.json"));
-    let events = r#"[{"at": 1.0, "do": "silence", "for": 1.0}, {"at": 2.5, "do": "disarm"}, {"at": 3.5, "do": "arm"}]"#;
+    let events = [
+        ("moved", "silence"),
+        ("neutral", "speak"),
+        ("neutral", "disarm"),
+        ("neutral", "arm"),
+        ("moved", "end"),
+    ];
+    let events = events.map(|(when, what)| serde_json::json!({"when": when, "do": what}));
+    let events = Value::from(events.to_vec()).to_string();
     let file = launch(dir.path(), port, "");
-    let vehicle = autopilot(&python, port, &report, &["--events", events]);
+    let vehicle = spawn(autopilot(&python, port, &report, &["--events", &events]));
     let out = dir.path().join("out");
-    let ended = run(["run", file.to_str().unwrap(), "--duration", "8", "--out", out.to_str().unwrap()]);
-    end(vehicle);
+    let args = ["run", file.to_str().unwrap(), "--duration", "100", "--out", out.to_str().unwrap()];
+    let bench = spawn(whirlstand(args));
+    vehicle.finish().success();
+    bench.signal(libc::SIGINT);
+    let ended = bench.finish();
     assert!(
         ended.stderr.contains("FAILSAFE, outputs at neutral: the vehicle's attitude is stale"),
         "{}",
@@ -174,14 +186,14 @@ fn signed_links_work_and_strangers_are_not_believed() {
     let file = launch(dir.path(), port, &more);
     let out = dir.path().join("out");
     let args = ["run", file.to_str().unwrap(), "--duration", "4", "--out", out.to_str().unwrap()];
-    let vehicle = autopilot(&python, port, &report, &["--key", &"2a".repeat(32)]);
+    let vehicle = spawn(autopilot(&python, port, &report, &["--key", &"2a".repeat(32)]));
     let ended = run(args);
     end(vehicle);
     assert!(ended.stderr.contains("the controller is in charge"), "{}", ended.stderr);
     let seen = json(&report);
     assert_eq!(seen["faults"].as_array().unwrap().len(), 0, "{}", seen["faults"]);
     assert!(seen["seen"]["RC_CHANNELS_OVERRIDE"].as_u64().unwrap() > 50, "{}", seen["seen"]);
-    let stranger = autopilot(&python, port, &report, &["--key", &"2b".repeat(32)]);
+    let stranger = spawn(autopilot(&python, port, &report, &["--key", &"2b".repeat(32)]));
     let ended = run(args.into_iter().chain(["--set", "plant.start_timeout_s=3"]));
     end(stranger);
     assert_ne!(ended.code(), 0);
@@ -194,7 +206,7 @@ fn mavsdk_reads_the_attitude_through_the_bridge() {
     let dir = tempfile::tempdir().unwrap();
     let (port, ground, report) = (free_port(), free_port(), dir.path().join("autopilot.json"));
     let file = launch(dir.path(), port, &format!("forward = \"udpout://127.0.0.1:{ground}\""));
-    let vehicle = autopilot(&python, port, &report, &[]);
+    let vehicle = spawn(autopilot(&python, port, &report, &[]));
     let mut station = Command::new(&python);
     station.arg(script("station.py")).args([&format!("udpin://127.0.0.1:{ground}"), "50"]);
     let station = spawn(station);
@@ -238,7 +250,9 @@ fn a_serial_autopilot_is_flown_unplugged_and_plugged_in_again() {
     line.arg(script("line.py")).arg(&plug).arg(&python).arg(script("autopilot.py")).arg(&report);
     let line = spawn(line);
     bench.wait_for_stderr("the controller is in charge");
+    line.signal(libc::SIGUSR1);
     bench.wait_for_stderr("FAILSAFE");
+    line.signal(libc::SIGUSR1);
     bench.wait_for_stderr("the controller is in charge");
     bench.signal(libc::SIGINT);
     bench.finish();
@@ -249,22 +263,28 @@ fn a_serial_autopilot_is_flown_unplugged_and_plugged_in_again() {
 }
 
 #[test]
-fn the_check_says_which_channel_does_not_arrive() {
+fn the_check_says_which_axis_is_turned_and_that_each_channel_arrives() {
     let Some(python) = python() else { return };
     let dir = tempfile::tempdir().unwrap();
     let (port, report) = (free_port(), dir.path().join("autopilot.json"));
     let file = launch(dir.path(), port, "");
-    let vehicle = autopilot(&python, port, &report, &["--arm-after", "1e9", "--hand", "roll,-pitch,yaw"]);
-    let ended = run(["bridge", "check", "plant", "--launch", file.to_str().unwrap(), "--timeout", "10"]);
-    assert_eq!(ended.code(), 1, "{}\n{}", ended.stdout, ended.stderr);
-    let lines: Vec<_> = ended.stdout.lines().collect();
-    let finds = |words: [&str; 2]| lines.iter().any(|l| words.iter().all(|w| l.contains(w)));
-    assert!(finds(["ok", "roll: +"]), "{}", ended.stdout);
-    assert!(finds(["WRONG", "pitch: the sign is turned"]), "{}", ended.stdout);
-    assert!(finds(["ok", "yaw: +"]), "{}", ended.stdout);
-    assert!(finds(["ok", "channel 1: +100 us"]), "{}", ended.stdout);
-    assert!(finds(["ok", "channel 2: +100 us"]), "{}", ended.stdout);
+    let vehicle = autopilot(&python, port, &report, &["--arm-after", "1e9", "--hand", "--turned", "pitch"]);
+    let check =
+        whirlstand(["bridge", "check", "plant", "--launch", file.to_str().unwrap(), "--timeout", "30"]);
+    let (vehicle, check) = spawn_listening(vehicle, check);
+    let checked = check.finish();
     end(vehicle);
+    let said = said(&report);
+    assert_eq!(checked.code(), 1, "{said:?}\n{}", checked.stderr);
+    for words in [
+        ["ok", "roll: +"],
+        ["WRONG", "pitch: the sign is turned"],
+        ["ok", "yaw: +"],
+        ["ok", "channel 1: +100 us"],
+        ["ok", "channel 2: +100 us"],
+    ] {
+        assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
+    }
 }
 
 #[test]

@@ -189,6 +189,32 @@ fn a_simulation_answers_recorded_inputs_at_its_own_rate() {
 }
 
 #[test]
+fn an_output_with_feedthrough_shows_the_input_of_its_own_step() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
+    let vehicle = r#"
+name = "feedthrough"
+A = [[-1.0]]
+B = [[0.0]]
+C = [[1.0]]
+D = [[2.0]]
+states = [{ name = "roll", unit = "rad" }]
+inputs = [{ name = "u_roll", lower = -10.0, upper = 10.0 }]
+[[outputs]]
+name = "roll"
+unit = "rad"
+"#;
+    std::fs::write(path("vehicle.toml"), vehicle).unwrap();
+    std::fs::write(path("in.csv"), "t,u_roll\n0,0\n0.01,1\n0.02,3\n0.03,-1\n").unwrap();
+    run(["simulate", &path("vehicle.toml"), "--input", &path("in.csv"), "--output", &path("out.csv")])
+        .success();
+    let written = std::fs::read_to_string(path("out.csv")).unwrap();
+    let roll: Vec<f64> =
+        written.lines().skip(1).map(|line| line.rsplit(',').next().unwrap().parse().unwrap()).collect();
+    assert_eq!(roll, [0.0, 2.0, 6.0, -2.0], "{written}");
+}
+
+#[test]
 fn files_that_are_not_there_are_named() {
     refused(&["log", "info", "/nowhere/log.mcap"], &["/nowhere/log.mcap"]);
     refused(&["log", "diff", "/nowhere/a", "/nowhere/b"], &["/nowhere/a"]);

@@ -17,6 +17,7 @@ pub mod pilot;
 mod quantity;
 pub mod sbus;
 pub mod sensors;
+mod stream;
 pub mod vehicle;
 pub mod watch;
 pub mod witness;

@@ -8,6 +8,7 @@
 //! us = 5/8 ticks + 880.
 
 use crate::crsf::{pack_channels, unpack_channels};
+use crate::stream::Stream;
 
 /// Bytes of a frame.
 pub const FRAME: usize = 25;
@@ -77,8 +78,7 @@ pub struct Counts {
 /// Finds frames in a stream of bytes.
 #[derive(Debug, Clone, Default)]
 pub struct Parser {
-    buffer: Vec<u8>,
-    read: usize,
+    stream: Stream,
     counts: Counts,
 }
 
@@ -96,21 +96,18 @@ impl Parser {
     /// Takes bytes in. Call [`Parser::next_frame`] until it returns `None` before the next bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         self.counts.bytes += bytes.len() as u64;
-        self.buffer.drain(..std::mem::take(&mut self.read));
-        self.buffer.extend_from_slice(bytes);
+        self.stream.push(bytes);
     }
 
     /// Forgets half a frame: after a pause in the line, which no frame has, or a connection that was made anew.
     pub fn reset(&mut self) {
-        self.counts.noise_bytes += (self.buffer.len() - self.read) as u64;
-        self.buffer.clear();
-        self.read = 0;
+        self.counts.noise_bytes += self.stream.clear() as u64;
     }
 
     /// The next frame; `None` until more bytes come.
     pub fn next_frame(&mut self) -> Option<Frame> {
         loop {
-            let bytes = &self.buffer[self.read..];
+            let bytes = self.stream.waiting();
             let noise = bytes.iter().position(|b| *b == START).unwrap_or(bytes.len());
             if noise > 0 {
                 self.skip(noise);
@@ -126,7 +123,7 @@ impl Parser {
             }
             let mut packed = [0; 22];
             packed.copy_from_slice(&frame[1..23]);
-            self.read += FRAME;
+            self.stream.skip(FRAME);
             self.counts.frames += 1;
             return Some(Frame {
                 channels: unpack_channels(&packed),
@@ -138,7 +135,7 @@ impl Parser {
     }
 
     fn skip(&mut self, bytes: usize) {
-        self.read += bytes;
+        self.stream.skip(bytes);
         self.counts.noise_bytes += bytes as u64;
     }
 }

@@ -1,27 +1,11 @@
 //! How a vehicle's named signals travel in the fixed messages of the bus.
 
+use whirlstand_bridge::vehicle::FIELDS;
 use whirlstand_msgs::{Imu, MAX_INPUTS, MAX_STATES, Odometry, valid};
 use whirlstand_vehicle::Vehicle;
 
 use crate::error::NodeError;
 use crate::gate::InputLimits;
-
-/// Output names that the bus can carry: six in `Imu`, then six in `Odometry`. Three neighbours share one
-/// validity bit.
-const FIELDS: [&str; 12] = [
-    "roll",
-    "pitch",
-    "yaw",
-    "roll_rate",
-    "pitch_rate",
-    "yaw_rate",
-    "longitudinal_position",
-    "lateral_position",
-    "height",
-    "longitudinal_speed",
-    "lateral_speed",
-    "vertical_speed",
-];
 
 /// Number of fields in front of those of `Odometry`.
 const IMU_FIELDS: usize = 6;

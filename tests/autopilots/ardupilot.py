@@ -1,8 +1,10 @@
 """A stand-in for ArduPilot with its JSON interface.
 
-    ardupilot.py PORT REPORT [--wide] [--resend EVERY] [--restart-after STEPS]
+    ardupilot.py PORT REPORT [--wide] [--resend EVERY] [--restart-after STEPS] [--disarmed] [--telemetry PORT]
+                 [--turned AXIS]
 
-`--wide` sends 32 channels; `--resend N` acts as if every Nth answer were lost.
+`--wide` sends 32 channels; `--resend N` acts as if every Nth answer were lost. `--telemetry`: tells its attitude to a ground
+station; `--turned`: with the wrong sign of one axis.
 """
 
 import argparse
@@ -11,6 +13,7 @@ import math
 import re
 import socket
 import struct
+import time
 
 import flight
 
@@ -37,12 +40,16 @@ def main():
     parser.add_argument("--wide", action="store_true")
     parser.add_argument("--resend", type=int, default=0)
     parser.add_argument("--restart-after", type=int, default=0)
+    parser.add_argument("--disarmed", action="store_true")
+    parser.add_argument("--telemetry", type=int)
+    parser.add_argument("--turned")
     args = parser.parse_args()
     report = flight.Report(args.report)
     flight.end_in_order(report)
     report["resent"] = report["resent_same"] = report["restarts"] = 0
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     link.settimeout(1.0)
+    telemetry = flight.Telemetry(args.telemetry, 3) if args.telemetry else None
     magic, channels = (29569, 32) if args.wide else (18458, 16)
     attitude, last, frame, steps, motors = flight.Attitude(), None, 0, 0, [0.0] * 4
 
@@ -81,8 +88,11 @@ def main():
         attitude.step(gyro, accel, dt)
         truth = math.atan2(2 * (q[0] * q[1] + q[2] * q[3]), 1 - 2 * (q[1] ** 2 + q[2] ** 2))
         report["roll_error"] = max(report.notes.get("roll_error", 0.0), abs(truth - attitude.roll))
+        if telemetry:
+            telemetry.attitude(round(1000 * last), attitude.told(args.turned))
         # Half a second to start, then armed.
-        motors = flight.quad_x(*flight.level(attitude, gyro)) if last > 0.5 else [0.0] * 4
+        armed = last > 0.5 and not args.disarmed
+        motors = flight.quad_x(*flight.level(attitude, gyro)) if armed else [0.0] * 4
         frame += 1
         steps += 1
         report["steps"] = steps
@@ -93,8 +103,6 @@ def main():
             link.settimeout(1.0)
             attitude, last, frame, motors, answer = flight.Attitude(), None, 0, [0.0] * 4, None
             report["restarts"] += 1
-            import time
-
             time.sleep(0.7)
 
 

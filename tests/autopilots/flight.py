@@ -7,6 +7,7 @@ and accelerometer alone, holds it level, and notes everything that its autopilot
 import json
 import math
 import signal
+import socket
 import sys
 import time
 
@@ -72,6 +73,28 @@ class Attitude:
         """Roll, pitch and yaw as told to a ground station; the axis `turned` with the wrong sign."""
         angles = {"roll": self.roll or 0.0, "pitch": self.pitch or 0.0, "yaw": self.yaw}
         return [-angle if axis == turned else angle for axis, angle in angles.items()]
+
+
+class Telemetry:
+    """What a ground station hears, in MAVLink."""
+
+    def __init__(self, port, autopilot):
+        from pymavlink.dialects.v20 import common
+
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.to = ("127.0.0.1", port)
+        self.autopilot = autopilot
+        self.mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def tell(self, message):
+        self.socket.sendto(message.pack(self.mav), self.to)
+
+    def attitude(self, ms, angles):
+        """At 50 Hz, with a heartbeat each second."""
+        if ms % 1000 < 20:
+            self.tell(self.mav.heartbeat_encode(2, self.autopilot, 0, 0, 4))
+        if ms % 20 < 4:
+            self.tell(self.mav.attitude_encode(ms, *angles, 0, 0, 0))
 
 
 def level(attitude, gyro):

@@ -53,24 +53,6 @@ class Line:
         os.close(self.held)
 
 
-class Telemetry:
-    """What a ground station hears."""
-
-    def __init__(self, port):
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.to = ("127.0.0.1", port)
-        self.mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
-
-    def tell(self, message):
-        self.socket.sendto(message.pack(self.mav), self.to)
-
-    def attitude(self, ms, angles):
-        if ms % 1000 < 20:
-            self.tell(self.mav.heartbeat_encode(2, 12, 0, 0, 4))
-        if ms % 20 < 4:
-            self.tell(self.mav.attitude_encode(ms, *angles, 0, 0, 0))
-
-
 def check_sensor(report, s, last):
     bits = s.fields_updated
     for name, group in GROUPS.items():
@@ -128,7 +110,7 @@ def converse(link, args, report, seen, steps):
     send(mav.command_long_encode(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0))
     attitude, last, turned, began = flight.Attitude(), None, 0.0, None
     first_time = None
-    telemetry = Telemetry(args.telemetry) if args.telemetry else None
+    telemetry = flight.Telemetry(args.telemetry, 12) if args.telemetry else None
     while True:
         try:
             data = link.recv(65536)

@@ -3,7 +3,7 @@
 
 As a node of a bench (`--bench` or the environment of the launcher, over Zenoh) the bench's own plant is the vehicle:
 its `Imu` goes out as ATTITUDE, and the override that comes back is the `Command`. Without a bench the attitude is a
-slow wave, and `--events` injures the stream. At its end it writes what it saw to `--report`, and it is strict: what
+slow wave, and `--events` injures the stream when the override is as an event awaits it. At its end it writes what it saw to `--report`, and it is strict: what
 the protocol does not allow is listed under `faults`.
 """
 
@@ -22,8 +22,12 @@ os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil  # noqa: E402
 from pymavlink.dialects.v20 import common as mav  # noqa: E402
 
+from hand import Hand  # noqa: E402
+
 IGNORE = 65535
 FULL = 20.0
+# Overrides in a row that show that a state lasts.
+LASTING = 5
 
 
 class Autopilot:
@@ -46,9 +50,12 @@ class Autopilot:
         self.gap = 0.0
         self.last_override = None
         self.next_beat = 0.0
-        self.silent_until = 0.0
-        self.not_a_number_until = 0.0
+        self.silent = False
+        self.not_a_number = False
         self.disarmed = False
+        self.events = json.loads(options.events)
+        self.neutral, self.lasted = None, 0
+        self.hand = Hand(options.turned.split(",")) if options.hand else None
         self.rc = [1500, 1500, 1000, 1500] + [1500] * 12
         self.requested = {}
 
@@ -77,9 +84,9 @@ class Autopilot:
         )
 
     def attitude(self, roll, pitch, yaw, p, q, r):
-        if self.now() < self.silent_until:
+        if self.silent:
             return
-        if self.now() < self.not_a_number_until:
+        if self.not_a_number:
             roll = math.nan
         self.link.mav.attitude_send(self.boot_ms(), roll, pitch, yaw, p, q, r)
         if 65 in self.requested:
@@ -147,6 +154,8 @@ class Autopilot:
             self.gap = max(self.gap, now - self.last_override)
         self.last_override = now
         neutral = released or us == [1500, 1500]
+        self.lasted = self.lasted + 1 if neutral == self.neutral else 1
+        self.neutral = neutral
         if not self.history or self.history[-1][1] != neutral:
             self.history.append((round(now, 4), neutral, us))
         self.u = [0.0, 0.0] if released else [(value - 1500) / 500 * FULL for value in us]
@@ -156,6 +165,23 @@ class Autopilot:
         if self.armed_at is None and due:
             self.armed_at = self.now()
             self.next_beat = 0.0
+
+    def happen(self):
+        """The next event, when the override has been for a while as it awaits; false when it is the end."""
+        if not self.events or not self.lasted >= LASTING:
+            return True
+        if (self.events[0]["when"] == "neutral") != self.neutral:
+            return True
+        what = self.events.pop(0)["do"]
+        if what in ("silence", "speak"):
+            self.silent = what == "silence"
+        elif what in ("disarm", "arm"):
+            self.disarmed, self.next_beat = what == "disarm", 0.0
+        elif what != "end":
+            raise ValueError(f"no event is called {what}")
+        self.history.append((round(self.now(), 4), what, []))
+        self.lasted = 0
+        return what != "end"
 
     def report(self):
         if not self.options.report:
@@ -171,6 +197,7 @@ class Autopilot:
                     "longest_gap_s": self.gap,
                     "requested": {str(k): v for k, v in self.requested.items()},
                     "seconds": self.now(),
+                    "said": self.hand.said if self.hand else [],
                 },
                 out,
             )
@@ -235,7 +262,6 @@ def fly_alone(autopilot, ended):
     """The attitude is a slow wave."""
     period = 1.0 / autopilot.options.rate
     due = time.monotonic()
-    events = sorted(json.loads(autopilot.options.events), key=lambda e: e["at"])
     while not ended() and autopilot.now() < autopilot.options.seconds:
         due = max(due + period, time.monotonic() - 0.1)
         while (left := due - time.monotonic()) > 0:
@@ -245,41 +271,17 @@ def fly_alone(autopilot, ended):
                 time.sleep(left)
             autopilot.listen()
         autopilot.listen()
-        since = autopilot.now() - (autopilot.armed_at or 1e9)
-        while events and since >= events[0]["at"]:
-            event = events.pop(0)
-            if event["do"] == "silence":
-                autopilot.silent_until = autopilot.now() + event["for"]
-            elif event["do"] == "nan":
-                autopilot.not_a_number_until = autopilot.now() + event["for"]
-            elif event["do"] == "disarm":
-                autopilot.disarmed, autopilot.next_beat = True, 0.0
-            elif event["do"] == "arm":
-                autopilot.disarmed, autopilot.next_beat = False, 0.0
-            autopilot.history.append((round(autopilot.now(), 4), event["do"], []))
+        if not autopilot.happen():
+            return
         t = autopilot.now()
         autopilot.beat()
         autopilot.arm_when_due()
-        if autopilot.options.hand:
-            waited = t - autopilot.first_beat if autopilot.first_beat else 0.0
-            autopilot.attitude(*hand(autopilot.options.hand.split(","), waited))
+        if autopilot.hand:
+            autopilot.hand.listen()
+            angles, rates = autopilot.hand.step(period)
+            autopilot.attitude(*angles, *rates)
             continue
         autopilot.attitude(0.02 * math.sin(t), 0.02 * math.cos(t), 0.5, 0.02 * math.cos(t), -0.02 * math.sin(t), 0.0)
-
-
-def hand(axes, t):
-    """Somebody turns the vehicle about one axis after the other, there and back, each for two seconds after a pause."""
-    turn = 2.0
-    index, within = int((t - 2.5) // turn), (t - 2.5) % turn
-    values = [0.0] * 6
-    if t > 2.5 and index < len(axes):
-        axis = axes[index]
-        sign = -1.0 if axis.startswith("-") else 1.0
-        place = ["roll", "pitch", "yaw"].index(axis.lstrip("-"))
-        omega = 2 * math.pi / turn
-        values[place] = sign * 0.25 * (1 - math.cos(omega * within))
-        values[place + 3] = sign * 0.25 * omega * math.sin(omega * within)
-    return values
 
 
 def main():
@@ -290,8 +292,9 @@ def main():
     parser.add_argument("--boot", type=float, default=100.0, help="age of this autopilot at the start, s")
     parser.add_argument("--arm-after", type=float, default=1.0, help="s after the first override")
     parser.add_argument("--seconds", type=float, default=1e9)
-    parser.add_argument("--events", default="[]")
-    parser.add_argument("--hand", default="", help="axes that somebody turns the vehicle about, such as roll,-pitch")
+    parser.add_argument("--events", default="[]", help='JSON: [{"when": "moved" or "neutral", "do": ...}, ...]')
+    parser.add_argument("--hand", action="store_true", help="somebody turns it as standard input asks")
+    parser.add_argument("--turned", default="", help="axes that are told with the wrong sign then")
     parser.add_argument("--key", default="", help="secret of a signed link, 64 hexadecimal digits")
     parser.add_argument("--report", default="")
     options = parser.parse_args()

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """A serial line with a plug: a pseudo-terminal whose other end has a name while it is plugged in.
 
-line.py PLUG PYTHON AUTOPILOT REPORT: the autopilot talks on the line; after 4 s it is unplugged, and another second
-later plugged in again, as a new line.
+line.py PLUG PYTHON AUTOPILOT REPORT: the autopilot talks on the line. SIGUSR1 pulls the plug, or plugs it in again, as a
+new line with an autopilot that began anew; SIGTERM ends it.
 """
 
 import os
@@ -31,35 +31,47 @@ def line(plug):
     return masters, slaves[0], paths[0]
 
 
-def carry(masters, until, ended):
-    while time.monotonic() < until and not ended:
-        for ready in select.select(masters, [], [], 0.02)[0]:
+def carry(masters, signals):
+    """Carries bytes both ways until a signal comes."""
+    while True:
+        ready = select.select([signals, *masters], [], [])[0]
+        if signals in ready:
+            return
+        for fd in ready:
             try:
-                data = os.read(ready, 4096)
-                os.write(masters[1 - masters.index(ready)], data)
+                data = os.read(fd, 4096)
+                os.write(masters[1 - masters.index(fd)], data)
             except OSError:
-                # Nobody has the bench's end open.
+                # Nobody has the bench's end open, and nothing tells when somebody does.
                 time.sleep(0.005)
 
 
 def main():
     plug, python, script, report = sys.argv[1:]
-    ended = []
-    signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
-    for seconds in (6.0, 1e9):
+    signals, wakes = os.pipe()
+    os.set_blocking(wakes, False)
+    signal.set_wakeup_fd(wakes)
+    for number in (signal.SIGTERM, signal.SIGUSR1):
+        signal.signal(number, lambda *_: None)
+    ended = False
+    while not ended:
         masters, held, path = line(plug)
         autopilot = subprocess.Popen(
             [python, script, "--link", path, "--baud", "115200", "--rate", "100", "--arm-after", "0.5", "--report", report]
         )
-        carry(masters, time.monotonic() + seconds, ended)
+        carry(masters, signals)
+        ended = next_signal(signals) == signal.SIGTERM
         autopilot.terminate()
         autopilot.wait(timeout=10)
         os.unlink(plug)
         for fd in [*masters, held]:
             os.close(fd)
-        if ended:
-            return
-        time.sleep(1.0)
+        ended = ended or next_signal(signals) == signal.SIGTERM
+
+
+def next_signal(signals):
+    """Waits for a signal, and says which it is."""
+    return os.read(signals, 1)[0]
 
 
 if __name__ == "__main__":

@@ -2,18 +2,42 @@
 """A transmitter module and an SBUS receiver on pseudo-terminals, from the published layouts alone.
 
 radio.py MODULE RECEIVER REPORT SCRIPT: the module answers with attitude and link statistics and takes channels apart; the
-receiver is the pilot. SCRIPT is JSON: [[seconds, {"arm": true, "automatic": true, "failsafe": false, "telemetry": true,
-"roll": 1500}], ...]. Strict: what the layouts do not allow is listed under `faults`.
+receiver is the pilot. SCRIPT is JSON: [["automatic", {"arm": true, "automatic": true, "failsafe": false, "telemetry":
+true, "roll": 1500}], ...]: the sticks, and what the channels must come to before the next phase; with "arm": null the
+switch goes off and on until they do. "by hand" instead of a script: somebody turns the vehicle as standard input asks, and
+tells roll with the wrong sign. Strict: what the layouts do not allow is listed under `faults`.
 """
 
 import json
 import math
 import os
 import select
+import signal
 import struct
 import sys
 import time
 import tty
+
+from hand import Hand
+
+# Frames in a row that the channels must be as a phase awaits.
+LASTING = 50
+# What they may take for that, s.
+PATIENCE = 40.0
+PERIOD = 0.01
+
+
+def near(value, wanted):
+    return abs(value - wanted) <= 1
+
+
+# What roll and throttle channels come to.
+AWAITED = {
+    "disarmed": lambda roll, throttle: near(roll, 1500) and near(throttle, 1000),
+    "neutral": lambda roll, throttle: near(roll, 1500) and near(throttle, 1200),
+    "manual": lambda roll, throttle: near(roll, 1700) and near(throttle, 1200),
+    "automatic": lambda roll, throttle: abs(roll - 1500) > 20 and not near(roll, 1700) and near(throttle, 1200),
+}
 
 
 def crc8(data):
@@ -81,42 +105,70 @@ class Module:
             self.channels = [round(988 + (t - 172) * 1024 / 1639) for t in unpack(body[1:-1])]
 
 
+class Radio:
+    def __init__(self, module_name, receiver_name):
+        # This end of the other's side stays open too, so that the lines live when nobody has them open.
+        (self.module_fd, _a), (self.receiver_fd, _b) = pty(module_name), pty(receiver_name)
+        self.held = _a, _b
+        for fd in (self.module_fd, self.receiver_fd):
+            os.set_blocking(fd, False)
+        self.module, self.due, self.start = Module(), time.monotonic(), time.monotonic()
+
+    def turn(self, sticks, angles):
+        """Until the next period: takes frames in; then says telemetry and sticks."""
+        while (left := self.due - time.monotonic()) > 0:
+            if select.select([self.module_fd], [], [], left)[0]:
+                self.module.take(os.read(self.module_fd, 4096))
+        self.due = max(self.due + PERIOD, time.monotonic())
+        if sticks.get("telemetry", True):
+            roll, pitch, yaw = angles
+            packed = struct.pack(">hhh", *(round(angle * 1e4) for angle in (pitch, roll, yaw)))
+            link = bytes([60, 61, 100, 8, 0, 4, 2, 70, 100, 8])
+            write(self.module_fd, frame(0x1E, packed) + frame(0x14, link))
+        us = [sticks.get("roll", 1500), 1500, 1200, 1500] + [1000] * 12
+        us[4] = 2000 if sticks.get("arm") else 1000
+        us[5] = 2000 if sticks.get("automatic") else 1000
+        write(self.receiver_fd, sbus(us, sticks.get("failsafe", False)))
+
+    def phase(self, awaited, sticks):
+        """The channels that were seen while they were as awaited, frame after frame for a while."""
+        until, seen, frames = time.monotonic() + PATIENCE, [], self.module.frames
+        again = sticks["arm"] is None
+        while len(seen) < LASTING:
+            now = time.monotonic()
+            if now > until:
+                self.module.faults.append(f"never came to {awaited}: {self.module.channels}")
+                return seen
+            if again:
+                sticks = {**sticks, "arm": int(2.0 * now) % 2 == 1}
+            self.turn(sticks, (0.1 * math.sin(now - self.start), 0.0, 0.3))
+            if self.module.frames == frames:
+                continue
+            frames = self.module.frames
+            here = self.module.channels[0], self.module.channels[2]
+            if AWAITED[awaited](*here) and (sticks["arm"] or not again):
+                again = False
+                seen.append(here)
+            else:
+                # A wave that passes through neutral is not neutral.
+                seen = []
+        return sorted(set(seen))
+
+
 def main():
     module_name, receiver_name, report, script = sys.argv[1:]
-    script = json.loads(script)
-    (module_fd, _a), (receiver_fd, _b) = pty(module_name), pty(receiver_name)
-    for fd in (module_fd, receiver_fd):
-        os.set_blocking(fd, False)
-    module, phases, start = Module(), [], time.monotonic()
-    print("ready", flush=True)
-    for seconds, sticks in script:
-        end = time.monotonic() + seconds
-        seen = set()
-        due = time.monotonic()
-        while (now := time.monotonic()) < end:
-            if now >= due:
-                due += 0.01
-                t = now - start
-                if sticks.get("telemetry", True):
-                    roll, pitch, yaw = 0.1 * math.sin(t), 0.0, 0.3
-                    angles = struct.pack(">hhh", round(pitch * 1e4), round(roll * 1e4), round(yaw * 1e4))
-                    link = bytes([60, 61, 100, 8, 0, 4, 2, 70, 100, 8])
-                    write(module_fd, frame(0x1E, angles) + frame(0x14, link))
-                us = [sticks.get("roll", 1500), 1500, 1200, 1500] + [1000] * 12
-                us[4] = 2000 if sticks["arm"] else 1000
-                us[5] = 2000 if sticks["automatic"] else 1000
-                write(receiver_fd, sbus(us, sticks.get("failsafe", False)))
-            if select.select([module_fd], [], [], 0.002)[0]:
-                try:
-                    module.take(os.read(module_fd, 4096))
-                except OSError:
-                    time.sleep(0.01)
-                # What the last half of a phase shows is what the phase leads to.
-                if module.channels and now > end - seconds / 2:
-                    seen.add((module.channels[0], module.channels[2]))
-        phases.append(sorted(seen))
+    radio, notes = Radio(module_name, receiver_name), {}
+    if script == "by hand":
+        hand, ended = Hand(["roll"]), []
+        signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
+        while not ended:
+            hand.listen()
+            radio.turn({}, hand.step(PERIOD)[0])
+        notes["said"] = hand.said
+    else:
+        notes["phases"] = [radio.phase(awaited, sticks) for awaited, sticks in json.loads(script)]
     with open(report, "w") as out:
-        json.dump({"phases": phases, "frames": module.frames, "faults": module.faults[:20]}, out)
+        json.dump({**notes, "frames": radio.module.frames, "faults": radio.module.faults[:20]}, out)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import json
 import math
 import os
 import sys
-import time
+import threading
 
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.telemetry import Telemetry
@@ -19,13 +19,15 @@ def main():
     if system is None:
         sys.exit(f"MAVSDK heard no autopilot on {address}")
     telemetry = Telemetry(system)
-    read = []
-    telemetry.subscribe_attitude_euler(
-        lambda a, *_: read.append([math.radians(a.roll_deg), math.radians(a.pitch_deg), math.radians(a.yaw_deg)])
-    )
-    until = time.monotonic() + 20.0
-    while len(read) < wanted and time.monotonic() < until:
-        time.sleep(0.05)
+    read, enough = [], threading.Event()
+
+    def hear(a, *_):
+        read.append([math.radians(a.roll_deg), math.radians(a.pitch_deg), math.radians(a.yaw_deg)])
+        if len(read) >= wanted:
+            enough.set()
+
+    telemetry.subscribe_attitude_euler(hear)
+    enough.wait(60.0)
     print(json.dumps(read[:wanted]), flush=True)
     # Its threads do not always end in order.
     os._exit(0 if len(read) >= wanted else 1)

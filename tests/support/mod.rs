@@ -121,21 +121,34 @@ pub fn whirlstand<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) 
 
 /// Starts a command in its own process group, both outputs collected.
 #[track_caller]
-pub fn spawn(mut command: Command) -> Running {
+pub fn spawn(command: Command) -> Running {
+    start(command, Stdio::null(), Stdio::piped())
+}
+
+/// Starts two commands, the words of the second on the standard input of the first.
+#[track_caller]
+pub fn spawn_listening(listener: Command, speaker: Command) -> (Running, Running) {
+    let mut listener = start(listener, Stdio::piped(), Stdio::piped());
+    let words = listener.child.stdin.take().expect("piped");
+    (listener, start(speaker, Stdio::null(), words.into()))
+}
+
+#[track_caller]
+fn start(mut command: Command, stdin: Stdio, stdout: Stdio) -> Running {
     let mut child = command
         .process_group(0)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
+        .stdin(stdin)
+        .stdout(stdout)
         .stderr(Stdio::piped())
         .spawn()
         .unwrap_or_else(|e| panic!("{command:?} does not start: {e}"));
     let (out_tx, stdout) = channel();
     let (err_tx, stderr) = channel();
     let (line_tx, stderr_lines) = channel();
-    let mut out = child.stdout.take().expect("piped");
+    let out = child.stdout.take();
     std::thread::spawn(move || {
         let mut text = Vec::new();
-        let _ = out.read_to_end(&mut text);
+        let _ = out.map(|mut out| out.read_to_end(&mut text));
         let _ = out_tx.send(String::from_utf8_lossy(&text).into_owned());
     });
     let err = BufReader::new(child.stderr.take().expect("piped"));
@@ -163,6 +176,14 @@ pub fn json(path: impl AsRef<Path>) -> Value {
     let path = path.as_ref();
     let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// What a stand-in heard on its standard input, by its report.
+#[track_caller]
+pub fn said(report: &Path) -> Vec<String> {
+    let report = json(report);
+    let lines = report["said"].as_array().unwrap_or_else(|| panic!("nothing heard: {report}"));
+    lines.iter().filter_map(|l| l.as_str().map(String::from)).collect()
 }
 
 /// The Python that has the packages of the requirements files; `None`, with a word on why, where there is none.

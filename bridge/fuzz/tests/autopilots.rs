@@ -14,10 +14,11 @@ use whirlstand_bridge::mavlink::dialect::{
 use whirlstand_bridge::mavlink::{Encoder, MavMessage};
 use whirlstand_bridge::sensors::{Errors, Motion, SensorModel, SensorOptions};
 use whirlstand_bridge::witness::{Language, Witness};
+use whirlstand_bridge_fuzz::{mavlink_frame, msp_frame, pieces};
 
 const PERIOD_NS: u64 = 4_000_000;
 
-/// Deals the input out to a protocol: the first byte of each piece says what is done with it and how long it is.
+/// Deals the input out to a protocol: what comes, on which port and when, and when the sensors are sent in between.
 fn drive(
     autopilot: &mut dyn Autopilot,
     ports: &[usize],
@@ -26,34 +27,29 @@ fn drive(
 ) {
     let mut model = SensorModel::new(SensorOptions::default(), PERIOD_NS, 1);
     let mut now = Duration::ZERO;
-    let mut rest = input;
-    let mut received = 0;
-    while let Some((&op, tail)) = rest.split_first() {
-        now += Duration::from_millis(u64::from(op & 7) * 100);
-        let (piece, tail) = tail.split_at(tail.len().min(usize::from(op >> 1)));
-        rest = tail;
-        let port = ports[usize::from(op) % ports.len()];
-        let bytes = if op & 1 == 0 { piece.to_vec() } else { frame(piece, now) };
-        autopilot.receive(port, &bytes, now, &mut |_, _| {});
+    let (mut received, mut bytes) = (0, 0);
+    for piece in pieces(input) {
+        now += Duration::from_millis(1) + Duration::from_millis(200) * piece.pause();
+        let port = ports[piece.choice() % ports.len()];
+        let wire = piece.wire(|content| frame(content, now));
+        autopilot.receive(port, &wire, now, &mut |_, _| {});
         received += 1;
+        bytes += wire.len() as u64;
         while let Some(event) = autopilot.next() {
             if let Event::Outputs(outputs) = event {
                 assert!(outputs.values.iter().all(|v| v.is_nan() || (-1.0..=1.0).contains(v)), "{outputs:?}");
             }
         }
-        if op & 0x18 == 0 {
+        if piece.choice() < 2 {
             let sensors = model.step(&Motion::default(), &Errors::default());
             autopilot.sense(&sensors, &Rc::default(), now, &mut |_, _| {});
         }
-        if op == 0xFF {
+        if piece.choice() == 3 && piece.pause() == 3 {
             autopilot.disconnected(port);
         }
     }
     let counts = autopilot.counts();
-    assert!(
-        ports.len() > 1
-            || counts.outputs + counts.repeated + counts.dropped() <= received + input.len() as u64
-    );
+    assert!(ports.len() > 1 || counts.outputs + counts.repeated + counts.dropped() <= received + bytes);
 }
 
 #[test]
@@ -61,7 +57,10 @@ fn px4() {
     bolero::check!().for_each(|input: &[u8]| {
         let mut px4 = Px4::new(Px4Options { rc: true, ..Px4Options::default() }, true);
         drive(&mut px4, &[0], input, |piece, now| {
-            // A whole message with any content.
+            if piece.first().is_some_and(|b| b & 1 == 1) {
+                return mavlink_frame(&piece[1..]);
+            }
+            // Outputs with any content.
             let byte = |i: usize| piece.get(i).copied().unwrap_or(0);
             let float = |i: usize| f32::from_le_bytes([byte(i), byte(i + 1), byte(i + 2), byte(i + 3)]);
             let message = MavMessage::HIL_ACTUATOR_CONTROLS(HIL_ACTUATOR_CONTROLS_DATA {
@@ -87,6 +86,10 @@ fn ardupilot() {
             let (magic, length) = if wide { (29569u16, 72) } else { (18458u16, 40) };
             let mut bytes = [&magic.to_le_bytes(), piece].concat();
             bytes.resize(length, 0);
+            // A small number is one that may follow.
+            if bytes[5] & 3 != 0 {
+                bytes[5..8].fill(0);
+            }
             bytes
         });
         let counts = ardupilot.counts();
@@ -117,8 +120,12 @@ fn witness() {
             if input.first().is_some_and(|b| b & 1 == 0) { Language::Mavlink } else { Language::Msp };
         let mut witness = Witness::new(language);
         let now = Duration::from_secs(1);
-        for piece in input.chunks(37) {
-            witness.receive(piece, now);
+        for piece in pieces(input) {
+            let wire = match language {
+                Language::Mavlink => piece.wire(mavlink_frame),
+                Language::Msp => piece.wire(msp_frame),
+            };
+            witness.receive(&wire, now);
             witness.ask(now, &mut Vec::new());
         }
         let attitude = witness.attitude(Duration::ZERO, now);

@@ -10,33 +10,26 @@ use whirlstand_bridge::config::{BridgeConfig, BridgeKind, BridgeOptions};
 use whirlstand_bridge::mavlink::{Deframer, Event};
 use whirlstand_bridge::vehicle::{Bench, Port, Vehicle};
 use whirlstand_bridge::{crsf, sbus};
-
-/// Pieces of the input, cut where its own bytes say.
-fn pieces(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
-    let mut rest = bytes;
-    std::iter::from_fn(move || {
-        let length = usize::from(*rest.first()?) % 64 + 1;
-        let (piece, later) = rest.split_at(length.min(rest.len()));
-        rest = later;
-        Some(piece)
-    })
-}
+use whirlstand_bridge_fuzz::{crsf_frame, mavlink_frame, pieces, sbus_frame};
 
 #[test]
 fn fuzz_mavlink_deframer() {
     check!().for_each(|bytes: &[u8]| {
         let mut deframer = Deframer::new();
         let mut messages = 0;
+        let mut sent = 0;
         for piece in pieces(bytes) {
-            deframer.push(piece);
+            let wire = piece.wire(mavlink_frame);
+            sent += wire.len() as u64;
+            deframer.push(&wire);
             while let Some(event) = deframer.next(Duration::from_secs(1)) {
                 messages += u64::from(matches!(event, Event::Message(..)));
             }
         }
         deframer.end();
         let counts = deframer.counts();
-        assert_eq!((counts.bytes, counts.messages), (bytes.len() as u64, messages));
-        assert!(bytes.is_empty() || messages + counts.dropped() + counts.noise_bytes > 0);
+        assert_eq!((counts.bytes, counts.messages), (sent, messages));
+        assert!(sent == 0 || messages + counts.dropped() + counts.noise_bytes > 0);
     });
 }
 
@@ -44,8 +37,11 @@ fn fuzz_mavlink_deframer() {
 fn fuzz_crsf_parser() {
     check!().for_each(|bytes: &[u8]| {
         let mut parser = crsf::Parser::new();
+        let mut sent = 0;
         for piece in pieces(bytes) {
-            parser.push(piece);
+            let wire = piece.wire(crsf_frame);
+            sent += wire.len() as u64;
+            parser.push(&wire);
             while let Some(event) = parser.next_event() {
                 if let crsf::Event::Channels(c) = event {
                     assert!(c.0.iter().all(|ticks| *ticks < 2048));
@@ -54,10 +50,8 @@ fn fuzz_crsf_parser() {
         }
         parser.reset();
         let counts = parser.counts();
-        assert_eq!(counts.bytes, bytes.len() as u64);
-        assert!(
-            bytes.is_empty() || counts.frames + counts.checksum + counts.malformed + counts.noise_bytes > 0
-        );
+        assert_eq!(counts.bytes, sent);
+        assert!(sent == 0 || counts.frames + counts.checksum + counts.malformed + counts.noise_bytes > 0);
     });
 }
 
@@ -66,7 +60,7 @@ fn fuzz_sbus_parser() {
     check!().for_each(|bytes: &[u8]| {
         let mut parser = sbus::Parser::new();
         for piece in pieces(bytes) {
-            parser.push(piece);
+            parser.push(&piece.wire(sbus_frame));
             while let Some(frame) = parser.next_frame() {
                 assert!(frame.channels.iter().all(|ticks| *ticks < 2048));
             }
@@ -96,10 +90,16 @@ fn fuzz_vehicle() {
         let Ok(mut vehicle) = Vehicle::new(&config, bench) else { panic!("the options are right") };
         let mut now = Duration::from_secs(1);
         for piece in pieces(bytes) {
-            now += Duration::from_micros(u64::from(piece[0]) * 100);
-            let port = [Port::Link, Port::Pilot, Port::Ground][usize::from(piece[0]) % 3];
-            vehicle.receive(port, piece, piece[0] & 64 != 0, now);
-            vehicle.command(&[f64::from(piece[0]) / 128.0 - 1.0, 2.0], now);
+            now += Duration::from_millis(3) + Duration::from_millis(40) * piece.pause();
+            let (port, frame): (_, fn(&[u8]) -> Vec<u8>) = match piece.choice() {
+                0 | 1 => (Port::Link, mavlink_frame),
+                2 => (Port::Pilot, sbus_frame),
+                _ => (Port::Ground, mavlink_frame),
+            };
+            let content = piece.content;
+            vehicle.receive(port, &piece.wire(frame), content.len() % 2 == 0, now);
+            let asked = content.first().map_or(f64::NAN, |b| f64::from(*b) / 64.0 - 2.0);
+            vehicle.command(&[asked, 2.0], now);
             vehicle.poll(now);
             let (us, in_use) = vehicle.channels();
             assert!(us.iter().all(|us| (1000.0..=2000.0).contains(us)));

@@ -2,6 +2,7 @@
 
 use super::frames::{Attitude, Battery, CHANNEL_BYTES, Channels, LinkStatistics, unpack_channels};
 use super::{HANDSET, LONGEST_FRAME, SYNC, TRANSMITTER, crc8, kind};
+use crate::stream::Stream;
 
 /// What the bytes were.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,8 +43,7 @@ pub struct Counts {
 /// Finds frames in a stream of bytes. A damaged frame costs itself alone: the search goes on behind its first byte.
 #[derive(Debug, Clone, Default)]
 pub struct Parser {
-    buffer: Vec<u8>,
-    read: usize,
+    stream: Stream,
     counts: Counts,
 }
 
@@ -61,20 +61,17 @@ impl Parser {
     /// Takes bytes in. Call [`Parser::next_event`] until it returns `None` before the next bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         self.counts.bytes += bytes.len() as u64;
-        self.buffer.drain(..std::mem::take(&mut self.read));
-        self.buffer.extend_from_slice(bytes);
+        self.stream.push(bytes);
     }
 
     /// Forgets half a frame: after a connection that was made anew.
     pub fn reset(&mut self) {
-        self.counts.noise_bytes += (self.buffer.len() - self.read) as u64;
-        self.buffer.clear();
-        self.read = 0;
+        self.counts.noise_bytes += self.stream.clear() as u64;
     }
 
     /// The next event; `None` until more bytes come.
     pub fn next_event(&mut self) -> Option<Event> {
-        let bytes = &self.buffer[self.read..];
+        let bytes = self.stream.waiting();
         let is_start = |b: &u8| matches!(*b, SYNC | HANDSET | TRANSMITTER);
         let noise = bytes.iter().position(is_start).unwrap_or(bytes.len());
         if noise > 0 {
@@ -89,12 +86,12 @@ impl Parser {
         let frame = bytes.get(2..whole)?;
         let (body, crc) = frame.split_at(frame.len() - 1);
         if [crc8(body)] != crc {
-            self.read += 1;
+            self.stream.skip(1);
             self.counts.checksum += 1;
             return Some(Event::Checksum);
         }
         let event = content(body[0], &body[1..]);
-        self.read += whole;
+        self.stream.skip(whole);
         match event {
             Event::Malformed(_) => self.counts.malformed += 1,
             _ => self.counts.frames += 1,
@@ -103,7 +100,7 @@ impl Parser {
     }
 
     fn noise(&mut self, bytes: usize) -> Event {
-        self.read += bytes;
+        self.stream.skip(bytes);
         self.counts.noise_bytes += bytes as u64;
         Event::Noise(bytes)
     }

@@ -8,6 +8,7 @@ use mavlink::{MavlinkVersion, Message, calculate_crc};
 use super::counts::{Counts, Drop};
 use super::signing::{SignatureFault, Signing};
 use super::{CHECKSUM, HEADER_V1, HEADER_V2, LONGEST_FRAME, MavMessage, SIGNATURE, SIGNED, STX_V1, STX_V2};
+use crate::stream::Stream;
 
 /// Senders whose sequence numbers are followed at most.
 const SENDERS: usize = 64;
@@ -42,10 +43,8 @@ pub enum Event {
 /// behind its first byte.
 #[derive(Debug, Default)]
 pub struct Deframer {
-    buffer: Vec<u8>,
-    /// Bytes of `buffer` that are done with.
-    read: usize,
-    /// Length of the frame that ends at `read`.
+    stream: Stream,
+    /// Length of the frame that was read last.
     last: usize,
     signing: Option<Signing>,
     senders: BTreeMap<(u8, u8), u8>,
@@ -85,19 +84,13 @@ impl Deframer {
     /// Takes bytes in. Call [`Deframer::next`] until it returns `None` before the next bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         self.counts.bytes += bytes.len() as u64;
-        if self.read > 0 {
-            self.buffer.drain(..self.read);
-            self.read = 0;
-        }
-        self.buffer.extend_from_slice(bytes);
+        self.stream.push(bytes);
     }
 
     /// Says that no more bytes belong to what came in: the end of a datagram, or of a connection. The rest of a
     /// frame that was cut off is given up.
     pub fn end(&mut self) -> Option<Event> {
-        let left = self.buffer.len() - self.read;
-        self.buffer.clear();
-        self.read = 0;
+        let left = self.stream.clear();
         (left > 0).then(|| self.dropped(Drop::Noise(left)))
     }
 
@@ -106,11 +99,11 @@ impl Deframer {
         match self.front(now) {
             Front::Incomplete => None,
             Front::Drop(bytes, drop) => {
-                self.read += bytes;
+                self.stream.skip(bytes);
                 Some(self.dropped(drop))
             }
             Front::Frame(bytes, header, message) => {
-                self.read += bytes;
+                self.stream.skip(bytes);
                 self.last = bytes;
                 self.follow(header);
                 self.counts.messages += 1;
@@ -121,7 +114,7 @@ impl Deframer {
 
     /// The bytes of the message that [`Deframer::next`] gave last, until the next call of anything else.
     pub fn frame(&self) -> &[u8] {
-        self.buffer.get(self.read.saturating_sub(self.last)..self.read).unwrap_or(&[])
+        self.stream.behind(self.last)
     }
 
     fn dropped(&mut self, drop: Drop) -> Event {
@@ -130,7 +123,7 @@ impl Deframer {
     }
 
     fn front(&mut self, now: Duration) -> Front {
-        let bytes = &self.buffer[self.read..];
+        let bytes = self.stream.waiting();
         let Some(&first) = bytes.first() else { return Front::Incomplete };
         let v2 = match first {
             STX_V2 => true,

@@ -326,9 +326,11 @@ fn noise(stream: &mut Stream, deviation: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| deviation * stream.normal())
 }
 
-/// The angle within plus or minus pi.
+/// The angle within plus or minus pi, however many turns it has: a remainder has no rounding that grows with them.
 pub fn wrapped(angle: f64) -> f64 {
-    angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round()
+    use std::f64::consts::{PI, TAU};
+    let rest = angle % TAU;
+    if rest.abs() <= PI { rest } else { rest - TAU.copysign(rest) }
 }
 
 #[cfg(test)]

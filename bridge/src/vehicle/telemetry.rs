@@ -8,7 +8,8 @@ use whirlstand_msgs::{Imu, Message, Odometry, valid};
 use super::clock::PeerClock;
 use crate::config::{ConfigError, Trim};
 
-/// Fields of `Imu`, then of `Odometry`; three neighbours form a group.
+/// What the bus can carry of a vehicle: six fields of `Imu`, then six of `Odometry`. Three neighbours form a group and
+/// share one validity bit.
 pub const FIELDS: [&str; 12] = [
     "roll",
     "pitch",

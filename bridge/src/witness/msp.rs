@@ -3,6 +3,8 @@
 //!
 //! Source: `src/main/msp` of Betaflight; <https://www.multiwii.com/wiki/index.php?title=Multiwii_Serial_Protocol>.
 
+use crate::stream::Stream;
+
 /// Number of MSP_ATTITUDE: i16 roll and pitch in 0.1 deg, i16 heading in deg.
 const ATTITUDE: u8 = 108;
 /// Bytes of its payload.
@@ -21,32 +23,32 @@ pub(super) struct Attitude {
 
 /// Finds attitudes in a stream of answers.
 #[derive(Debug, Default)]
-pub(super) struct Parser {
-    buffer: Vec<u8>,
-}
+pub(super) struct Parser(Stream);
 
 impl Parser {
     pub(super) fn push(&mut self, bytes: &[u8]) {
-        self.buffer.extend_from_slice(bytes);
+        self.0.push(bytes);
     }
 
     /// The next attitude; `None` until more bytes come. What is no attitude is skipped.
     pub(super) fn next_attitude(&mut self) -> Option<Attitude> {
         loop {
-            let start = self.buffer.iter().position(|b| *b == b'$').unwrap_or(self.buffer.len());
-            self.buffer.drain(..start);
-            let head = self.buffer.first_chunk::<HEAD>()?;
+            let bytes = self.0.waiting();
+            let start = bytes.iter().position(|b| *b == b'$').unwrap_or(bytes.len());
+            self.0.skip(start);
+            let bytes = self.0.waiting();
+            let head = bytes.first_chunk::<HEAD>()?;
             let length = usize::from(head[3]);
             if head[1] != b'M' || head[2] != b'>' {
-                self.buffer.drain(..1);
+                self.0.skip(1);
                 continue;
             }
-            let frame = self.buffer.get(..HEAD + length + 1)?;
+            let frame = bytes.get(..HEAD + length + 1)?;
             let sum = frame[3..HEAD + length].iter().fold(0, |sum, b| sum ^ b);
             let whole = sum == frame[HEAD + length];
             let attitude =
                 if whole && head[4] == ATTITUDE { read(&frame[HEAD..HEAD + length]) } else { None };
-            self.buffer.drain(..if whole { HEAD + length + 1 } else { 1 });
+            self.0.skip(if whole { HEAD + length + 1 } else { 1 });
             if attitude.is_some() {
                 return attitude;
             }
@@ -96,7 +98,7 @@ mod tests {
             let mut parser = Parser::default();
             parser.push(&bytes);
             while parser.next_attitude().is_some() {}
-            prop_assert!(parser.buffer.len() < HEAD + 256);
+            prop_assert!(parser.0.waiting().len() < HEAD + 256);
         }
     }
 }

@@ -53,6 +53,34 @@ pub(crate) struct SimulateArgs {
     pub seed: u64,
 }
 
+/// Which part of a record is used, and how.
+#[derive(Debug, Args)]
+pub(crate) struct RecordArgs {
+    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+    pub map: Vec<String>,
+    /// Start of the part that is used, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// End of the part that is used, s of the record's clock.
+    #[arg(long, visible_alias = "until", value_name = "S")]
+    pub to: Option<f64>,
+    /// Period of the simulation, s [default: that of the record]
+    #[arg(long, value_name = "S")]
+    pub period: Option<f64>,
+}
+
+/// Where a result goes, beside the terminal.
+#[derive(Debug, Args)]
+pub(crate) struct ResultArgs {
+    /// Writes the result as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Folder for report.html, and for the files that are not named otherwise.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
 /// Hold a record against the simulation: what the simulation gets wrong.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
@@ -63,27 +91,13 @@ pub(crate) struct CompareArgs {
     /// Built-in vehicle or path of a vehicle file.
     #[arg(long)]
     pub vehicle: String,
-    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
-    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
-    pub map: Vec<String>,
-    /// Start of the compared part, s of the record's clock.
-    #[arg(long, value_name = "S")]
-    pub from: Option<f64>,
-    /// End of the compared part, s of the record's clock.
-    #[arg(long, value_name = "S")]
-    pub until: Option<f64>,
-    /// Period of the simulation, s [default: that of the record]
-    #[arg(long, value_name = "S")]
-    pub period: Option<f64>,
+    #[command(flatten)]
+    pub part: RecordArgs,
     /// How far the short predictions look ahead, s.
     #[arg(long, value_name = "S", default_value_t = 2.0)]
     pub horizon: f64,
-    /// Writes the comparison as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Folder for report.html.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub result: ResultArgs,
 }
 
 /// Find out what a simulation gets wrong and why: named causes, the extended vehicle file, and the gain.
@@ -99,18 +113,8 @@ pub(crate) struct DiagnoseArgs {
     /// Built-in vehicle or path of a vehicle file.
     #[arg(long)]
     pub vehicle: String,
-    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
-    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
-    pub map: Vec<String>,
-    /// Start of the part to diagnose, s of the record's clock.
-    #[arg(long, value_name = "S")]
-    pub from: Option<f64>,
-    /// End of the part to diagnose, s of the record's clock.
-    #[arg(long, value_name = "S")]
-    pub to: Option<f64>,
-    /// Period of the simulation, s [default: that of the record]
-    #[arg(long, value_name = "S")]
-    pub period: Option<f64>,
+    #[command(flatten)]
+    pub part: RecordArgs,
     /// Fits the free parameters of the vehicle anew beside every cause; done anyway for a vehicle file that
     /// `identify` wrote.
     #[arg(long)]
@@ -127,12 +131,8 @@ pub(crate) struct DiagnoseArgs {
     /// Writes the extended vehicle file [default: vehicle.toml in the folder of --out]
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Writes the diagnosis as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Folder for report.html and vehicle.toml.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub result: ResultArgs,
 }
 
 /// Fit the free parameters of a vehicle to records: identification as in the paper, and beyond it.
@@ -161,12 +161,6 @@ pub(crate) struct IdentifyArgs {
     /// Logs to hold the result against: control data.
     #[arg(long, value_name = "LOG")]
     pub control: Vec<PathBuf>,
-    /// Start of the part that is used, s of the record's clock.
-    #[arg(long, value_name = "S")]
-    pub from: Option<f64>,
-    /// End of the part that is used, s of the record's clock.
-    #[arg(long, value_name = "S")]
-    pub to: Option<f64>,
     /// Part of the logs that is not fitted but held out as control data, for example 60:84; may be repeated.
     #[arg(long, value_name = "FROM:TO", value_parser = interval)]
     pub hold_out: Vec<(f64, f64)>,
@@ -176,12 +170,8 @@ pub(crate) struct IdentifyArgs {
     /// Take the means over the fitted part off every input and output first: the model is about that level.
     #[arg(long, conflicts_with = "offsets")]
     pub detrend: bool,
-    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
-    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
-    pub map: Vec<String>,
-    /// Period of the simulation, s [default: that of the record]
-    #[arg(long, value_name = "S")]
-    pub period: Option<f64>,
+    #[command(flatten)]
+    pub part: RecordArgs,
     /// Takes the delay out of a signal that was logged late, for example roll=0.06; may be repeated.
     #[arg(long, value_name = "SIGNAL=S", value_parser = delay)]
     pub delay: Vec<(String, f64)>,
@@ -201,12 +191,8 @@ pub(crate) struct IdentifyArgs {
     /// Writes the fitted vehicle file.
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Writes the answer as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Folder for report.html.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub result: ResultArgs,
 }
 
 /// Design a test flight: inputs that tell parameters and effects apart, within limits, and what they will tell.

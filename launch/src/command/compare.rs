@@ -14,17 +14,17 @@ use crate::error::Failure;
 pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
     let options = options(args)?;
-    let record = super::log::read(&args.log, &args.map)?;
+    let record = super::log::read(&args.log, &args.part.map)?;
     let comparison = whirlstand_ident::compare(&record, &vehicle, &options).map_err(Failure::mend)?;
-    if let Some(path) = &args.json {
+    if let Some(path) = &args.result.json {
         write_json(&comparison, path)?;
     }
-    let report = args.out.as_ref().map(|folder| folder.join("report.html"));
+    let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
         let html = whirlstand_ident::report::comparison_report(&comparison).map_err(Failure::run)?;
         write(path, &html)?;
     }
-    if args.json.as_deref() != Some(Path::new("-")) {
+    if args.result.json.as_deref() != Some(Path::new("-")) {
         let mut text = comparison.text();
         if let Some(path) = &report {
             text.push_str(&format!("report  {}\n", path.display()));
@@ -35,22 +35,22 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, Failure> {
 }
 
 fn options(args: &CompareArgs) -> Result<CompareOptions, Failure> {
-    for (name, value) in [("--period", args.period), ("--horizon", Some(args.horizon))] {
+    for (name, value) in [("--period", args.part.period), ("--horizon", Some(args.horizon))] {
         if value.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
             return Err(Failure::Mend(format!("{name}: a time above 0 s is expected")));
         }
     }
-    if let (Some(from), Some(until)) = (args.from, args.until)
+    if let (Some(from), Some(until)) = (args.part.from, args.part.to)
         && from >= until
     {
         return Err(Failure::Mend(format!(
-            "--from {from} lies behind --until {until}: nothing is left to compare"
+            "--from {from} lies behind --to {until}: nothing is left to compare"
         )));
     }
     Ok(CompareOptions {
-        period_s: args.period,
-        from_s: args.from,
-        until_s: args.until,
+        period_s: args.part.period,
+        from_s: args.part.from,
+        until_s: args.part.to,
         horizon_s: args.horizon,
     })
 }

@@ -18,19 +18,19 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     let records = args.logs.iter().map(|path| part(path, args)).collect::<Result<Vec<_>, _>>()?;
     let mut answer = run(&records, &vehicle, &options).map_err(Failure::mend)?;
     let extended =
-        args.output.clone().or_else(|| args.out.as_ref().map(|folder| folder.join("vehicle.toml")));
+        args.output.clone().or_else(|| args.result.out.as_ref().map(|folder| folder.join("vehicle.toml")));
     if let (Some(path), Some(vehicle)) = (&extended, &answer.extended) {
         write(path, &vehicle.to_toml())?;
         answer.extended_vehicle = Some(path.display().to_string());
     }
-    if let Some(path) = &args.json {
+    if let Some(path) = &args.result.json {
         write_json(&answer, path)?;
     }
-    let report = args.out.as_ref().map(|folder| folder.join("report.html"));
+    let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
         write(path, &whirlstand_ident::report::diagnosis_report(&answer).map_err(Failure::run)?)?;
     }
-    if args.json.as_deref() != Some(Path::new("-")) {
+    if args.result.json.as_deref() != Some(Path::new("-")) {
         print(&text(&answer, report.as_deref()))?;
     }
     Ok(ExitCode::SUCCESS)
@@ -48,19 +48,20 @@ fn text(answer: &Diagnosis, report: Option<&Path>) -> String {
 }
 
 fn options(args: &DiagnoseArgs) -> Result<Options, Failure> {
-    if args.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
+    if args.part.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
         return Err(Failure::Mend("--period: a time above 0 s is expected".into()));
     }
-    if let (Some(from), Some(to)) = (args.from, args.to)
+    if let (Some(from), Some(to)) = (args.part.from, args.part.to)
         && from >= to
     {
         return Err(Failure::Mend(format!(
             "--from {from} lies behind --to {to}: nothing is left to diagnose"
         )));
     }
-    let ground = |path: &Option<PathBuf>| path.as_ref().map(|p| super::log::read(p, &args.map)).transpose();
+    let ground =
+        |path: &Option<PathBuf>| path.as_ref().map(|p| super::log::read(p, &args.part.map)).transpose();
     Ok(Options {
-        period_s: args.period,
+        period_s: args.part.period,
         refit: args.refit.then_some(true),
         modes: args.mode.clone(),
         engine_on: ground(&args.engine_on)?,
@@ -70,14 +71,15 @@ fn options(args: &DiagnoseArgs) -> Result<Options, Failure> {
 
 /// Reads a log, on the wanted clock, and takes the wanted part of it.
 fn part(path: &Path, args: &DiagnoseArgs) -> Result<Record, Failure> {
-    let mut record = super::log::read(path, &args.map)?;
-    if let Some(period) = args.period
+    let mut record = super::log::read(path, &args.part.map)?;
+    if let Some(period) = args.part.period
         && record.time_unit == "samples"
     {
         record = record.with_sample_period(period);
     }
-    if args.from.is_some() || args.to.is_some() {
-        record = record.between(args.from.unwrap_or(f64::NEG_INFINITY), args.to.unwrap_or(f64::INFINITY));
+    if args.part.from.is_some() || args.part.to.is_some() {
+        record = record
+            .between(args.part.from.unwrap_or(f64::NEG_INFINITY), args.part.to.unwrap_or(f64::INFINITY));
     }
     Ok(record)
 }

@@ -28,8 +28,8 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
         let (log, record) = open(path, args, &vehicle)?;
         closed_loop |= steered(&record);
         let (first, last) = (record.time.first().copied(), record.time.last().copied());
-        let from = args.from.unwrap_or(f64::NEG_INFINITY).max(first.unwrap_or(0.0));
-        let to = args.to.unwrap_or(f64::INFINITY).min(last.unwrap_or(0.0));
+        let from = args.part.from.unwrap_or(f64::NEG_INFINITY).max(first.unwrap_or(0.0));
+        let to = args.part.to.unwrap_or(f64::INFINITY).min(last.unwrap_or(0.0));
         // What lies between two held-out parts may be too short to tell anything.
         let least = 16.0 * record.duration() / record.len().max(1) as f64;
         for (from, to) in rest((from, to), &args.hold_out, least) {
@@ -57,14 +57,14 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
         write(path, &fitted.to_toml())?;
         answer.fitted_vehicle = Some(path.display().to_string());
     }
-    if let Some(path) = &args.json {
+    if let Some(path) = &args.result.json {
         write_json(&answer, path)?;
     }
-    let report = args.out.as_ref().map(|folder| folder.join("report.html"));
+    let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
         write(path, &whirlstand_ident::report::identification_report(&answer).map_err(Failure::run)?)?;
     }
-    if args.json.as_deref() != Some(Path::new("-")) {
+    if args.result.json.as_deref() != Some(Path::new("-")) {
         let mut text = answer.text();
         for (what, path) in [("vehicle", args.output.as_ref()), ("report", report.as_ref())] {
             if let Some(path) = path {
@@ -77,10 +77,10 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
 }
 
 fn check(args: &IdentifyArgs) -> Result<(), Failure> {
-    if args.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
+    if args.part.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
         return Err(Failure::Mend("--period: a time above 0 s is expected".into()));
     }
-    if let (Some(from), Some(to)) = (args.from, args.to)
+    if let (Some(from), Some(to)) = (args.part.from, args.part.to)
         && from >= to
     {
         return Err(Failure::Mend(format!("--from {from} lies behind --to {to}: nothing is left to fit")));
@@ -111,8 +111,8 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
 
 /// Reads a log, on the wanted clock, with the hash of its file.
 fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<(Log, Record), Failure> {
-    let mut record = aligned(super::log::read(path, &args.map)?, args, vehicle)?;
-    if let Some(period) = args.period {
+    let mut record = aligned(super::log::read(path, &args.part.map)?, args, vehicle)?;
+    if let Some(period) = args.part.period {
         if record.time_unit == "samples" {
             record = record.with_sample_period(period);
         } else if record.len() > 1 && period > 1.2 * record.duration() / (record.len() - 1) as f64 {
@@ -155,7 +155,7 @@ fn parts(
     (from, to): (f64, f64),
 ) -> Result<Vec<Segment>, Failure> {
     let some = |v: f64| v.is_finite().then_some(v);
-    Segment::unbroken(record, vehicle, args.period, (some(from), some(to))).map_err(Failure::mend)
+    Segment::unbroken(record, vehicle, args.part.period, (some(from), some(to))).map_err(Failure::mend)
 }
 
 /// Moves the signals whose delay is known; says what lags when nobody asked.

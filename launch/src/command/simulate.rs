@@ -69,7 +69,8 @@ pub(super) fn period(record: &Record, rate: Option<f64>) -> Result<f64, Failure>
     Ok((steps[steps.len() / 2] * 1e9).round() * 1e-9)
 }
 
-/// Steps the vehicle over the record. At each step the newest recorded input applies, as a sampled input does.
+/// Steps the vehicle over the record. At each step the newest recorded input applies, as a sampled input does, and is in
+/// force when that step is measured: an output with feedthrough shows it at once, as the plant's does.
 fn respond(
     vehicle: &Vehicle,
     record: &Record,
@@ -99,9 +100,10 @@ fn respond(
             }
             next += 1;
         }
+        simulator.apply(&u);
         measured.iter_mut().zip(simulator.measure()).for_each(|(column, y)| column.push(*y));
         applied.iter_mut().zip(&u).for_each(|(column, u)| column.push(*u));
-        simulator.step(&u);
+        simulator.advance();
     }
     let time = (0..count).map(|step| start + step as f64 * period_s).collect();
     let mut response = Record::new(vehicle.name.clone(), time).map_err(Failure::run)?;

@@ -6,7 +6,6 @@
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
-use hdrhistogram::Histogram;
 use whirlstand_bridge::autopilot::{Begin, ardupilot, betaflight};
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, BridgeOptions};
 use whirlstand_bridge::mavlink::dialect::{
@@ -17,12 +16,10 @@ use whirlstand_bus::{Bus, Publisher, Subscriber, Transport};
 use whirlstand_msgs::{Command, Imu, Message, Truth, valid};
 
 use super::fleet::Fleet;
+use super::round_trips::{PERIOD, RoundTrips};
 use super::{BenchError, Figure, Member, Options, config};
 use crate::config::{Mode, Role};
 use crate::setup::Setup;
-
-/// Period of the loop, which Betaflight's pace must not be faster than.
-const PERIOD: Duration = Duration::from_millis(2);
 
 /// Bytes of an echoed datagram: those of ArduPilot's servo packet.
 const ECHO_BYTES: usize = 40;
@@ -36,28 +33,11 @@ const KINDS: [BridgeKind; 3] = [BridgeKind::Px4Hil, BridgeKind::ArdupilotJson, B
 /// Measures the echo, then each bridge.
 pub(super) fn autopilots(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let echo = echo(options)?;
-    let limit = 2.0 * micro(echo.value_at_quantile(0.5));
-    let mut figures = figures("bare UDP echo between two processes", &echo, None);
+    let mut figures = echo.figures("bare UDP echo between two processes", None);
     for kind in KINDS {
-        let latencies = bridge(options, kind)?;
-        figures.extend(self::figures(&format!("{kind}: bus to wire and back"), &latencies, Some(limit)));
+        figures.extend(bridge(options, kind)?.figures(&format!("{kind}: bus to wire and back"), Some(&echo)));
     }
     Ok(figures)
-}
-
-fn micro(ns: u64) -> f64 {
-    ns as f64 * 1e-3
-}
-
-fn figures(name: &str, latencies: &Histogram<u64>, goal: Option<f64>) -> Vec<Figure> {
-    let quantile = |q| micro(latencies.value_at_quantile(q));
-    [("p50", quantile(0.5), goal), ("p99", quantile(0.99), None), ("max", micro(latencies.max()), None)]
-        .map(|(which, value, goal)| Figure::lowest(format!("{name}, {which}"), "us", vec![value], goal))
-        .into()
-}
-
-fn histogram() -> Result<Histogram<u64>, BenchError> {
-    Histogram::new_with_bounds(1, 60_000_000_000, 3).map_err(|e| failed(&e))
 }
 
 fn failed(why: &dyn std::fmt::Display) -> BenchError {
@@ -92,7 +72,7 @@ pub(super) fn run_echo(port: u16) -> Result<(), BenchError> {
     }
 }
 
-fn echo(options: &Options) -> Result<Histogram<u64>, BenchError> {
+fn echo(options: &Options) -> Result<RoundTrips, BenchError> {
     let port = free_port()?;
     let _fleet = Fleet::start(options, [("the echo".to_string(), Member::Echo { port })])?;
     let socket = socket()?;
@@ -107,21 +87,10 @@ fn echo(options: &Options) -> Result<Histogram<u64>, BenchError> {
         }
     }
     socket.set_read_timeout(Some(PATIENCE)).map_err(process("set a time limit"))?;
-    let mut latencies = histogram()?;
-    let until = Instant::now() + Duration::from_secs_f64(options.seconds);
-    while Instant::now() < until {
-        let since = Instant::now();
+    RoundTrips::take(options.seconds, &mut |_| {
         socket.send(&buffer).and_then(|_| socket.recv(&mut buffer)).map_err(process("use the echo"))?;
-        latencies.saturating_record(since.elapsed().as_nanos() as u64);
-        pace(since);
-    }
-    Ok(latencies)
-}
-
-/// Until the next period, so that echo and bridge are used at the same rate.
-fn pace(since: Instant) {
-    let left = PERIOD.saturating_sub(since.elapsed());
-    std::thread::sleep(left);
+        Ok(())
+    })
 }
 
 /// The autopilot's side: sensors in, outputs back.
@@ -261,7 +230,7 @@ impl Standing {
     }
 }
 
-fn bridge(options: &Options, kind: BridgeKind) -> Result<Histogram<u64>, BenchError> {
+fn bridge(options: &Options, kind: BridgeKind) -> Result<RoundTrips, BenchError> {
     let (mut wire, bridge) = Wire::new(kind)?;
     let mut config = config(kind.name(), Transport::Iceoryx2, Mode::Realtime, u64::MAX)?;
     config.period_ns = PERIOD.as_nanos() as u64;
@@ -293,20 +262,15 @@ fn bridge(options: &Options, kind: BridgeKind) -> Result<Histogram<u64>, BenchEr
     // What was streamed before the run is not of it.
     while wire.answer().is_ok() {}
     wire.sensors.set_read_timeout(Some(PATIENCE)).map_err(process("set a time limit"))?;
-    let mut latencies = histogram()?;
-    let until = Instant::now() + Duration::from_secs_f64(options.seconds);
-    let mut step = 0;
-    while Instant::now() < until {
-        step += 1;
-        let since = Instant::now();
+    let latencies = RoundTrips::take(options.seconds, &mut |i| {
+        let step = u64::from(i) + 1;
         plant.publish(step)?;
         wire.answer()?;
-        if !plant.command(step, PATIENCE)? {
-            return Err(failed(&format!("{kind} gave no command for step {step}")));
+        if plant.command(step, PATIENCE)? {
+            return Ok(());
         }
-        latencies.saturating_record(since.elapsed().as_nanos() as u64);
-        pace(since);
-    }
+        Err(failed(&format!("{kind} gave no command for step {step}")))
+    })?;
     fleet.stop(kind.name());
     fleet.finish(kind.name())?;
     whirlstand_bus::remove_residue(&bench).map_err(|e| failed(&e))?;

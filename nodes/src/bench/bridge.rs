@@ -9,7 +9,6 @@ use std::net::UdpSocket;
 use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
 
-use hdrhistogram::Histogram;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use whirlstand_bridge::arming::ArmBy;
@@ -20,6 +19,7 @@ use whirlstand_bus::{Bus, Transport};
 use whirlstand_msgs::{Command, Imu, Message};
 use whirlstand_vehicle::Vehicle;
 
+use super::round_trips::{Exchange, PERIOD, RoundTrips};
 use super::{BenchError, Figure, Options, config};
 use crate::NodeError;
 use crate::bridge::link::{Address, Link};
@@ -28,33 +28,20 @@ use crate::config::{Mode, NodeConfig, Role};
 use crate::os::StopFlag;
 use crate::setup::Setup;
 
-/// Between two exchanges, the period of the measured loop.
-const PERIOD: Duration = Duration::from_millis(2);
-
-/// Exchanges before those that count.
-const WARM_UP: u32 = 100;
-
 /// Longest wait for an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
 const PATIENCE_S: f64 = PATIENCE.as_secs() as f64;
 
-/// A bridge may take this many times as long as the echo.
-const GOAL: f64 = 2.0;
-
-/// The bytes of one exchange: sends, and waits for the answer.
-type Exchange<'a> = dyn FnMut(u32) -> Result<(), BenchError> + 'a;
-
 pub(super) fn bridges(options: &Options) -> Result<Vec<Figure>, BenchError> {
-    let count = (options.seconds / PERIOD.as_secs_f64()) as u32;
     let mut figures = Vec::new();
     for measure in [mavlink, crsf_line] {
-        figures.extend(measure(count)?);
+        figures.extend(measure(options.seconds)?);
     }
     Ok(figures)
 }
 
-fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
-    let echo = udp_echo(count)?;
+fn mavlink(seconds: f64) -> Result<Vec<Figure>, BenchError> {
+    let echo = udp_echo(seconds)?;
     let place = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).map_err(failed("find a port"))?;
     let mavlink = serde_json::from_value(serde_json::json!({
         "link": format!("udpin://{place}"), "pace": "telemetry", "message_rate_hz": 0.0
@@ -99,12 +86,12 @@ fn mavlink(count: u32) -> Result<Vec<Figure>, BenchError> {
             }
         }
     };
-    let bridged = with_bridge(BridgeKind::Mavlink, options, count, &mut exchange)?;
+    let bridged = with_bridge(BridgeKind::Mavlink, options, seconds, &mut exchange)?;
     Ok(figures("mavlink", "UDP", &bridged, &echo))
 }
 
-fn crsf_line(count: u32) -> Result<Vec<Figure>, BenchError> {
-    let echo = pty_echo(count)?;
+fn crsf_line(seconds: f64) -> Result<Vec<Figure>, BenchError> {
+    let echo = pty_echo(seconds)?;
     let (wire, path) = pty()?;
     let link = format!("serial://{path}:{}", crsf::BAUD);
     let own = CrsfConfig { link, output_rate_hz: None, pace: Pace::Telemetry };
@@ -130,7 +117,7 @@ fn crsf_line(count: u32) -> Result<Vec<Figure>, BenchError> {
             }
         }
     };
-    let bridged = with_bridge(BridgeKind::Crsf, options, count, &mut exchange)?;
+    let bridged = with_bridge(BridgeKind::Crsf, options, seconds, &mut exchange)?;
     Ok(figures("crsf", "a pseudo-terminal", &bridged, &echo))
 }
 
@@ -146,30 +133,13 @@ fn asked(i: u32) -> (f64, u16) {
     ((f64::from(us) - 1500.0) / 500.0, us)
 }
 
-/// Makes the exchanges at the pace and takes their times.
-fn times(count: u32, exchange: &mut Exchange<'_>) -> Result<Histogram<u64>, BenchError> {
-    let mut times = Histogram::new_with_bounds(1, 60_000_000_000, 3)
-        .map_err(|e| BenchError::Member { who: "the histogram".into(), why: e.to_string() })?;
-    let mut due = Instant::now();
-    for i in 0..count + WARM_UP {
-        due = (due + PERIOD).max(Instant::now());
-        std::thread::sleep(due.saturating_duration_since(Instant::now()));
-        let start = Instant::now();
-        exchange(i)?;
-        if i >= WARM_UP {
-            times.saturating_record(start.elapsed().as_nanos() as u64);
-        }
-    }
-    Ok(times)
-}
-
 /// Runs the bridge, and a program on the bus that answers it, while the other end of the wire makes its exchanges.
 fn with_bridge(
     kind: BridgeKind,
     mut options: BridgeOptions,
-    count: u32,
+    seconds: f64,
     exchange: &mut Exchange<'_>,
-) -> Result<Histogram<u64>, BenchError> {
+) -> Result<RoundTrips, BenchError> {
     options.safety.arm = ArmBy::Start;
     options.safety.recover_after_s = Some(0.05);
     // A pause of a busy machine is a long latency here, and no failure.
@@ -185,7 +155,7 @@ fn with_bridge(
         let answering = scope.spawn(|| answer(&bench, &stop));
         let bridging = scope.spawn(|| run_vehicle(&bench, &bridge, &stop));
         let result = begin(exchange, || answering.is_finished() || bridging.is_finished())
-            .and_then(|()| times(count, exchange));
+            .and_then(|()| RoundTrips::take(seconds, exchange));
         stop.set();
         for (who, ended) in [
             ("the program on the bus", answering.join().map(|r| r.err())),
@@ -233,7 +203,7 @@ fn answer(bench: &NodeConfig, stop: &StopFlag) -> Result<(), NodeError> {
     Ok(())
 }
 
-fn udp_echo(count: u32) -> Result<Histogram<u64>, BenchError> {
+fn udp_echo(seconds: f64) -> Result<RoundTrips, BenchError> {
     let open = || UdpSocket::bind("127.0.0.1:0").map_err(failed("open a socket"));
     let (here, there) = (open()?, open()?);
     let place = there.local_addr().map_err(failed("open a socket"))?;
@@ -248,7 +218,7 @@ fn udp_echo(count: u32) -> Result<Histogram<u64>, BenchError> {
             }
         });
         let mut buffer = [0; 1024];
-        let result = times(count, &mut |i| {
+        let result = RoundTrips::take(seconds, &mut |i| {
             here.send(&[i as u8 | 1; 40]).map_err(failed("send"))?;
             here.recv(&mut buffer).map(drop).map_err(failed("wait for the echo"))
         });
@@ -257,7 +227,7 @@ fn udp_echo(count: u32) -> Result<Histogram<u64>, BenchError> {
     })
 }
 
-fn pty_echo(count: u32) -> Result<Histogram<u64>, BenchError> {
+fn pty_echo(seconds: f64) -> Result<RoundTrips, BenchError> {
     let (wire, path) = pty()?;
     // The raw settings of a link, without its bookkeeping.
     let address: Address = format!("serial://{path}:{}", crsf::BAUD)
@@ -279,7 +249,7 @@ fn pty_echo(count: u32) -> Result<Histogram<u64>, BenchError> {
             }
         });
         let mut buffer = [0; 256];
-        let result = times(count, &mut |_| {
+        let result = RoundTrips::take(seconds, &mut |_| {
             let mut left = rustix::io::write(&wire, &[0x55; 26]).map_err(|e| failed("send")(e.into()))?;
             while left > 0 {
                 left = left.saturating_sub(read_line(&wire, &mut buffer)?);
@@ -318,15 +288,8 @@ fn failed(what: &'static str) -> impl Fn(std::io::Error) -> BenchError {
     move |source| BenchError::Process { what: what.into(), source }
 }
 
-fn figures(name: &str, wire: &str, bridged: &Histogram<u64>, echo: &Histogram<u64>) -> Vec<Figure> {
-    let us = |h: &Histogram<u64>, q| h.value_at_quantile(q) as f64 * 1e-3;
-    let mut figures = Vec::new();
-    for (quantile, word) in [(0.5, "p50"), (0.99, "p99"), (1.0, "max")] {
-        let goal = (quantile == 0.5).then(|| GOAL * us(echo, 0.5));
-        let bare = format!("bare echo over {wire}, {word}");
-        figures.push(Figure::lowest(bare, "us", vec![us(echo, quantile)], None));
-        let ours = format!("{name} bridge, {wire} to bus and back, {word}");
-        figures.push(Figure::lowest(ours, "us", vec![us(bridged, quantile)], goal));
-    }
+fn figures(name: &str, wire: &str, bridged: &RoundTrips, echo: &RoundTrips) -> Vec<Figure> {
+    let mut figures = echo.figures(&format!("bare echo over {wire}"), None);
+    figures.extend(bridged.figures(&format!("{name}: {wire} to bus and back"), Some(echo)));
     figures
 }

@@ -10,6 +10,7 @@ mod cyclictest;
 mod fleet;
 mod member;
 mod realtime;
+mod round_trips;
 mod throughput;
 
 use std::collections::BTreeMap;

@@ -6,7 +6,6 @@
 
 use std::time::{Duration, Instant};
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use whirlstand_bridge::autopilot::{
     Autopilot, AutopilotConfig, AutopilotKind, Event, Outputs, Parts, Rc, Stage,
 };
@@ -17,7 +16,7 @@ use whirlstand_bridge::witness::{Language, Witness};
 
 use super::super::hil::links::Links;
 use super::super::hil::state::Flight;
-use super::super::link::{Address, Link, Received};
+use super::super::link::{Address, Link, Received, wait_for_bytes};
 use super::reaction::{self, Demands};
 use super::tilt::{self, AXES, RAMP, TILT};
 use super::{CheckOptions, Finding};
@@ -216,12 +215,8 @@ impl Check<'_> {
     }
 
     fn wait(&self) {
-        let left = self.due().saturating_duration_since(Instant::now());
-        let timeout = Timespec { tv_sec: 0, tv_nsec: left.subsec_nanos().into() };
-        let fds = self.links.fds().chain(self.telemetry.fd());
-        let mut fds: Vec<_> = fds.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)).collect();
-        // All outcomes mean the same: look again.
-        let _ = poll(&mut fds, Some(&timeout));
+        // Both outcomes mean the same: look again.
+        wait_for_bytes(self.links.fds().chain(self.telemetry.fd()), self.due(), Duration::ZERO);
     }
 
     /// What the autopilot says to its ground station.

@@ -8,6 +8,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use whirlstand_bridge::config::BridgeConfig;
+use whirlstand_bridge::sensors::wrapped;
 use whirlstand_bridge::vehicle::Group;
 use whirlstand_msgs::valid;
 
@@ -230,9 +231,4 @@ impl Check<'_> {
         });
         newest
     }
-}
-
-/// An angle between -pi and pi.
-fn wrapped(angle: f64) -> f64 {
-    angle.sin().atan2(angle.cos())
 }

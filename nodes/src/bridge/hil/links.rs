@@ -3,10 +3,9 @@
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, AutopilotKind};
 
-use crate::bridge::link::{Link, LinkEvent, LinkSender, Received};
+use crate::bridge::link::{Link, LinkEvent, LinkSender, Received, wait_for_bytes};
 use crate::error::NodeError;
 
 /// Longest datagram, and the most that is read from a stream at once.
@@ -103,16 +102,8 @@ impl Links {
         self.links.iter().filter_map(Link::fd)
     }
 
-    /// Waits until something comes, or until `until`; false when nothing came.
-    pub(in crate::bridge) fn wait(&self, until: Instant) -> bool {
-        let left = until.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            return false;
-        }
-        let fds = self.fds();
-        let mut fds: Vec<_> = fds.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)).collect();
-        let timeout = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: i64::from(left.subsec_nanos()) };
-        // An interrupted wait is looked at as if something had come.
-        !matches!(poll(&mut fds, Some(&timeout)), Ok(0))
+    /// Waits until something comes, or until `until`, awake for `look`; false when nothing came.
+    pub(in crate::bridge) fn wait(&self, until: Instant, look: Duration) -> bool {
+        wait_for_bytes(self.fds(), until, look)
     }
 }

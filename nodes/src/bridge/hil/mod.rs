@@ -41,6 +41,10 @@ const GIBBERISH: u64 = 200;
 /// How long the pilot's channels say at the end that they are disarmed: some of their periods.
 const FAREWELL: Duration = Duration::from_millis(100);
 
+/// Longest time awake for an answer: one of an autopilot on this machine that computes fast costs no wake-up then. At
+/// most so much, because a node of high priority must not starve the autopilot that it waits for.
+const LOOK: Duration = Duration::from_micros(50);
+
 /// The node.
 pub struct Hil {
     inbox: Inbox,
@@ -197,7 +201,7 @@ impl Hil {
         let until = Instant::now() + patience;
         loop {
             self.listen();
-            if self.autopilot.is_answered() || !self.links.wait(until) {
+            if self.autopilot.is_answered() || !self.links.wait(until, LOOK) {
                 return;
             }
         }
@@ -299,7 +303,7 @@ impl Hil {
         while Instant::now() < until {
             self.sense(1);
             let next = Instant::now() + self.period;
-            while self.links.wait(next) {
+            while self.links.wait(next, Duration::ZERO) {
                 self.listen();
             }
         }

@@ -5,6 +5,7 @@
 
 mod address;
 mod serial;
+mod wait;
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -14,6 +15,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 pub use address::{Address, AddressError};
+pub use wait::wait_for_bytes;
 
 /// Between two attempts to open a link.
 pub const RETRY: Duration = Duration::from_millis(200);

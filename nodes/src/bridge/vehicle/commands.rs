@@ -1,24 +1,19 @@
-//! The thread that puts commands on the wire as they come.
+//! The thread that puts commands on the wire as they come, where the other is not awake for them.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use whirlstand_bus::{Bus, Subscriber};
-use whirlstand_msgs::{Command, Estimate, MAX_STATES};
+use whirlstand_bus::Bus;
 
-use super::wires::{Core, lock};
+use super::ears::{Counts, Ear, Ears};
+use super::wires::Core;
 use crate::config::{NodeConfig, Role};
 use crate::error::NodeError;
-use crate::gate::Fault;
 use crate::os::StopFlag;
-use crate::ports::receive;
 use crate::setup::Setup;
-
-/// Queue for commands and estimates; one of each is awaited at a time.
-const DEPTH: usize = 16;
 
 /// Longest sleep, after which the request to end is looked at.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
@@ -29,12 +24,6 @@ pub(super) struct Commands {
     stop: StopFlag,
     counts: Arc<Counts>,
     locators: Vec<String>,
-}
-
-#[derive(Default)]
-struct Counts {
-    lost: AtomicU64,
-    refused: AtomicU64,
 }
 
 impl Commands {
@@ -63,8 +52,7 @@ impl Commands {
                         Ok(bus) => bus,
                         Err(e) => return Err(e.into()),
                     };
-                    let mut ears =
-                        Ears { commands: bus.subscriber(DEPTH)?, estimates: bus.subscriber(DEPTH)? };
+                    let mut ears = Ears::open(&bus, Ear::Commands)?;
                     // Nobody waits any more when the starting thread has failed.
                     let _ = ready.send(bus.locators().to_vec());
                     while !own.is_set() && !stop.is_set() {
@@ -87,6 +75,11 @@ impl Commands {
     /// Endpoints on which the thread listens.
     pub fn locators(&self) -> &[String] {
         &self.locators
+    }
+
+    /// What it counts.
+    pub fn counts(&self) -> &Counts {
+        &self.counts
     }
 
     /// Commands and estimates that were lost on the way.
@@ -126,52 +119,5 @@ impl Drop for Commands {
             // Its error was told by `check`, or does not matter at the end.
             let _ = thread.join();
         }
-    }
-}
-
-struct Ears {
-    commands: Subscriber<Command>,
-    estimates: Subscriber<Estimate>,
-}
-
-impl Ears {
-    fn listen(&mut self, core: &Mutex<Core>, counts: &Counts) -> Result<(), NodeError> {
-        let mut refused = 0;
-        while let Some(estimate) = receive(&mut self.estimates, &mut refused)? {
-            let states = (estimate.count as usize).min(MAX_STATES);
-            let mut core = lock(core);
-            let now = core.now();
-            core.vehicle.estimate(&estimate.x[..states], estimate.nis, estimate.dof, now);
-        }
-        while let Some(command) = receive(&mut self.commands, &mut refused)? {
-            obey(&mut lock(core), &command);
-            counts.lost.store(self.commands.lost() + self.estimates.lost(), Ordering::Relaxed);
-        }
-        if refused > 0 {
-            counts.refused.fetch_add(refused, Ordering::Relaxed);
-        }
-        Ok(())
-    }
-}
-
-fn obey(core: &mut Core, command: &Command) {
-    let Some(awaited) = core.awaited else { return };
-    let now = core.now();
-    match core.gate.offer(command, awaited) {
-        Ok(()) | Err(Fault::OutOfRange) => {
-            if let Some(accepted) = core.gate.accepted() {
-                let count = command.count as usize;
-                core.vehicle.command(&accepted.u[..count], now);
-                core.flush();
-                // The answer to step 0 waits for a whole bench to get ready.
-                core.latency = (awaited > 0).then(|| core.published.elapsed());
-            }
-        }
-        // It is refused, and the controller is no longer believed.
-        Err(Fault::NotFinite) => {
-            core.vehicle.command(&[f64::NAN], now);
-            core.flush();
-        }
-        Err(Fault::WrongCount | Fault::Stale | Fault::Early | Fault::Repeated) => {}
     }
 }

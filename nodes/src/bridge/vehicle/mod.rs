@@ -1,12 +1,13 @@
 //! A real vehicle in the plant's place.
 //!
-//! Two threads: this one waits for bytes and deadlines, publishes the measurements and keeps the steps; the other waits
-//! for commands on the bus and puts them on the wire as they come. Between them is the [`Core`], behind a lock that is
-//! held for microseconds. A command is sent at once: the period of latency that the law accounts for is spent on
+//! Two threads: this one waits for bytes and deadlines, publishes the measurements and keeps the steps, and stays awake a
+//! little for the answer; the other waits for commands on the bus and puts those on the wire that come later. Between
+//! them is the [`Core`], behind a lock that is held for microseconds. A command is sent at once: the period of latency that the law accounts for is spent on
 //! the way to the vehicle. What is late, early, repeated or not finite is refused by the same gate as in the
 //! simulated plant.
 
 mod commands;
+mod ears;
 #[cfg(feature = "gamepad")]
 mod gamepad;
 mod needs;
@@ -30,11 +31,16 @@ use crate::peers::Peers;
 use crate::process::get_ready;
 use crate::setup::Setup;
 use commands::Commands;
+use ears::{Ear, Ears};
 use needs::read_key;
 use wires::{Core, Wires, lock};
 
 /// Longest sleep: a request to end that comes just before the sleep is noticed after it.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
+
+/// Longest time awake for the command that answers a measurement: that of a controller that computes fast costs no
+/// wake-up then. At most so much, because a node of high priority must not starve the controller that it waits for.
+const AWAKE: Duration = Duration::from_micros(50);
 
 /// Repetition of an unanswered step 0.
 const REPEAT: Duration = Duration::from_millis(200);
@@ -80,6 +86,7 @@ struct VehicleNode {
     last_imu: Imu,
     told_failsafe: bool,
     commands: Commands,
+    ears: Ears,
 }
 
 /// Runs the bridge in the plant's place until the last step, or until `stop` asks for the end.
@@ -99,6 +106,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
     let commands = Commands::start(config, core.clone(), stop.clone())?;
     let bus = Bus::open(&Setup::bus_config(config, Role::Plant))?;
     let imu = bus.publisher()?;
+    let ears = Ears::open(&bus, Ear::Measurements)?;
     let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
     let peers = Peers::open(&bus, Role::Plant, config.peers.clone())?;
     let now = Instant::now();
@@ -122,6 +130,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
         last_imu: whirlstand_msgs::Message::zeroed(),
         told_failsafe: false,
         commands,
+        ears,
     };
     get_ready(Role::Plant, config, &bus, node.commands.locators())?;
     let result = node.run(stop);
@@ -180,6 +189,7 @@ impl VehicleNode {
                 Phase::Looping => {
                     if self.is_due(now, fresh) {
                         self.advance(now)?;
+                        self.await_command()?;
                         if self.step == self.steps {
                             self.phase = Phase::Ending { until: now + self.period * 2 };
                         }
@@ -304,6 +314,18 @@ impl VehicleNode {
         self.overruns += u64::from(late);
         self.due += self.period * (late + 1);
         Ok(())
+    }
+
+    /// Stays awake for the command that answers the step that was just published.
+    fn await_command(&mut self) -> Result<(), NodeError> {
+        let until = Instant::now() + AWAKE.min(self.period / 20);
+        loop {
+            self.ears.listen(&self.core, self.commands.counts())?;
+            if lock(&self.core).gate.is_ready() || Instant::now() >= until {
+                return Ok(());
+            }
+            std::hint::spin_loop();
+        }
     }
 
     /// Waits for bytes, or until something is due.

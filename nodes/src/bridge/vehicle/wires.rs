@@ -3,11 +3,11 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, PilotSource};
 use whirlstand_bridge::vehicle::{Port, Vehicle};
 
-use super::super::link::{Address, Link, LinkEvent, LinkSender, Received};
+use super::super::link::{Address, Link, LinkEvent, LinkSender, Received, wait_for_bytes};
+use super::ears::Heard;
 use crate::error::NodeError;
 use crate::gate::Gate;
 
@@ -27,6 +27,8 @@ pub(in crate::bridge) struct Core {
     pub published: Instant,
     /// How long the command of that step took.
     pub latency: Option<Duration>,
+    /// Messages that one of the two threads has heard.
+    pub(super) heard: Heard,
     senders: Vec<(Port, LinkSender)>,
     origin: Instant,
 }
@@ -116,7 +118,16 @@ impl Wires {
     /// What both threads share.
     pub fn core(&self, vehicle: Vehicle, gate: Gate, origin: Instant) -> Core {
         let senders = self.links.iter().map(|(port, link)| (*port, link.sender())).collect();
-        Core { vehicle, gate, awaited: None, published: origin, latency: None, senders, origin }
+        Core {
+            vehicle,
+            gate,
+            awaited: None,
+            published: origin,
+            latency: None,
+            heard: Heard::default(),
+            senders,
+            origin,
+        }
     }
 
     /// Waits for bytes, for at most `limit`, or until a link that is down is to be tried again.
@@ -124,11 +135,8 @@ impl Wires {
         let now = Instant::now();
         let retry = self.links.iter().filter_map(|(_, link)| link.retry_at());
         let left = retry.fold(limit, |left, at| left.min(at.saturating_duration_since(now)));
-        let timeout = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
-        let fds: Vec<_> = self.links.iter().filter_map(|(_, link)| link.fd()).collect();
-        let mut polled: Vec<_> = fds.iter().map(|fd| PollFd::new(fd, PollFlags::IN)).collect();
-        // All outcomes, a signal among them, mean the same: look again.
-        let _ = poll(&mut polled, Some(&timeout));
+        // Both outcomes mean the same: look again.
+        wait_for_bytes(self.links.iter().filter_map(|(_, link)| link.fd()), now + left, Duration::ZERO);
     }
 
     /// Opens what is down, and takes in what came. Returns whether a new attitude came.

@@ -1,0 +1,58 @@
+//! Round trips at a steady pace, and how long they take.
+
+use std::time::{Duration, Instant};
+
+use hdrhistogram::Histogram;
+
+use super::{BenchError, Figure};
+use crate::os::{MonotonicTime, sleep_until};
+
+/// Between two round trips: the period of the measured loop. Betaflight's pace must not be faster.
+pub(super) const PERIOD: Duration = Duration::from_millis(2);
+
+/// Round trips before those that count.
+const WARM_UP: u32 = 100;
+
+/// A bridge may take this many times as long as the bare echo beside it.
+const GOAL: f64 = 2.0;
+
+/// One round trip: sends, and waits for the answer. It hears its number.
+pub(super) type Exchange<'a> = dyn FnMut(u32) -> Result<(), BenchError> + 'a;
+
+/// How long each of many round trips took.
+pub(super) struct RoundTrips(Histogram<u64>);
+
+impl RoundTrips {
+    /// Makes round trips for so long, s.
+    pub(super) fn take(seconds: f64, exchange: &mut Exchange<'_>) -> Result<Self, BenchError> {
+        let mut times = Histogram::new_with_bounds(1, 60_000_000_000, 3)
+            .map_err(|e| BenchError::Member { who: "the histogram".into(), why: e.to_string() })?;
+        let count = (seconds / PERIOD.as_secs_f64()).ceil().max(1.0) as u32;
+        let mut due = MonotonicTime::now();
+        for i in 0..count.saturating_add(WARM_UP) {
+            sleep_until(due, || false);
+            let start = Instant::now();
+            let period_ns = PERIOD.as_nanos() as u64;
+            let next = MonotonicTime::now().0 + period_ns;
+            exchange(i)?;
+            // After a late one nobody hurries to catch up: a bridge may hold back what comes too soon.
+            due = MonotonicTime(next.max(MonotonicTime::now().0 + period_ns / 2));
+            if i >= WARM_UP {
+                times.saturating_record(start.elapsed().as_nanos() as u64);
+            }
+        }
+        Ok(Self(times))
+    }
+
+    /// p50, p99 and max; the p50 of a bridge has a goal by that of the `echo`.
+    pub(super) fn figures(&self, name: &str, echo: Option<&Self>) -> Vec<Figure> {
+        let goal = echo.map(|echo| GOAL * echo.us(0.5));
+        [("p50", 0.5, goal), ("p99", 0.99, None), ("max", 1.0, None)]
+            .map(|(word, q, goal)| Figure::lowest(format!("{name}, {word}"), "us", vec![self.us(q)], goal))
+            .into()
+    }
+
+    fn us(&self, quantile: f64) -> f64 {
+        self.0.value_at_quantile(quantile) as f64 * 1e-3
+    }
+}
