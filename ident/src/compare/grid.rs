@@ -34,10 +34,16 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
         };
         record = std::borrow::Cow::Owned(record.into_owned().with_sample_period(period_s));
     }
+    let even = (record.time_unit == "s").then(|| even_period(&record.time)).flatten();
+    let even = even.filter(|own| options.period_s.is_none_or(|wanted| (wanted / own - 1.0).abs() < 1e-4));
     if options.from_s.is_some() || options.until_s.is_some() {
         let (from, until) =
             (options.from_s.unwrap_or(f64::NEG_INFINITY), options.until_s.unwrap_or(f64::INFINITY));
         record = std::borrow::Cow::Owned(record.between(from, until));
+    }
+    if let Some(period_s) = even {
+        // On an even clock the samples are taken as they are: stamps that were rounded must not smear them.
+        straighten(record.to_mut(), period_s);
     }
     let inputs =
         vehicle.inputs.iter().map(|i| record.signal(&i.name)).collect::<Result<Vec<_>, MissingSignal>>()?;
@@ -53,7 +59,7 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
     }
     let steps: Vec<f64> = record.time.windows(2).map(|t| t[1] - t[0]).collect();
     let own = median(&steps);
-    let period_s = options.period_s.unwrap_or(own);
+    let period_s = even.or(options.period_s).unwrap_or(own);
     let points =
         if own > 0.0 { (record.duration() / period_s * (1.0 + 1e-12)).floor() as usize + 1 } else { 0 };
     if points < 16 {
@@ -85,6 +91,26 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
         uneven: steps.iter().filter(|s| (*s - own).abs() > 0.5 * own).count() as f64
             / steps.len().max(1) as f64,
     })
+}
+
+/// The period of a clock whose stamps are even but for rounding; `None` when there are gaps or jitter.
+fn even_period(time: &[f64]) -> Option<f64> {
+    let (first, last) = (time.first()?, time.last()?);
+    let mean = (last - first) / (time.len().checked_sub(1).filter(|n| *n > 0)? as f64);
+    // A clock is given with some six digits: 0.0016384 s, not 0.00163840001.
+    let digits = 10f64.powi(7 - mean.log10().ceil() as i32);
+    let rounded = (mean * digits).round() / digits;
+    let tolerance = 0.25 * mean;
+    let even =
+        |period: f64| time.iter().enumerate().all(|(k, t)| (t - first - k as f64 * period).abs() < tolerance);
+    [rounded, mean].into_iter().find(|p| even(*p))
+}
+
+/// Puts a record on an exactly even clock.
+fn straighten(record: &mut Record, period_s: f64) {
+    if let Some(first) = record.time.first().copied() {
+        record.time.iter_mut().enumerate().for_each(|(k, t)| *t = first + k as f64 * period_s);
+    }
 }
 
 /// What a held signal is on average over `[t, t + period)`: exact for a zero-order hold. Before the first value: 0.
@@ -168,6 +194,39 @@ mod tests {
         let (a, b) = (coarse.iter().sum::<f64>() * 0.05, u.iter().sum::<f64>() * 0.01);
         assert!((a - b).abs() < 1e-9, "{a} {b}");
         assert_eq!(held(&time, &u, &time, 0.01).iter().map(|v| v.round()).collect::<Vec<_>>(), u);
+    }
+
+    #[test]
+    fn a_clock_that_was_rounded_is_even_and_one_with_a_gap_is_not() {
+        let rounded: Vec<f64> = (0..2000).map(|k| (k as f64 * 0.0016384 * 1e4).round() / 1e4).collect();
+        assert!((even_period(&rounded).unwrap() - 0.0016384).abs() < 1e-7);
+        let mut gap = rounded.clone();
+        gap[1000..].iter_mut().for_each(|t| *t += 0.1);
+        assert_eq!(even_period(&gap), None);
+    }
+
+    #[test]
+    fn rounded_stamps_of_an_even_clock_do_not_smear_the_samples() {
+        let period_s = 0.0016384;
+        let rounded = |k: usize| ((100.0 + k as f64 * period_s) * 1e4).round() / 1e4;
+        let mut csv = "t[s],u_roll,u_pitch,roll[deg]\n".to_string();
+        for k in 0..400 {
+            csv.push_str(&format!("{},{},0,{}\n", rounded(k), (k % 5) as f64, (k % 7) as f64));
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.csv");
+        std::fs::write(&path, csv).unwrap();
+        let record = whirlstand_logs::read(&path, &[]).unwrap();
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let options = CompareOptions { from_s: Some(100.1), ..CompareOptions::default() };
+        let grid = grid(&record, &vehicle, &options).unwrap();
+        let first = record.time.iter().position(|t| *t >= 100.1).unwrap();
+        assert!((grid.period_s - period_s).abs() < 1e-6, "{}", grid.period_s);
+        for (k, value) in grid.measured[0].iter().enumerate() {
+            let expected = ((first + k) % 7) as f64;
+            assert!((value.to_degrees() - expected).abs() < 1e-9, "{k}: {value}");
+            assert_eq!(grid.inputs[2 * k], ((first + k) % 5) as f64);
+        }
     }
 
     #[test]

@@ -42,20 +42,6 @@ impl Segment {
         for (name, _) in vehicle.fit.iter().filter(|(_, weight)| *weight > 0.0) {
             record.signal(name).map_err(CompareError::from)?;
         }
-        let own = even_period(&record.time);
-        let as_it_is = record.time_unit == "s"
-            && own.is_some_and(|own| period_s.is_none_or(|wanted| (wanted / own - 1.0).abs() < 1e-4));
-        // On an even clock the samples are taken as they are: stamps that were rounded must not smear them.
-        let straight;
-        let record = match (own, as_it_is) {
-            (Some(own), true) => {
-                straight = straightened(record, own, from_s, until_s);
-                &straight
-            }
-            _ => record,
-        };
-        let period_s = if as_it_is { own } else { period_s };
-        let (from_s, until_s) = if as_it_is { (None, None) } else { (from_s, until_s) };
         let options = CompareOptions { period_s, from_s, until_s, ..CompareOptions::default() };
         let grid = grid(record, vehicle, &options)?;
         let (m, p, steps) = (vehicle.inputs.len(), vehicle.outputs.len(), grid.t.len());
@@ -134,28 +120,6 @@ impl Segment {
     }
 }
 
-/// The period of a clock whose stamps are even but for rounding; `None` when there are gaps or jitter.
-fn even_period(time: &[f64]) -> Option<f64> {
-    let (first, last) = (time.first()?, time.last()?);
-    let mean = (last - first) / (time.len().checked_sub(1).filter(|n| *n > 0)? as f64);
-    // A clock is given with some six digits: 0.0016384 s, not 0.00163840001.
-    let digits = 10f64.powi(7 - mean.log10().ceil() as i32);
-    let rounded = (mean * digits).round() / digits;
-    let tolerance = 0.25 * mean;
-    let even =
-        |period: f64| time.iter().enumerate().all(|(k, t)| (t - first - k as f64 * period).abs() < tolerance);
-    [rounded, mean].into_iter().find(|p| even(*p))
-}
-
-/// The part of a record on an exactly even clock.
-fn straightened(record: &Record, period_s: f64, from_s: Option<f64>, until_s: Option<f64>) -> Record {
-    let mut part = record.between(from_s.unwrap_or(f64::NEG_INFINITY), until_s.unwrap_or(f64::INFINITY));
-    if let Some(first) = part.time.first().copied() {
-        part.time.iter_mut().enumerate().for_each(|(k, t)| *t = first + k as f64 * period_s);
-    }
-    part
-}
-
 /// Cuts segments into pieces of at most `steps` steps, each with an initial state of its own.
 pub fn pieces(segments: &[Segment], steps: usize) -> Vec<Segment> {
     let mut all = Vec::new();
@@ -208,14 +172,5 @@ mod tests {
         let nan = f64::NAN;
         assert_eq!(filled(&[nan, 1.0, nan, nan, 4.0, nan]), [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
         assert_eq!(filled(&[nan, nan]), [0.0, 0.0]);
-    }
-
-    #[test]
-    fn a_clock_that_was_rounded_is_even_and_one_with_a_gap_is_not() {
-        let rounded: Vec<f64> = (0..2000).map(|k| (k as f64 * 0.0016384 * 1e4).round() / 1e4).collect();
-        assert!((even_period(&rounded).unwrap() - 0.0016384).abs() < 1e-7);
-        let mut gap = rounded.clone();
-        gap[1000..].iter_mut().for_each(|t| *t += 0.1);
-        assert_eq!(even_period(&gap), None);
     }
 }

@@ -15,7 +15,7 @@ use clap::{Args, ValueEnum};
     whirlstand blind --trials 100 --seed 1\n  \
     whirlstand blind --trials 50 --vehicle mine.toml --input out/excite/inputs.csv --kinds single --out out/blind\n  \
     whirlstand blind --only 1000017 --keep out/trial\n\n\
-    Exit code 1 when a goal is missed.")]
+    Exit code 1 when a goal is missed. Ctrl-C ends a run early: what was done by then counts; exit code 130.")]
 pub(crate) struct BlindArgs {
     /// Number of trials.
     #[arg(long, value_name = "N", default_value_t = 100)]

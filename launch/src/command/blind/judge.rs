@@ -2,10 +2,11 @@
 
 use std::fs::File;
 use std::io::Write;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
@@ -84,18 +85,23 @@ impl Judge {
         })
     }
 
-    /// Runs all plans, `jobs` at a time; the trials, and how many plans could not be drawn.
+    /// Runs all plans, `jobs` at a time, until `stop` is set: what has begun then comes to its end. The trials, and how
+    /// many plans could not be drawn.
     pub fn run(
         &self,
         plans: &[Plan],
         setting: &Setting,
         jobs: usize,
         bar: &ProgressBar,
+        stop: &AtomicBool,
     ) -> Result<(Vec<Scored>, usize), Failure> {
         let next = AtomicUsize::new(0);
         let trials = Mutex::new((Vec::new(), 0usize, 0usize));
         let worker = || -> Result<(), Failure> {
             while let Some(plan) = plans.get(next.fetch_add(1, Ordering::Relaxed)) {
+                if stop.load(Ordering::Relaxed) {
+                    break;
+                }
                 let scored = self.trial(plan, setting).inspect_err(|_| {
                     // The others need not go on.
                     next.store(plans.len(), Ordering::Relaxed);
@@ -166,6 +172,8 @@ impl Judge {
             .args(["diagnose", "trial.csv", "--vehicle", "nominal.toml", "--json", "diagnosis.json"])
             .current_dir(folder)
             .env("NO_COLOR", "1")
+            // Ctrl-C on a terminal is for the whole run, which lets the trials that have begun come to their end.
+            .process_group(0)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(words);

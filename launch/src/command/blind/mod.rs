@@ -4,8 +4,11 @@ mod judge;
 
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use signal_hook::consts::{SIGINT, SIGTERM};
 use whirlstand_ident::blind::{Case, Commands, Plan, Setting, TRIALS_PER_SEED, Tally};
 use whirlstand_vehicle::Kind;
 
@@ -16,7 +19,10 @@ use crate::cli::{BlindArgs, BlindCase};
 use crate::error::Failure;
 use crate::style;
 
-/// Runs the command; exit code 1 when a goal is missed.
+/// Exit code of a run that was interrupted, as shells have it.
+const INTERRUPTED: u8 = 130;
+
+/// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: what was done by then is told.
 pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     let setting = setting(args)?;
     let plans = plans(args)?;
@@ -28,11 +34,22 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     let bar = ProgressBar::new(plans.len() as u64);
     let template = ProgressStyle::with_template("{bar:24.cyan/dim} {pos}/{len} trials  {elapsed}  {msg}");
     bar.set_style(template.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let results = judge.run(&plans, &setting, jobs, &bar);
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::run)?;
+    }
+    let results = judge.run(&plans, &setting, jobs, &bar, &stop);
     bar.finish_and_clear();
     let (trials, skipped) = results?;
-    let tally = Tally::new(call(args), trials, skipped);
-    report(args, &tally)
+    let done = trials.len() + skipped;
+    let cut = (done < plans.len()).then(|| format!(" (interrupted after {done})"));
+    let tally = Tally::new(format!("{}{}", call(args), cut.as_deref().unwrap_or_default()), trials, skipped);
+    let code = report(args, &tally)?;
+    if cut.is_some() {
+        eprintln!("interrupted: {done} of {} trials were done, and count above", plans.len());
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    Ok(code)
 }
 
 fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
