@@ -271,7 +271,7 @@ pub fn log_likelihood(
             now[order + c] = residual[range.start + k];
         }
         next.gemv(1.0, &step, &now, 0.0);
-        if k >= MOST {
+        if k >= MOST && data.channels.iter().all(|c| c.good[k]) {
             let square: f64 = next.rows(order, p).norm_squared();
             sum -= 0.5 * (update.log_det + square);
         }

@@ -35,6 +35,7 @@ mod surveys;
 mod text;
 pub mod tones;
 mod turbulent;
+mod twins;
 mod whittle;
 mod words;
 

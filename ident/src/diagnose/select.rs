@@ -5,10 +5,11 @@ use whirlstand_vehicle::Kind;
 use super::adequacy::Lack;
 use super::judge::{ALIKE, Judgement, LEAST_BIC, Rival, Weight, judge, rivals};
 use super::library::Candidate;
-use super::model::{Fit, Model};
+use super::model::{Effort, Fit, Model};
 use super::noise::Noise;
-use super::survey::{Scene, TONE, Trial, fitted};
+use super::survey::{Scene, Trial, fitted, joined};
 use super::surveys::Surveys;
+use super::twins::{lead, yields};
 
 /// Causes that are named, at most.
 pub const MOST: usize = 5;
@@ -53,7 +54,7 @@ pub fn select<'r, 'd>(
     noise: Option<&Noise>,
     begin: &[(Candidate, Vec<f64>)],
 ) -> Option<Selection<'r, 'd>> {
-    let states = model.states();
+    let (states, data) = (model.states(), model.runner.data);
     let mut start = vec![0.0; states];
     start.extend(model.free.iter().map(|f| model.runner.vehicle.free_value(&f.target)));
     let null = model.fit(start.clone(), noise, None)?;
@@ -110,9 +111,9 @@ pub fn select<'r, 'd>(
                 let rivals = rivals(&reduced, &without, &own, &trials);
                 let better = rivals
                     .iter()
-                    .find(|r| r.gap < -ahead(&own.candidate, &r.candidate))
+                    .find(|r| yields(own.candidate.kind, r.candidate.kind, r.gap, data))
                     .filter(|_| exchanges < EXCHANGES);
-                let trial = better.and_then(|r| fitted(&reduced, &without, &r.candidate, r.values.clone()));
+                let trial = better.and_then(|r| in_its_place(&reduced, &without, &own, r));
                 let judged = trial.map(|t| (judge(&reduced, &without, &t, hypotheses), t));
                 if let Some((Judgement::Accepted(_), Trial { candidate, fit: Some(better), .. })) = judged {
                     exchanges += 1;
@@ -218,11 +219,20 @@ fn own_trial(
     fitted(reduced, without, &model.terms[term], fit.values[model.range(term)].to_vec())
 }
 
+/// A rival in a cause's place: the other values start where the cause has left them.
+fn in_its_place(reduced: &Model<'_, '_>, without: &Fit, own: &Trial, rival: &Rival) -> Option<Trial> {
+    let fit = own.fit.as_ref()?;
+    let others = fit.values.len() - own.candidate.tunables.len();
+    let values = fit.values[..others].iter().chain(&rival.values).copied().collect();
+    joined(reduced, without, &rival.candidate, values, Effort::Full)
+}
+
 /// Exchanges terms for better ones beside the others, and drops those that the others do without.
 fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>, surveys: &mut Surveys) {
     if model.terms.len() < 2 {
         return;
     }
+    let data = model.runner.data;
     let likely = surveys.likely(scene.library);
     let scene = &Scene { library: &likely, ..*scene };
     // The newest was the best beside the others already.
@@ -234,7 +244,7 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>, surveys
         let best = surveys.survey(&reduced, &without, scene).into_iter().find(|t| t.fit.is_some());
         match best {
             Some(best)
-                if best.delta_bic > own_bic + ahead(&model.terms[term], &best.candidate)
+                if best.delta_bic > own_bic + lead(model.terms[term].kind, best.candidate.kind, data)
                     && best.delta_bic > LEAST_BIC =>
             {
                 let Some(better) = best.fit else { return };
@@ -250,11 +260,6 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>, surveys
         }
         term += 1;
     }
-}
-
-/// By how much a rival must be better to take a cause's place.
-fn ahead(own: &Candidate, rival: &Candidate) -> f64 {
-    if (own.kind, rival.kind) == (Kind::Vibration, Kind::PeriodicDisturbance) { TONE } else { 1.0 }
 }
 
 /// True for what happens once.

@@ -55,7 +55,8 @@ impl Turbulence {
 ///
 /// `None` when the record is too short, or the vehicle has no such motion.
 pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Option<Turbulence> {
-    let data = model.runner.data;
+    // Where one channel has no value, what fills it is as smooth as nothing measured is: such rows count nowhere.
+    let data = &complete_rows(model.runner.data)?;
     let profile = &Noise::fit(data, residual);
     let noise = &profile.noise.channels;
     let cross = cross(data, residual)?;
@@ -79,6 +80,28 @@ pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Op
         })
         .collect();
     refined(data, &vehicle, residual, profile, fits)
+}
+
+/// Share of rows that must have all channels.
+const COMPLETE: f64 = 0.7;
+
+/// The record with only those samples counted whose row is complete; `None` when too few are. Channels that are not as
+/// fast as the record are left as they are.
+fn complete_rows(data: &Data) -> Option<Data> {
+    let mut whole = data.clone();
+    let every = |c: &super::data::Channel| c.stride == 1 && c.first == 0;
+    let rows = data.channels.iter().map(|c| c.good.len()).min()?;
+    let good: Vec<bool> =
+        (0..rows).map(|k| data.channels.iter().filter(|c| every(c)).all(|c| c.good[k])).collect();
+    if (good.iter().filter(|g| **g).count() as f64) < COMPLETE * rows as f64 {
+        return None;
+    }
+    for channel in whole.channels.iter_mut().filter(|c| every(c)) {
+        channel.good.truncate(rows);
+        channel.good.iter_mut().zip(&good).for_each(|(own, all)| *own &= all);
+        channel.good.resize(channel.values.len(), false);
+    }
+    Some(whole)
 }
 
 /// States whose fit is refined by the exact likelihood: the best of Whittle's.

@@ -9,6 +9,7 @@ use super::model::{Effort, Fit, Model};
 use super::noise::Noise;
 use super::responses::Responses;
 use super::screen::Frame;
+use super::twins::{simpler, single};
 use super::{events, tones};
 
 /// Candidates that are fitted a few steps, at most.
@@ -16,12 +17,6 @@ const GLANCED: usize = 12;
 /// Candidates that are fitted to their optimum, at most, and how far in BIC behind the best of them.
 const FITTED: usize = 5;
 const BEHIND: f64 = 40.0;
-/// Difference in BIC up to which two causes are the same thing.
-const SAME: f64 = 0.5;
-/// The same with one input and one output, where no record tells them apart but by its first samples.
-const ALONE: f64 = 6.0;
-/// The same for a tone of a force and one of a sensor.
-pub const TONE: f64 = 3.0;
 /// Score of a transition whose time is still far off, at most.
 const UNSURE: f64 = 100.0;
 /// Gain in BIC below which the first look leaves no hope that a fit would be accepted.
@@ -168,26 +163,33 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         let fitted = |t: &Trial| t.fit.is_some();
         fitted(&b.0).cmp(&fitted(&a.0)).then(b.0.delta_bic.total_cmp(&a.0.delta_bic))
     });
-    // With one input and one output, a delay of the one is a delay of the other: then it is the input's. A tone that no
-    // other output follows is the sensor's.
-    let same = if data.m == 1 && data.channels.len() == 1 { ALONE } else { SAME };
-    let twin = |kind: Kind| match kind {
-        Kind::SensorDelay => Some((Kind::InputDelay, same)),
-        Kind::SensorLag => Some((Kind::ActuatorLag, same)),
-        Kind::SensorScale => Some((Kind::InputGain, same)),
-        Kind::PeriodicDisturbance => Some((Kind::Vibration, TONE)),
-        _ => None,
-    };
-    if let Some((first, _)) = trials.first()
-        && let Some((kind, same)) = twin(first.candidate.kind)
-        && let Some(i) = trials.iter().position(|(t, _)| t.candidate.kind == kind)
+    twin_first(model, fit, scene, &mut trials);
+    let mut names = std::collections::HashSet::new();
+    trials.into_iter().map(|(trial, _)| trial).filter(|t| names.insert(t.candidate.name())).collect()
+}
+
+/// Where the best is the same thing as something simpler, that comes first. With one input and one output, a delay of the
+/// one is a delay of the other: then it is the input's. A tone that no other output follows is the sensor's.
+fn twin_first(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>, trials: &mut Vec<(Trial, Vec<f64>)>) {
+    let data = model.runner.data;
+    let Some((first, _)) = trials.first() else { return };
+    let Some((kind, same)) = simpler(first.candidate.kind, data) else { return };
+    // On coarse samples the likelihood of a delay has humps: the twin starts where the best has ended.
+    let again = first.fit.as_ref().filter(|_| single(data) && kind != Kind::Vibration).and_then(|best| {
+        let candidate = scene.library.iter().find(|c| c.kind == kind)?;
+        joined(model, fit, candidate, best.values.clone(), Effort::Full)
+    });
+    let bic = first.delta_bic;
+    if let Some(again) = again.filter(|t| bic - t.delta_bic < same) {
+        let start = again.candidate.starts[0].clone();
+        trials.retain(|(t, _)| t.candidate.kind != kind);
+        trials.insert(0, (again, start));
+    } else if let Some(i) = trials.iter().position(|(t, _)| t.candidate.kind == kind)
         && trials[i].0.fit.is_some()
-        && first.delta_bic - trials[i].0.delta_bic < same
+        && bic - trials[i].0.delta_bic < same
     {
         trials[..=i].rotate_right(1);
     }
-    let mut names = std::collections::HashSet::new();
-    trials.into_iter().map(|(trial, _)| trial).filter(|t| names.insert(t.candidate.name())).collect()
 }
 
 /// Both frames often suggest the same event or tone: once is enough. Sorted, the better one stays.
@@ -333,10 +335,21 @@ fn followed(
     start: Vec<f64>,
     effort: Effort,
 ) -> Option<Trial> {
-    let mut extended = model.clone();
-    extended.terms.push(candidate.clone());
     let mut values = fit.values.clone();
     values.extend(start);
+    joined(model, fit, candidate, values, effort)
+}
+
+/// The model with the candidate, from all values together.
+pub fn joined(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    candidate: &Candidate,
+    values: Vec<f64>,
+    effort: Effort,
+) -> Option<Trial> {
+    let mut extended = model.clone();
+    extended.terms.push(candidate.clone());
     let initial = &fit.columns[..model.states()];
     let result = extended.follow(values, fit.profile.noise.shared(), Some(initial), effort)?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());

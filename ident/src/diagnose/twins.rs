@@ -1,0 +1,44 @@
+//! Causes that are the same thing where nothing parts them: which of the two is named.
+
+use whirlstand_vehicle::Kind;
+
+use super::data::Data;
+
+/// Difference in BIC up to which two causes are the same thing.
+const SAME: f64 = 0.5;
+/// The same with one input and one output, where no record tells them apart but by its first samples.
+const ALONE: f64 = 6.0;
+/// The same for a tone of a force and one of a sensor.
+const TONE: f64 = 3.0;
+
+/// True with one input and one output.
+pub fn single(data: &Data) -> bool {
+    data.m == 1 && data.channels.len() == 1
+}
+
+/// What comes first where it does as well: the input's before the sensor's, but a tone is the sensor's; and up to which
+/// difference in BIC that is so.
+pub fn simpler(kind: Kind, data: &Data) -> Option<(Kind, f64)> {
+    let same = if single(data) { ALONE } else { SAME };
+    Some(match kind {
+        Kind::SensorDelay => (Kind::InputDelay, same),
+        Kind::SensorLag => (Kind::ActuatorLag, same),
+        Kind::SensorScale => (Kind::InputGain, same),
+        Kind::PeriodicDisturbance => (Kind::Vibration, TONE),
+        _ => return None,
+    })
+}
+
+/// Whether a cause gives its place to a rival that is worse by `gap` in BIC.
+pub fn yields(own: Kind, rival: Kind, gap: f64, data: &Data) -> bool {
+    let simpler = simpler(own, data).is_some_and(|(kind, same)| kind == rival && gap < same);
+    simpler || gap < -lead(own, rival, data)
+}
+
+/// By how much in BIC a rival must be better to take a cause's place.
+pub fn lead(own: Kind, rival: Kind, data: &Data) -> f64 {
+    match simpler(rival, data) {
+        Some((kind, same)) if kind == own => same.max(1.0),
+        _ => 1.0,
+    }
+}
