@@ -25,6 +25,9 @@ const SWINGS: usize = 6;
 /// Functions of an input that are the same at all times.
 const STATIC: usize = 5;
 
+/// Samples of all channels that are looked at, at most.
+const LOOKED_AT: usize = 100_000;
+
 /// What is left, against chance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Left {
@@ -83,9 +86,11 @@ pub fn lack(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) ->
     let data = model.runner.data;
     let frame = Frame::new(data, &fit.profile.noise, &fit.residual, &fit.columns);
     let ranges = data.ranges();
-    let unknown = |mut samples: Vec<f64>| {
-        known.iter().for_each(|c| samples[ranges[*c].clone()].fill(0.0));
-        samples
+    // Of a long record the beginning is enough; all of it would fill the memory.
+    let rows = LOOKED_AT / ranges.len().max(1);
+    let counted = |samples: &[f64]| -> Vec<f64> {
+        let channels = ranges.iter().enumerate().filter(|(c, _)| !known.contains(c));
+        channels.flat_map(|(_, r)| samples[r.clone()].iter().take(rows).copied()).collect()
     };
     let vehicle = model.vehicle(&fit.values)?;
     let states = states(&vehicle, model, fit)?;
@@ -108,11 +113,11 @@ pub fn lack(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) ->
         .par_iter()
         .filter_map(|(state, function)| {
             let response = response(model, fit, &vehicle, *state, &function.values, sizes.slopes[*state])?;
-            Some((*state, function.of, unknown(frame.signature(&response))))
+            Some((*state, function.of, counted(&frame.signature(&response))))
         })
         .collect();
     let n = vehicle.states.len();
-    columns.extend(sensors(model, fit).iter().map(|(c, s)| (n, *c, unknown(frame.signature(s)))));
+    columns.extend(sensors(model, fit).iter().map(|(c, s)| (n, *c, counted(&frame.signature(s)))));
     columns.retain_mut(|(_, _, c)| {
         let norm = dot(c, c).sqrt();
         // What nuisances explain tells nothing.
@@ -126,10 +131,11 @@ pub fn lack(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) ->
         return None;
     }
     let n = columns.len();
-    let right = DVector::from_iterator(n, columns.iter().map(|(_, _, c)| dot(c, frame.residual())));
+    let residual = counted(frame.residual());
+    let right = DVector::from_iterator(n, columns.iter().map(|(_, _, c)| dot(c, &residual)));
     let of: Vec<(usize, usize)> = columns.iter().map(|(s, f, _)| (*s, *f)).collect();
-    let samples = frame.residual().len();
     let gram = {
+        let samples = residual.len();
         let mut flat = Vec::with_capacity(n * samples);
         columns.into_iter().for_each(|(_, _, mut c)| flat.append(&mut c));
         let all = DMatrix::from_vec(samples, n, flat);

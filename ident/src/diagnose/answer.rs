@@ -198,7 +198,8 @@ pub struct Unexplained {
 /// Something wrong with the data themselves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DataFinding {
-    /// What: `gap`, `uneven`, `stuck`, `swapped`, `sign`, `unit`, `short`, `no_excitation`, `saturated`, `not_a_number`.
+    /// What: `gap`, `uneven`, `stuck`, `swapped`, `sign`, `unit`, `short`, `no_excitation`, `saturated`, `not_a_number`,
+    /// `long`.
     pub kind: String,
     /// The channel or channels.
     #[serde(rename = "where")]

@@ -20,6 +20,14 @@ fn finding(kind: &str, place: &str, blocking: bool, text: String) -> DataFinding
     DataFinding { kind: kind.into(), place: place.into(), text, blocking }
 }
 
+/// A long record is looked at with a period of its own.
+pub fn thinned(period_s: f64) -> DataFinding {
+    let text = format!(
+        "the record is long: it is looked at every {period_s:.6} s; --period S looks closer and takes longer"
+    );
+    finding("long", "t", false, text)
+}
+
 /// What the clock and the numbers of a record show.
 pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
     let mut found = Vec::new();

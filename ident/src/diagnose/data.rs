@@ -54,6 +54,18 @@ const GAP: f64 = 5.5;
 /// Fewer steps than this tell nothing about dynamics.
 pub const LEAST_STEPS: usize = 64;
 
+/// Steps that are looked at, at most, where the user does not say otherwise: ten minutes at 100 Hz.
+const LONGEST: f64 = 60_000.0;
+
+/// A multiple of the records' period at which all of them together are no longer than can be searched in minutes; `None`
+/// when they are not at their own.
+pub fn coarser_period(records: &[Record]) -> Option<f64> {
+    let first = records.first().filter(|r| r.time_unit == "s")?;
+    let own = crate::stats::median(&first.time.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>());
+    let steps = records.iter().map(Record::duration).sum::<f64>() / own;
+    (own > 0.0 && steps > LONGEST + 1.0).then(|| own * (steps / LONGEST - 1e-6).ceil())
+}
+
 impl Data {
     /// Takes the vehicle's inputs and outputs out of a record.
     ///

@@ -8,7 +8,7 @@ use whirlstand_vehicle::{Effect, Free, Kind, Vehicle};
 use super::DiagnoseError;
 use super::adequacy::{Lack, lack};
 use super::answer::*;
-use super::data::Data;
+use super::data::{Data, coarser_period};
 use super::gains::output_error;
 use super::library::{self, Candidate, Sizes};
 use super::model::{Fit, Model};
@@ -61,8 +61,10 @@ pub fn diagnose(
     vehicle: &Vehicle,
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
-    let mut data = Data::join(records, vehicle, options.period_s)?;
+    let coarser = if options.period_s.is_none() { coarser_period(records) } else { None };
+    let mut data = Data::join(records, vehicle, options.period_s.or(coarser))?;
     let mut found: Vec<DataFinding> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
+    found.extend(coarser.map(checks::thinned));
     found.extend(checks::stuck(&mut data, vehicle));
     found.extend(checks::excitation(&data, vehicle));
     let mut samples = measured_effects(&mut data, vehicle);

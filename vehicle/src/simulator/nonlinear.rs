@@ -125,9 +125,11 @@ impl Nonlinear {
             // Across two states it is a stiffness, whose root is a frequency.
             Smooth::Cubic(from, _, c) => (3.0 * c * z[from] * z[from]).abs().sqrt(),
         });
-        // The method's error is of fourth order in both; at these shares it is about 1e-7 of the signal. Across the
-        // kink of x abs(x) it would be of second order, were the step not made short there (see `attempt`).
-        let needed = (slope.sum::<f64>() / 0.1).max(self.fastest / 0.25) * length_s;
+        // The method's error is of fourth order in both; at these shares it is about 1e-7 of the signal. Drag has a kink, about
+        // which the order is lower (see `attempt`): its steps are shorter against the linear part.
+        let drag = self.smooth.iter().any(|s| matches!(s, Smooth::Drag(..)));
+        let share = if drag { 0.0625 } else { 0.25 };
+        let needed = (slope.sum::<f64>() / 0.05).max(self.fastest / share) * length_s;
         if needed <= 1.0 || self.smooth.is_empty() {
             return 0;
         }

@@ -18,7 +18,7 @@ use crate::cli::BlindArgs;
 use crate::error::Failure;
 
 /// Longest time that one diagnosis may take.
-const PATIENCE: Duration = Duration::from_secs(180);
+const PATIENCE: Duration = Duration::from_secs(300);
 
 /// Runs the trials.
 pub(super) struct Judge {
