@@ -24,6 +24,7 @@ mod kernel;
 mod nonlinear;
 mod schedule;
 mod sensors;
+mod tap;
 #[cfg(test)]
 mod tests;
 

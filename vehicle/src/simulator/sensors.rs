@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::compile::{Row, System};
 use super::disturbances::consumer;
-use super::inputs::split;
+use super::tap::Tap;
 use crate::effects::{Effect, Kind, Place};
 use crate::model::{Engine, Output, Vehicle};
 use crate::random::Stream;
@@ -12,38 +12,6 @@ use crate::random::Stream;
 /// Rounds to a multiple of the step.
 pub fn quantize(value: f64, step: f64) -> f64 {
     if step == 0.0 { value } else { step * libm::round(value / step) }
-}
-
-/// The past of an output.
-#[derive(Debug, Clone)]
-struct Tap {
-    /// Offset within a step at which the output is sampled for later, s.
-    offset_s: f64,
-    /// How many samples back the sensor looks, 1 being the last one taken.
-    back: usize,
-    ring: Vec<f64>,
-    newest: usize,
-}
-
-impl Tap {
-    /// `None` without delay.
-    fn new(delay_s: f64, period_s: f64) -> Option<Self> {
-        let (whole, fraction) = split(delay_s, period_s);
-        // At t_k the output of t_k - whole T - fraction is wanted, which lies in the step before.
-        let (offset_s, back) =
-            if fraction == 0.0 { (0.0, whole as usize) } else { (period_s - fraction, whole as usize + 1) };
-        (back > 0).then(|| Self { offset_s, back, ring: vec![0.0; back], newest: 0 })
-    }
-
-    fn push(&mut self, value: f64) {
-        self.newest = if self.newest + 1 == self.back { 0 } else { self.newest + 1 };
-        self.ring[self.newest] = value;
-    }
-
-    fn value(&self) -> f64 {
-        // The ring is exactly as long as the delay: the oldest entry is the next to be overwritten.
-        self.ring[if self.newest + 1 == self.back { 0 } else { self.newest + 1 }]
-    }
 }
 
 #[derive(Debug, Clone)]
@@ -172,7 +140,7 @@ impl Sensors {
         for sensor in &mut self.sensors {
             let value = sensor.lagged.value(z, v);
             if let Some(tap) = &mut sensor.tap {
-                tap.ring.fill(value);
+                tap.fill(value);
             }
         }
         self.measured = None;
@@ -399,24 +367,5 @@ mod tests {
                 relative.iter().zip(1u32..).map(|(r, h)| r * (f64::from(h) * (a + phase)).sin()).sum();
             assert!((harmonics(&coefficients, a.sin(), a.cos()) - expected).abs() < 1e-14);
         }
-    }
-
-    #[test]
-    fn a_tap_looks_back_exactly_its_delay() {
-        for whole in 1..5usize {
-            let mut tap = Tap::new(whole as f64 * 0.1, 0.1).unwrap();
-            assert_eq!(tap.offset_s, 0.0);
-            for k in 0..20 {
-                tap.push(f64::from(k));
-                // Read at t_{k+1}, after the push at t_k.
-                if k as usize + 1 >= whole {
-                    assert_eq!(tap.value(), f64::from(k + 1) - whole as f64);
-                }
-            }
-        }
-        assert!(Tap::new(0.0, 0.1).is_none());
-        let tap = Tap::new(0.13, 0.1).unwrap();
-        assert!((tap.offset_s - 0.07).abs() < 1e-12);
-        assert_eq!(tap.back, 2);
     }
 }
