@@ -23,6 +23,8 @@ pub const RETRY: Duration = Duration::from_millis(200);
 /// Longest wait for a TCP peer; the loop stands still meanwhile, but without a link there is nothing to do.
 const CONNECT: Duration = Duration::from_millis(300);
 
+const CLOSED: &str = "the other end closed it";
+
 /// Something that happened to a link.
 #[derive(Debug, PartialEq, Eq)]
 pub enum LinkEvent {
@@ -159,11 +161,13 @@ impl Link {
             },
         };
         match read {
-            Ok(0) => Err(self.close("the other end closed it")),
+            Ok(0) => Err(self.close(CLOSED)),
             Ok(length) => Ok(Received::Stream(length)),
             Err(e) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
                 Ok(Received::Nothing)
             }
+            // What closes with something of ours unread resets the connection: it is closed all the same.
+            Err(e) if e.kind() == io::ErrorKind::ConnectionReset => Err(self.close(CLOSED)),
             Err(e) => Err(self.close(&e.to_string())),
         }
     }
