@@ -3,8 +3,11 @@
 //! The format is taken apart by the `px4-ulog` crate of the PX4 project. ULog states no units: a mapping does, where
 //! they are not SI. Time is the samples' own `timestamp`.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 
 use px4_ulog::stream_parser::model::{Completeness, DataMessage, FlattenedField, FlattenedFieldType as Type};
 use px4_ulog::stream_parser::{Message, SimpleCallbackResult, read_file_with_simple_callback};
@@ -100,7 +103,10 @@ fn each(path: &Path, visit: &mut dyn FnMut(&DataMessage<'_>)) -> Result<Option<S
         }
         SimpleCallbackResult::KeepReading
     };
-    match read_file_with_simple_callback(text, &mut callback) {
+    let Ok(read) = guarded(|| read_file_with_simple_callback(text, &mut callback)) else {
+        return Err(failed("a message's own length leads outside it: the file is damaged".into()));
+    };
+    match read {
         Ok(Completeness::Complete) => Ok(None),
         Ok(Completeness::Truncated) => {
             Ok(Some(format!("{} ends in the middle: the logger lost power or was stopped", path.display())))
@@ -110,6 +116,28 @@ fn each(path: &Path, visit: &mut dyn FnMut(&DataMessage<'_>)) -> Result<Option<S
         }
         Err(error) => Err(failed(format!("not a readable ULog: {error}"))),
     }
+}
+
+thread_local! {
+    static GUARDED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs the parser, which believes the lengths that a message gives and panics where they lie; such a panic is not told.
+fn guarded<T>(read: impl FnOnce() -> T) -> std::thread::Result<T> {
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let told = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !GUARDED.get() {
+                told(panic);
+            }
+        }));
+    });
+    GUARDED.set(true);
+    // What the parser leaves half done goes with it; what was visited is not used after an error.
+    let result = catch_unwind(AssertUnwindSafe(read));
+    GUARDED.set(false);
+    result
 }
 
 fn topic_name(message: &DataMessage<'_>) -> String {

@@ -231,6 +231,18 @@ fn a_ulog_is_read_by_topic_and_field() {
     assert!(info(&cut).unwrap().remarks[0].contains("ends in the middle"));
 }
 
+#[test]
+fn a_length_that_leads_outside_its_message_is_damage() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lengths.ulg");
+    let mut bytes = ulog();
+    // Behind head and flags: a parameter whose name is said to have 200 characters, in a message of 4 bytes.
+    bytes.splice(59..59, [4, 0, b'P', 200, b'a', b'b', b'c']);
+    fs::write(&path, bytes).unwrap();
+    let error = info(&path).unwrap_err().to_string();
+    assert!(error.contains("lengths.ulg") && error.contains("leads outside it"), "{error}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 

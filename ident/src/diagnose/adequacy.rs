@@ -5,9 +5,9 @@
 //! would, the named causes are not the whole truth, and perhaps not the truth at all.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use whirlstand_vehicle::{Simulator, Vehicle};
 
+use super::forces::Forces;
 use super::library::Sizes;
 use super::model::{Fit, Model, dot};
 use super::screen::Frame;
@@ -106,16 +106,13 @@ pub fn lack(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) ->
         all.truncate(FORCED);
         all
     };
-    let pairs: Vec<(usize, &Function)> =
-        forced.iter().flat_map(|s| functions.iter().map(move |f| (*s, f))).collect();
+    let values: Vec<&[f64]> = functions.iter().map(|f| f.values.as_slice()).collect();
+    let forced: Vec<(usize, f64)> = forced.into_iter().map(|s| (s, sizes.slopes[s])).collect();
+    let forces = Forces::new(model, fit, &vehicle, &forced, values[0]);
     // Of each column, which state it forces and which signal it follows; sensors come behind.
-    let mut columns: Vec<(usize, usize, Vec<f64>)> = pairs
-        .par_iter()
-        .filter_map(|(state, function)| {
-            let response = response(model, fit, &vehicle, *state, &function.values, sizes.slopes[*state])?;
-            Some((*state, function.of, counted(&frame.signature(&response))))
-        })
-        .collect();
+    let mut columns: Vec<(usize, usize, Vec<f64>)> = forces.each(&values, |state, function, response| {
+        (state, functions[function].of, counted(&frame.signature(&response)))
+    });
     let n = vehicle.states.len();
     columns.extend(sensors(model, fit).iter().map(|(c, s)| (n, *c, counted(&frame.signature(s)))));
     columns.retain_mut(|(_, _, c)| {
@@ -134,13 +131,7 @@ pub fn lack(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) ->
     let residual = counted(frame.residual());
     let right = DVector::from_iterator(n, columns.iter().map(|(_, _, c)| dot(c, &residual)));
     let of: Vec<(usize, usize)> = columns.iter().map(|(s, f, _)| (*s, *f)).collect();
-    let gram = {
-        let samples = residual.len();
-        let mut flat = Vec::with_capacity(n * samples);
-        columns.into_iter().for_each(|(_, _, mut c)| flat.append(&mut c));
-        let all = DMatrix::from_vec(samples, n, flat);
-        all.tr_mul(&all)
-    };
+    let gram = gram(&columns.into_iter().map(|(_, _, c)| c).collect::<Vec<_>>());
     let mut groups = of.clone();
     groups.sort_unstable();
     groups.dedup();
@@ -241,44 +232,21 @@ fn functions(model: &Model<'_, '_>, states: &[Vec<f64>]) -> Vec<Function> {
     all
 }
 
-/// What a force on a state does to the samples, linearly.
-fn response(
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    vehicle: &Vehicle,
-    state: usize,
-    force: &[f64],
-    slope: f64,
-) -> Option<Vec<f64>> {
-    let data = model.runner.data;
-    let n = vehicle.states.len();
-    let size = 1e-3 * slope.max(1e-9);
-    let fresh = Simulator::expected(vehicle, data.period_s).ok()?;
-    let mut simulator = fresh.clone();
-    let mut samples = vec![0.0; data.samples()];
-    let ranges = data.ranges();
-    let mut derivative = vec![0.0; n];
-    for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
-        if let Some(record) = data.starts.iter().position(|s| *s == k) {
-            simulator = fresh.clone();
-            simulator.set_state(&fit.values[record * n..(record + 1) * n]);
-        }
-        derivative[state] = size * force[k];
-        simulator.disturb(&derivative);
-        simulator.apply(u);
-        let y = simulator.measure();
-        for (channel, range) in data.channels.iter().zip(&ranges) {
-            if k >= channel.first && (k - channel.first) % channel.stride == 0 {
-                let sample = (k - channel.first) / channel.stride;
-                if sample < range.len() {
-                    samples[range.start + sample] = y[channel.output];
-                }
-            }
-        }
-        simulator.advance();
+/// Rows of a block.
+const ROWS: usize = 2048;
+
+/// Products of all columns with each other, a block of rows at a time.
+fn gram(columns: &[Vec<f64>]) -> DMatrix<f64> {
+    let n = columns.len();
+    let rows = columns.first().map_or(0, Vec::len);
+    let mut gram = DMatrix::zeros(n, n);
+    for from in (0..rows).step_by(ROWS) {
+        let until = (from + ROWS).min(rows);
+        let flat: Vec<f64> = columns.iter().flat_map(|c| &c[from..until]).copied().collect();
+        let block = DMatrix::from_vec(until - from, n, flat);
+        gram.gemm(1.0, &block.transpose(), &block, 1.0);
     }
-    samples.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y = (*y - p) / size);
-    (!simulator.diverged()).then_some(samples)
+    gram
 }
 
 /// By channel, errors of a sensor that follow what it measures, or what another measures.

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
 use super::data::Data;
-use super::kalman::{Noises, Whitener, climb};
+use super::kalman::{Noises, Whitener, climb, log_likelihood};
 use super::model::Model;
 use super::noise::{Noise, Profile};
 use super::whittle::{C, Shaped, ar_density, cross, responses, whittle};
@@ -153,7 +153,8 @@ fn refined(
         .enumerate()
         .filter_map(|(rank, (state, shaped, whittle))| {
             let starts = starts(data, vehicle, profile, shaped, (*whittle > 0.0, rank == 0));
-            let tops = starts.into_iter().filter_map(|noises| {
+            let tops = starts.into_iter().filter(|n| far || promises(data, vehicle, *state, residual, n));
+            let tops = tops.filter_map(|noises| {
                 let wanted = 0.5 * (noises.parameters() as f64 * rows + LEAST - alone);
                 let (noises, likelihood, errors) = climb(data, vehicle, *state, residual, noises, wanted)?;
                 let bic = -2.0 * likelihood + noises.parameters() as f64 * rows;
@@ -176,6 +177,23 @@ fn refined(
         others,
         noises: Some(noises),
     })
+}
+
+/// Shares of a standard deviation at which a turbulence is tried; the last is as good as none.
+const SIZES: [f64; 4] = [1.0, 0.3, 0.1, 1e-3];
+/// Gain in the logarithm of the likelihood below which no climb is begun: an eighth of what the least turbulence that
+/// is named has in the end.
+const PROMISE: f64 = 2.0;
+
+/// True when turbulence of some size beside the given noise is likelier than none.
+fn promises(data: &Data, vehicle: &Vehicle, state: usize, residual: &[f64], noises: &Noises) -> bool {
+    let at = |share: f64| {
+        let mut sized = noises.clone();
+        sized.common[0] += share.ln();
+        log_likelihood(data, vehicle, state, residual, &sized).unwrap_or(f64::NEG_INFINITY)
+    };
+    let [sizes @ .., none] = SIZES.map(at);
+    sizes.into_iter().fold(f64::NEG_INFINITY, f64::max) > none + PROMISE
 }
 
 /// Noises from which the exact likelihood is climbed. Far above the noise Whittle's likelihood is none, and no start
