@@ -130,6 +130,8 @@ fn what_cannot_be_flown_is_refused_with_the_reason() {
     refused(&["--effects", "input_dely"], "did you mean 'input_delay'?");
     refused(&["--vehicle", "no-such-vehicle"], "no-such-vehicle");
     refused(&["--input", "inputs.csv"], "--input needs the --vehicle");
+    refused(&["--length", "60:20"], "as in 30:120");
+    refused(&["--rate", "50,fast"], "'fast' is no sampling rate");
     let dir = tempfile::tempdir().unwrap();
     let silent = dir.path().join("silent.toml");
     let text = "A = [[-1.0]]\nB = [[1.0]]\nstates = [{ name = \"x\" }]\ninputs = [{ name = \"u\" }]\n";

@@ -18,12 +18,22 @@ use super::vehicles::{self, Nominal};
 const LEAST_SHARE: f64 = 0.03;
 
 /// What the user gives of his own.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Setting {
     /// His vehicle, instead of drawn ones.
     pub vehicle: Option<Vehicle>,
     /// His excitation, one vector for each input of the vehicle.
     pub commands: Option<Commands>,
+    /// Shortest and longest drawn record, s.
+    pub lengths_s: (f64, f64),
+    /// Sampling rates that are drawn from, Hz; at least one.
+    pub rates_hz: Vec<f64>,
+}
+
+impl Default for Setting {
+    fn default() -> Self {
+        Self { vehicle: None, commands: None, lengths_s: (30.0, 120.0), rates_hz: vec![50.0, 100.0, 200.0] }
+    }
 }
 
 /// Everything of a trial but its effects.
@@ -59,8 +69,8 @@ impl Scene {
             Some(vehicle) => Nominal::new(vehicle)?,
             None => vehicles::draw(helicopter, free, dice)?,
         };
-        let period_s = 1.0 / [50.0, 100.0, 200.0][dice.below(3)];
-        let samples = (dice.between(30.0, 120.0) / period_s) as usize;
+        let period_s = 1.0 / setting.rates_hz[dice.below(setting.rates_hz.len())];
+        let samples = (dice.between(setting.lengths_s.0, setting.lengths_s.1) / period_s) as usize;
         let excitation = Excitation::draw(dice);
         let share = dice.scaled(0.05, 0.5);
         let m = nominal.vehicle.inputs.len();

@@ -38,7 +38,8 @@ const NUDGE: f64 = 1e-3;
 /// not counted as an error of the model. States that the outputs do not show start at zero.
 pub fn free_run(grid: &Grid, vehicle: &Vehicle) -> Result<FreeRun, CompareError> {
     let n = vehicle.states.len();
-    let nominal = Simulator::expected(vehicle, grid.period_s)?;
+    let before = grid.inputs.get(..vehicle.inputs.len()).unwrap_or_default();
+    let nominal = Simulator::expected_from(vehicle, grid.period_s, before)?;
     let weights = weights(grid, vehicle);
     let mut initial = vec![0.0; n];
     for _ in 0..3 {
@@ -165,7 +166,8 @@ pub fn predictions(
     if grid.t.len() < 2 * horizon {
         return Ok(errors);
     }
-    let nominal = Simulator::expected(vehicle, grid.period_s)?;
+    let before = grid.inputs.get(..vehicle.inputs.len()).unwrap_or_default();
+    let nominal = Simulator::expected_from(vehicle, grid.period_s, before)?;
     let slopes = slopes(grid, &nominal, 2 * horizon, n, m);
     let weights = weights(grid, vehicle);
     for start in (0..=grid.t.len() - 2 * horizon).step_by(horizon) {

@@ -5,7 +5,7 @@
 //! would, the named causes are not the whole truth, and perhaps not the truth at all.
 
 use nalgebra::{DMatrix, DVector};
-use whirlstand_vehicle::{Simulator, Vehicle};
+use whirlstand_vehicle::Vehicle;
 
 use super::forces::Forces;
 use super::library::Sizes;
@@ -167,12 +167,11 @@ fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Left {
 fn states(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Option<Vec<Vec<f64>>> {
     let data = model.runner.data;
     let n = vehicle.states.len();
-    let fresh = Simulator::expected(vehicle, data.period_s).ok()?;
-    let mut simulator = fresh.clone();
+    let mut simulator = data.begin(vehicle, 0)?;
     let mut states = vec![Vec::with_capacity(data.steps); n];
     for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
         if let Some(record) = data.starts.iter().position(|s| *s == k) {
-            simulator = fresh.clone();
+            simulator = data.begin(vehicle, k)?;
             simulator.set_state(&fit.values[record * n..(record + 1) * n]);
         }
         states.iter_mut().zip(simulator.state()).for_each(|(column, x)| column.push(*x));

@@ -1,7 +1,7 @@
 //! A record as a diagnosis sees it: inputs on an even grid, and every measured output as a sequence of its own.
 
 use whirlstand_logs::Record;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Simulator, Vehicle};
 
 use super::DiagnoseError;
 use crate::identify::data::Segment;
@@ -150,6 +150,13 @@ impl Data {
             channel.values.truncate(samples);
             channel.good.truncate(samples);
         }
+    }
+
+    /// A simulator for the record that begins at a step, whose first command was there before. `None` when the
+    /// vehicle has no finite step.
+    pub fn begin(&self, vehicle: &Vehicle, step: usize) -> Option<Simulator> {
+        let commands = self.inputs.get(step * self.m..(step + 1) * self.m).unwrap_or_default();
+        Simulator::expected_from(vehicle, self.period_s, commands).ok()
     }
 
     /// Samples of all channels together.

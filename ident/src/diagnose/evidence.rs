@@ -167,12 +167,11 @@ fn states(model: &Model<'_, '_>, values: &[f64]) -> Option<Vec<Vec<f64>>> {
     let data = model.runner.data;
     let vehicle = model.vehicle(values)?;
     let n = vehicle.states.len();
-    let fresh = whirlstand_vehicle::Simulator::expected(&vehicle, data.period_s).ok()?;
-    let mut simulator = fresh.clone();
+    let mut simulator = data.begin(&vehicle, 0)?;
     let mut states = vec![Vec::with_capacity(data.steps); n];
     for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
         if let Some(record) = data.starts.iter().position(|s| *s == k) {
-            simulator = fresh.clone();
+            simulator = data.begin(&vehicle, k)?;
             simulator.set_state(&values[record * n..(record + 1) * n]);
         }
         states.iter_mut().zip(simulator.state()).for_each(|(column, x)| column.push(*x));

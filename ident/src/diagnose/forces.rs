@@ -156,14 +156,13 @@ impl<'a> Forces<'a> {
     fn simulated(&self, kernel: &Kernel, force: &[f64]) -> Option<Vec<f64>> {
         let data = self.data;
         let n = self.vehicle.states.len();
-        let fresh = Simulator::expected(self.vehicle, data.period_s).ok()?;
-        let mut simulator = fresh.clone();
+        let mut simulator = data.begin(self.vehicle, 0)?;
         let mut samples = vec![0.0; data.samples()];
         let ranges = data.ranges();
         let mut derivative = vec![0.0; n];
         for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
             if let Some(record) = data.starts.iter().position(|s| *s == k) {
-                simulator = fresh.clone();
+                simulator = data.begin(self.vehicle, k)?;
                 simulator.set_state(&self.fit.values[record * n..(record + 1) * n]);
             }
             derivative[kernel.state] = kernel.size * force[k];
@@ -182,5 +181,77 @@ impl<'a> Forces<'a> {
         }
         samples.iter_mut().zip(&self.fit.predicted).for_each(|(y, p)| *y = (*y - p) / kernel.size);
         (!simulator.diverged()).then_some(samples)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::data::Channel;
+    use crate::diagnose::noise::Noise;
+    use crate::diagnose::runner::Runner;
+    use whirlstand_vehicle::{Effect, Kind, Stream};
+
+    /// Two records of a quadrotor, one sensor slower than the others; `effect` is part of it. Calls `check` with its forces on two states.
+    fn with(effect: Effect, check: impl Fn(&Forces<'_>, &[f64])) {
+        let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
+        vehicle.effects.clear();
+        vehicle.add_effect(effect).unwrap();
+        let (steps, m) = (700, vehicle.inputs.len());
+        let mut stream = Stream::new(5, "forces");
+        let channel = |output: usize| {
+            let stride = if output == 1 { 3 } else { 1 };
+            let values: Vec<f64> = (0..steps / stride).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
+            Channel { output, stride, first: 0, good: vec![true; values.len()], values }
+        };
+        let data = Data {
+            origin: "none".into(),
+            start_s: 0.0,
+            period_s: 0.01,
+            steps,
+            inputs: (0..steps * m).map(|k| if k / m % 100 < 50 { 0.2 } else { -0.2 }).collect(),
+            m,
+            starts: vec![0, 400],
+            channels: (0..4).map(channel).collect(),
+        };
+        let runner = Runner::new(&vehicle, &data);
+        let model = Model { runner: &runner, free: &[], terms: Vec::new() };
+        let initial = vec![0.01; 2 * vehicle.states.len()];
+        let fit = model.fit(initial, Some(&Noise::white(&[1.0; 4])), None).unwrap();
+        let force: Vec<f64> = (0..steps).map(|_| stream.normal()).collect();
+        check(&Forces::new(&model, &fit, &runner.vehicle, &[(1, 0.1), (3, 0.1)], &force), &force);
+    }
+
+    #[test]
+    fn a_convolution_is_the_simulation() {
+        let late = Effect::new(Kind::SensorDelay, "roll_rate", &[("delay_s", 0.033)]).unwrap();
+        with(late, |forces, force| {
+            let twice: Vec<f64> = force.iter().map(|f| 2.0 * f).collect();
+            let mut all = forces.each(&[force, &twice, force], |state, i, samples| (state, i, samples));
+            all.sort_by_key(|(state, i, _)| (*state, *i));
+            assert_eq!(all.len(), 6);
+            for (state, i, samples) in all {
+                let kernel = forces.kernels.iter().find(|k| k.state == state).unwrap();
+                assert!(kernel.outputs.is_some(), "linear");
+                let simulated = forces.simulated(kernel, if i == 1 { &twice } else { force }).unwrap();
+                let reach = simulated.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+                assert!(reach > 0.0);
+                for (a, b) in simulated.iter().zip(&samples) {
+                    assert!((a - b).abs() < 1e-6 * reach, "{state} {i}: {a} {b}");
+                }
+            }
+        });
+    }
+
+    #[test]
+    fn where_superposition_fails_each_force_is_simulated() {
+        let dry = Effect::new(Kind::CoulombFriction, "roll_rate", &[("level", 0.05)]).unwrap();
+        with(dry, |forces, force| {
+            let roll = forces.kernels.iter().find(|k| k.state == 1).unwrap();
+            assert!(roll.outputs.is_none());
+            let told = forces.each(&[force], |state, _, samples| (state, samples));
+            let own = told.iter().find(|(state, _)| *state == 1).unwrap();
+            assert_eq!(Some(&own.1), forces.simulated(roll, force).as_ref());
+        });
     }
 }

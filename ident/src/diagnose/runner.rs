@@ -1,6 +1,6 @@
 //! Free runs of a vehicle over a record's inputs, with any effects added.
 
-use whirlstand_vehicle::{Effect, Simulator, Vehicle};
+use whirlstand_vehicle::{Effect, Vehicle};
 
 use super::data::Data;
 
@@ -73,9 +73,8 @@ impl<'d> Runner<'d> {
 
     /// As [`Runner::run`] for a vehicle that is complete.
     pub fn run_vehicle(&self, vehicle: &Vehicle, initial: &[f64]) -> Option<Vec<f64>> {
-        let fresh = Simulator::expected(vehicle, self.data.period_s).ok()?;
-        let mut simulator = fresh.clone();
         let data = self.data;
+        let mut simulator = data.begin(vehicle, 0)?;
         let mut records = data.starts.iter().zip(initial.chunks_exact(self.states().max(1))).peekable();
         let mut bounded = true;
         let mut samples = vec![0.0; data.samples()];
@@ -96,7 +95,9 @@ impl<'d> Runner<'d> {
         for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
             if let Some((_, state)) = records.next_if(|(start, _)| **start == k) {
                 bounded &= !simulator.diverged();
-                simulator = fresh.clone();
+                if k > 0 {
+                    simulator = data.begin(vehicle, k)?;
+                }
                 simulator.set_state(state);
             }
             simulator.apply(u);
@@ -119,7 +120,7 @@ impl<'d> Runner<'d> {
 
     /// States over the first record, one vector a state; `None` when the run leaves all bounds.
     pub fn run_states(&self, initial: &[f64]) -> Option<Vec<Vec<f64>>> {
-        let mut simulator = Simulator::expected(&self.vehicle, self.data.period_s).ok()?;
+        let mut simulator = self.data.begin(&self.vehicle, 0)?;
         simulator.set_state(&initial[..self.states()]);
         let mut states = vec![Vec::with_capacity(self.data.steps); self.states()];
         let until = self.data.starts.get(1).copied().unwrap_or(self.data.steps);

@@ -7,7 +7,7 @@ use super::data::Data;
 /// Difference in BIC up to which two causes are the same thing.
 const SAME: f64 = 0.5;
 /// The same with one input and one output, where no record tells them apart but by its first samples.
-const ALONE: f64 = 6.0;
+const ALONE: f64 = 20.0;
 /// The same for a tone of a force and one of a sensor.
 const TONE: f64 = 3.0;
 

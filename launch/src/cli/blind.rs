@@ -32,6 +32,13 @@ pub(crate) struct BlindArgs {
     /// Takes an input from another column, for example u_roll=in_lat; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
+    /// Shortest and longest drawn record, s.
+    #[arg(long, value_name = "FROM:TO", value_parser = lengths, default_value = "30:120", conflicts_with = "input")]
+    pub length: (f64, f64),
+    /// Sampling rates that are drawn from, Hz, separated by commas.
+    #[arg(long, value_name = "HZ,...", value_parser = rate, value_delimiter = ',', default_value = "50,100,200",
+          conflicts_with = "input")]
+    pub rate: Vec<f64>,
     /// Only these effects of the table, separated by commas.
     #[arg(long, value_name = "EFFECT,...", value_delimiter = ',')]
     pub effects: Vec<String>,
@@ -80,5 +87,25 @@ impl BlindCase {
             Self::Pair => "pair",
             Self::Outside => "outside",
         }
+    }
+}
+
+/// Reads `FROM:TO`.
+fn lengths(text: &str) -> Result<(f64, f64), String> {
+    let parts =
+        text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    match parts {
+        Some((from, to)) if (5.0..to).contains(&from) && to <= 3600.0 => Ok((from, to)),
+        _ => Err(format!(
+            "'{text}' is no range of lengths: write FROM:TO in seconds, as in 30:120, from 5 to 3600"
+        )),
+    }
+}
+
+/// Reads a sampling rate.
+fn rate(text: &str) -> Result<f64, String> {
+    match text.trim().parse() {
+        Ok(hz) if (5.0..=1000.0).contains(&hz) => Ok(hz),
+        _ => Err(format!("'{text}' is no sampling rate: write Hz, from 5 to 1000")),
     }
 }

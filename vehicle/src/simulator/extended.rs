@@ -23,7 +23,7 @@ pub struct Extended {
 }
 
 impl Extended {
-    /// `neutral`: the inputs' resting commands.
+    /// `neutral`: the commands until now.
     pub fn new(
         effects: &[(Effect, Place)],
         system: &System,

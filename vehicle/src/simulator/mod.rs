@@ -90,7 +90,7 @@ impl Simulator {
     /// # Errors
     /// When the period is not positive, an effect does not fit the vehicle, or the model overflows in one period.
     pub fn new(vehicle: &Vehicle, period_s: f64, seed: u64) -> Result<Self, SimulatorError> {
-        Self::build(vehicle, period_s, Some(seed))
+        Self::build(vehicle, period_s, Some(seed), None)
     }
 
     /// A simulator of what is to be expected: without noise, dropouts, outliers and turbulence, without rounding, and
@@ -100,10 +100,25 @@ impl Simulator {
     /// # Errors
     /// As [`Simulator::new`].
     pub fn expected(vehicle: &Vehicle, period_s: f64) -> Result<Self, SimulatorError> {
-        Self::build(vehicle, period_s, None)
+        Self::build(vehicle, period_s, None, None)
     }
 
-    fn build(vehicle: &Vehicle, period_s: f64, seed: Option<u64>) -> Result<Self, SimulatorError> {
+    /// As [`Simulator::expected`], for a record that begins in the middle of a motion: until now the commands were
+    /// `commands`, one for each input, so that delays still hold them and filters have come to rest there. What is not
+    /// finite was the input's neutral value.
+    ///
+    /// # Errors
+    /// As [`Simulator::new`].
+    pub fn expected_from(vehicle: &Vehicle, period_s: f64, commands: &[f64]) -> Result<Self, SimulatorError> {
+        Self::build(vehicle, period_s, None, Some(commands))
+    }
+
+    fn build(
+        vehicle: &Vehicle,
+        period_s: f64,
+        seed: Option<u64>,
+        before: Option<&[f64]>,
+    ) -> Result<Self, SimulatorError> {
         if !(period_s.is_finite() && period_s > 0.0) {
             return Err(SimulatorError::Period(period_s));
         }
@@ -123,9 +138,13 @@ impl Simulator {
             !matches!(p, Place::Output(_) | Place::OutputPair(..))
                 || e.kind() == crate::effects::Kind::SensorLag
         };
-        let neutral: Vec<f64> = vehicle.inputs.iter().map(crate::model::Input::neutral).collect();
+        let resting = |(i, input): (usize, &crate::model::Input)| {
+            let command = before.and_then(|b| b.get(i)).filter(|u| u.is_finite());
+            command.map_or_else(|| input.neutral(), |u| u.clamp(input.lower, input.upper))
+        };
+        let resting: Vec<f64> = vehicle.inputs.iter().enumerate().map(resting).collect();
         let plant = if effects.iter().any(acts_on_motion) || sensors.has_delay() {
-            let extended = Extended::new(&effects, &system, &neutral, period_s, &sensors, &disturbances);
+            let extended = Extended::new(&effects, &system, &resting, period_s, &sensors, &disturbances);
             Plant::Extended(Box::new(extended.map_err(|e| match e {
                 SimulatorError::NotFinite { .. } => not_finite(),
                 other => other,
@@ -140,13 +159,14 @@ impl Simulator {
         let limits = vehicle
             .inputs
             .iter()
-            .map(|input| Limit {
+            .zip(&resting)
+            .map(|(input, resting)| Limit {
                 lower: input.lower,
                 upper: input.upper,
                 rate: input
                     .rate_limit
                     .is_finite()
-                    .then(|| RateLimit::new(input.rate_limit, period_s, input.neutral())),
+                    .then(|| RateLimit::new(input.rate_limit, period_s, *resting)),
             })
             .collect();
         let mut simulator = Self {
@@ -157,7 +177,7 @@ impl Simulator {
             z: vec![0.0; padded],
             scratch: vec![0.0; padded],
             drive: vec![0.0; m + n],
-            applied: neutral,
+            applied: resting,
             limits,
             driven: m,
             plant,

@@ -148,7 +148,7 @@ fn a_listing_counts_only_where_the_records_are_alike() {
     let mut vehicle = vehicle;
     vehicle.free.clear();
     vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
-    let setting = Setting { vehicle: Some(vehicle), commands: None };
+    let setting = Setting { vehicle: Some(vehicle), ..Setting::default() };
     let gain = |p: &Plan| p.case == Case::Single && p.effects == [whirlstand_vehicle::Kind::InputGain];
     let trial = (7_000_000..)
         .map(Plan::new)

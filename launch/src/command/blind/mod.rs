@@ -80,16 +80,17 @@ fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(missed > 0)))
 }
 
-/// The user's vehicle and excitation.
+/// The user's vehicle and excitation, and what is drawn instead.
 fn setting(args: &BlindArgs) -> Result<Setting, Failure> {
     let vehicle = args.vehicle.as_deref().map(find).transpose()?;
-    let Some(path) = &args.input else { return Ok(Setting { vehicle, commands: None }) };
-    let Some(vehicle) = vehicle else {
+    let setting = Setting { vehicle, commands: None, lengths_s: args.length, rates_hz: args.rate.clone() };
+    let Some(path) = &args.input else { return Ok(setting) };
+    let Some(vehicle) = &setting.vehicle else {
         return Err(Failure::Mend("--input needs the --vehicle whose inputs it has".into()));
     };
     let record = super::log::read(path, &args.map)?;
     let period_s = simulate::period(&record, None)?;
-    let inputs = simulate::inputs(&vehicle, &record)?;
+    let inputs = simulate::inputs(vehicle, &record)?;
     let start = record.time.first().copied().unwrap_or(0.0);
     let count = (record.duration() / period_s * (1.0 + 1e-12)).floor() as usize + 1;
     let mut next = 0;
@@ -106,7 +107,7 @@ fn setting(args: &BlindArgs) -> Result<Setting, Failure> {
         }
         commands.inputs.iter_mut().zip(&now).for_each(|(column, u)| column.push(*u));
     }
-    Ok(Setting { vehicle: Some(vehicle), commands: Some(commands) })
+    Ok(Setting { commands: Some(commands), ..setting })
 }
 
 /// The first so many plans of the seed that are wanted, or the one that is asked for.
@@ -153,6 +154,14 @@ fn call(args: &BlindArgs) -> String {
     }
     words.extend(args.vehicle.iter().map(|v| format!("--vehicle {v}")));
     words.extend(args.input.iter().map(|i| format!("--input {}", i.display())));
+    let drawn = Setting::default();
+    if args.length != drawn.lengths_s {
+        words.push(format!("--length {}:{}", args.length.0, args.length.1));
+    }
+    if args.rate != drawn.rates_hz {
+        let rates: Vec<String> = args.rate.iter().map(f64::to_string).collect();
+        words.push(format!("--rate {}", rates.join(",")));
+    }
     if !args.effects.is_empty() {
         words.push(format!("--effects {}", args.effects.join(",")));
     }
