@@ -29,6 +29,7 @@ pub mod runner;
 pub mod samples;
 pub mod screen;
 pub mod select;
+mod shaking;
 mod shows;
 pub mod stochastic;
 pub mod survey;

@@ -15,6 +15,7 @@ use super::model::{Fit, Model};
 use super::runner::Runner;
 use super::samples::{SampleEffect, measured_effects, outliers};
 use super::select::{MOST, Selection, select};
+use super::shaking::{self, Shaking};
 use super::stochastic::{ExcessNoise, Turbulence, excess_noise};
 use super::survey::Scene;
 use super::turbulent::beside;
@@ -43,6 +44,8 @@ pub(super) struct Findings<'r, 'd> {
     pub samples: Vec<SampleEffect>,
     pub turbulence: Option<Turbulence>,
     pub noise: Vec<(usize, ExcessNoise)>,
+    /// Lines that wander, which no tone explains.
+    pub shaking: Vec<Shaking>,
     /// What is left, against chance.
     pub lack: Option<Lack>,
     /// Causes that were found and taken back, because what they leave is not noise.
@@ -124,7 +127,10 @@ pub fn diagnose(
             }
         }
     }
-    let findings = Findings { selection, sizes, samples, turbulence: random, noise, lack: doubt, withheld };
+    let shaking =
+        if blocked { Vec::new() } else { shaking::shaking(&selection.model, &selection.fit.residual) };
+    let findings =
+        Findings { selection, sizes, samples, turbulence: random, noise, shaking, lack: doubt, withheld };
     let extended = extended(vehicle, &findings);
     let gains = gains::gains(&findings, &data, vehicle);
     Ok(words::answer(records, vehicle, options, &data, found, findings, extended, gains))
@@ -264,7 +270,10 @@ fn extended(vehicle: &Vehicle, findings: &Findings<'_, '_>) -> Option<Vehicle> {
             add(e);
         }
     }
-    any.then_some(extended)
+    for found in &findings.shaking {
+        shaking::declare(&mut extended, selection.model.runner.data, found);
+    }
+    (any || !findings.shaking.is_empty()).then_some(extended)
 }
 
 /// Names and 95 % intervals of a term's values.

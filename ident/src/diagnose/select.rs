@@ -111,7 +111,7 @@ pub fn select<'r, 'd>(
                 let rivals = rivals(&reduced, &without, &own, &trials);
                 let better = rivals
                     .iter()
-                    .find(|r| yields(own.candidate.kind, r.candidate.kind, r.gap, data))
+                    .find(|r| yields((own.candidate.kind, own.delta_bic), r.candidate.kind, r.gap, data))
                     .filter(|_| exchanges < EXCHANGES);
                 let trial = better.and_then(|r| in_its_place(&reduced, &without, &own, r));
                 let judged = trial.map(|t| (judge(&reduced, &without, &t, hypotheses), t));
@@ -244,7 +244,8 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, scene: &Scene<'_>, surveys
         let best = surveys.survey(&reduced, &without, scene).into_iter().find(|t| t.fit.is_some());
         match best {
             Some(best)
-                if best.delta_bic > own_bic + lead(model.terms[term].kind, best.candidate.kind, data)
+                if best.delta_bic
+                    > own_bic + lead((model.terms[term].kind, own_bic), best.candidate.kind, data)
                     && best.delta_bic > LEAST_BIC =>
             {
                 let Some(better) = best.fit else { return };

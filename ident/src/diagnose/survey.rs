@@ -173,7 +173,7 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
 fn twin_first(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>, trials: &mut Vec<(Trial, Vec<f64>)>) {
     let data = model.runner.data;
     let Some((first, _)) = trials.first() else { return };
-    let Some((kind, same)) = simpler(first.candidate.kind, data) else { return };
+    let Some((kind, same)) = simpler(first.candidate.kind, first.delta_bic, data) else { return };
     // On coarse samples the likelihood of a delay has humps: the twin starts where the best has ended.
     let again = first.fit.as_ref().filter(|_| single(data) && kind != Kind::Vibration).and_then(|best| {
         let candidate = scene.library.iter().find(|c| c.kind == kind)?;

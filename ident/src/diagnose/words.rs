@@ -11,6 +11,7 @@ use super::gains::Gains;
 use super::model::dot;
 use super::run::{Findings, Options, estimates};
 use super::samples::SampleEffect;
+use super::shaking::{self, Shaking};
 use super::{describe, engine, evidence, experiments};
 
 /// Causes that leave less than this share of what was wrong explain it.
@@ -207,6 +208,7 @@ fn causes(
             notes: vec!["random: the simulation can be like the flight in kind, not follow it".into()],
         });
     }
+    answer.causes.extend(findings.shaking.iter().map(|s| shaking_cause(s, findings, data, vehicle, options)));
     for (channel, noise) in &findings.noise {
         let (value, low, high) = noise.std;
         answer.causes.push(Cause {
@@ -227,6 +229,44 @@ fn causes(
         });
     }
     answer.causes.sort_by(|a, b| b.evidence.delta_bic.total_cmp(&a.evidence.delta_bic));
+}
+
+fn shaking_cause(
+    found: &Shaking,
+    findings: &Findings<'_, '_>,
+    data: &Data,
+    vehicle: &Vehicle,
+    options: &Options,
+) -> Cause {
+    let name = |s: &Shaking| vehicle.outputs[data.channels[s.channel].output].name.clone();
+    let around = |(value, half): (f64, f64)| Estimate { value, low: value - half, high: value + half };
+    let mut cause = Cause {
+        effect: Kind::Vibration.name().into(),
+        place: name(found),
+        parameters: BTreeMap::from([
+            ("frequency_hz".to_string(), around(found.frequency_hz)),
+            ("amplitude".to_string(), around(found.amplitude)),
+        ]),
+        text: None,
+        evidence: Evidence {
+            delta_bic: found.gain - 2.0 * (data.channels[found.channel].values.len() as f64).ln(),
+            heldout_gain_sigma: 0.0,
+            share_of_residual: found.share,
+            p_value: 0.0,
+            detectability: found.gain,
+        },
+        indistinguishable: Vec::new(),
+        notes: vec![
+            "its frequency wanders: the simulation can be like the flight in kind, not follow it".into(),
+        ],
+    };
+    tone_notes(&mut cause, data, vehicle, options);
+    let others = findings.shaking.iter().filter(|s| s.channel != found.channel && shaking::same(s, found));
+    let others: Vec<String> = others.map(name).collect();
+    if !others.is_empty() {
+        cause.notes.push(format!("the same line is on {}", others.join(", ")));
+    }
+    cause
 }
 
 fn tone_notes(cause: &mut Cause, data: &Data, vehicle: &Vehicle, options: &Options) {
