@@ -67,53 +67,52 @@ fn line(residual: &[f64], period_s: f64, lowest_hz: f64) -> Option<Shaking> {
     let spectrum = welch(residual, period_s);
     let df = *spectrum.frequency_hz.get(1)?;
     let total: f64 = spectrum.density.iter().sum::<f64>() * df;
-    let lines = peaks(&spectrum, MOST);
-    let found = lines.into_iter().find_map(|peak| {
-        let f = peak.frequency_hz;
-        let within = |share: f64| {
-            let reach = share / period_s;
-            let bins = spectrum.frequency_hz.iter().zip(&spectrum.density);
-            bins.filter(move |(g, _)| (**g - f).abs() <= reach).map(|(_, d)| *d)
-        };
-        // The window alone makes a tone four bins wide.
-        if f < lowest_hz || 4.0 * df > 2.0 * NARROW / period_s {
+    // The window alone makes a tone four bins wide.
+    if 4.0 * df > 2.0 * NARROW / period_s {
+        return None;
+    }
+    let around = |f: f64, from: f64, to: f64| -> Vec<(f64, f64)> {
+        let reach = from / period_s..=to / period_s;
+        let bins = spectrum.frequency_hz.iter().zip(&spectrum.density);
+        bins.filter(|(g, _)| reach.contains(&(**g - f).abs())).map(|(g, d)| (*g, *d)).collect()
+    };
+    peaks(&spectrum, MOST).into_iter().find_map(|peak| {
+        let surroundings: Vec<f64> =
+            around(peak.frequency_hz, WIDE, 3.0 * WIDE).into_iter().map(|(_, d)| d).collect();
+        if peak.frequency_hz < lowest_hz || surroundings.len() < 8 {
             return None;
         }
-        let around: Vec<f64> = {
-            let (near, far) = (WIDE / period_s, 3.0 * WIDE / period_s);
-            let bins = spectrum.frequency_hz.iter().zip(&spectrum.density);
-            bins.filter(|(g, _)| (near..far).contains(&(**g - f).abs())).map(|(_, d)| *d).collect()
+        let floor = median(&surroundings);
+        let above = |d: f64| (d - floor).max(0.0);
+        // A line that wanders is lopsided: its middle is not where it is highest.
+        let f = {
+            let near = around(peak.frequency_hz, 0.0, 2.0 * NARROW);
+            let weight: f64 = near.iter().map(|(_, d)| above(*d)).sum();
+            near.iter().map(|(g, d)| g * above(*d)).sum::<f64>() / weight
         };
-        if around.len() < 8 {
-            return None;
-        }
-        let floor = median(&around);
-        let above = |share: f64| within(share).map(|d| (d - floor).max(0.0)).sum::<f64>();
-        let height = within(NARROW).fold(0.0, f64::max);
-        let (power, near) = (above(NARROW) * df, above(WIDE) * df);
+        let line = around(f, 0.0, NARROW);
+        let power = line.iter().map(|(_, d)| above(*d)).sum::<f64>() * df;
+        let near = around(f, 0.0, WIDE).iter().map(|(_, d)| above(*d)).sum::<f64>() * df;
+        let height = line.iter().fold(0.0f64, |m, (_, d)| m.max(*d));
         let share = power / total;
         if height < HIGH * floor || power < CONCENTRATED * near || share < WORTH {
             return None;
         }
         // Averages that do not depend on each other: those of the whole record, bin by bin.
         let averages = residual.len() as f64 * period_s * df;
-        let gain = within(NARROW).map(|d| 2.0 * averages * ((d / floor) - 1.0 - (d / floor).ln()).max(0.0));
-        let spread = {
-            let bins = spectrum.frequency_hz.iter().zip(&spectrum.density);
-            let bins = bins.filter(|(g, _)| (**g - f).abs() <= NARROW / period_s);
-            (bins.map(|(g, d)| (g - f).powi(2) * (d - floor).max(0.0)).sum::<f64>() * df / power).sqrt()
-        };
-        let looks = (residual.len() as f64 * period_s * spread.max(df)).max(1.0);
+        let gain = line.iter().map(|(_, d)| 2.0 * averages * (d / floor - 1.0 - (d / floor).ln()).max(0.0));
+        let spread = line.iter().map(|(g, d)| (g - f).powi(2) * above(*d)).sum::<f64>() * df / power;
+        let spread = spread.sqrt().max(0.5 * df);
+        let looks = (residual.len() as f64 * period_s * spread).max(1.0);
         let amplitude = (2.0 * power).sqrt();
         Some(Shaking {
             channel: 0,
-            frequency_hz: (f, 1.96 * spread.max(0.5 * df) / looks.sqrt()),
+            frequency_hz: (f, 1.96 * spread / looks.sqrt()),
             amplitude: (amplitude, 1.96 * 0.5 * amplitude / looks.sqrt()),
             share,
             gain: gain.sum(),
         })
-    });
-    found
+    })
 }
 
 /// The vehicle's output with it: a declared vibration, as its phase is no record's.

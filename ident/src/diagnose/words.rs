@@ -267,6 +267,10 @@ fn shaking_cause(
         cause.notes.push(format!("the same line is on {}", others.join(", ")));
     }
     cause
+        .notes
+        .push("its frequency wanders: the simulation can be like the flight in kind, not follow it".into());
+    tone_notes(&mut cause, data, vehicle, options);
+    cause
 }
 
 fn tone_notes(cause: &mut Cause, data: &Data, vehicle: &Vehicle, options: &Options) {
