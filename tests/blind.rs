@@ -70,6 +70,39 @@ fn the_program_sees_a_record_and_a_vehicle_and_nothing_else() {
 }
 
 #[test]
+fn an_interrupted_run_goes_on_where_it_ended() {
+    let dir = tempfile::tempdir().unwrap();
+    let program = stand_in(dir.path(), r#"{"verdict":"consistent","causes":[]}"#);
+    let (first, again) = (dir.path().join("first.json"), dir.path().join("again.json"));
+    let fly = |seed: &str, tally: &Path, rest: &[&str]| {
+        let arguments =
+            ["blind", "--trials", "6", "--seed", seed, "--length", "5:8", "--rate", "50", "--program"];
+        let files = [program.to_str().unwrap(), "--json", tally.to_str().unwrap()];
+        run(arguments.iter().chain(&files).chain(rest))
+    };
+    fly("4", &first, &[]);
+    let whole = json(&first);
+    let mut cut = whole.clone();
+    cut["call"] = format!("{} (interrupted after 2)", whole["call"].as_str().unwrap()).into();
+    cut["trials"].as_array_mut().unwrap().truncate(2);
+    std::fs::write(&first, cut.to_string()).unwrap();
+    std::fs::remove_file(dir.path().join("seen.txt")).unwrap();
+    fly("4", &again, &["--resume", first.to_str().unwrap()]);
+    let seen = std::fs::read_to_string(dir.path().join("seen.txt")).unwrap();
+    let trials = whole["trials"].as_array().unwrap();
+    assert_eq!(seen.split("diagnose ").skip(1).count(), trials.len() - 2, "only what was missing is flown");
+    let numbers = |tally: &Value| -> Vec<u64> {
+        let trials = tally["trials"].as_array().unwrap();
+        trials.iter().map(|t| t["answer"]["number"].as_u64().unwrap()).collect()
+    };
+    let resumed = json(&again);
+    assert_eq!((numbers(&resumed), &resumed["call"]), (numbers(&whole), &whole["call"]));
+    let other = fly("5", &again, &["--resume", first.to_str().unwrap()]);
+    assert_eq!(other.code(), 2);
+    assert!(other.stderr.contains("of another call"), "{}", other.stderr);
+}
+
+#[test]
 fn a_trial_is_repeated_by_its_number() {
     let dir = tempfile::tempdir().unwrap();
     let truth = r#"{"verdict":"explained","causes":[{"effect":"sensor_bias","where":"nowhere"}]}"#;

@@ -48,6 +48,9 @@ pub(crate) struct BlindArgs {
     /// Only the trial of this number.
     #[arg(long, value_name = "NUMBER", conflicts_with_all = ["trials", "seed", "effects", "kinds"])]
     pub only: Option<u64>,
+    /// Goes on where an interrupted run of the same call ended: what its results (its --json) hold is not flown again.
+    #[arg(long, value_name = "FILE", conflicts_with = "only")]
+    pub resume: Option<PathBuf>,
     /// Trials at a time [default: one for each CPU]
     #[arg(long, value_name = "J")]
     pub jobs: Option<NonZeroUsize>,

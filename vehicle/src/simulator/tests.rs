@@ -367,3 +367,31 @@ fn a_state_without_bounds_is_told() {
     assert!(Simulator::new(&vehicle, f64::NAN, 1).is_err());
     assert!(Simulator::new(&vehicle, 1e6, 1).unwrap_err().to_string().contains("cannot be simulated"));
 }
+
+#[test]
+fn a_record_from_the_middle_of_a_motion_holds_its_first_command() {
+    let late = [
+        (Kind::InputDelay, "u", &[("delay_s", 0.025)] as &[(&str, f64)]),
+        (Kind::ActuatorLag, "u", &[("time_constant_s", 0.1)]),
+        (Kind::Backlash, "u", &[("width", 0.2)]),
+    ];
+    let speeds = |mut simulator: Simulator| -> Vec<f64> {
+        let step = |_| {
+            simulator.step(&[2.0]);
+            simulator.state()[1]
+        };
+        (0..50).map(step).collect()
+    };
+    // The command was 2 before and stays: the force is what it will be for ever, play taken up.
+    let vehicle = with(cart(), &late);
+    let held = speeds(Simulator::expected_from(&vehicle, PERIOD, &[2.0]).unwrap());
+    let force = held[0] / PERIOD;
+    assert!((1.85..=2.0).contains(&force), "{force}");
+    for (k, v) in held.iter().enumerate() {
+        assert!((v - force * PERIOD * (k + 1) as f64).abs() < 1e-9, "{k}: {v}");
+    }
+    // From rest, nothing acts at first; what no number was before is rest.
+    let rest = speeds(Simulator::expected(&vehicle, PERIOD).unwrap());
+    assert_eq!(rest[..2], [0.0, 0.0]);
+    assert_eq!(rest, speeds(Simulator::expected_from(&vehicle, PERIOD, &[f64::NAN]).unwrap()));
+}

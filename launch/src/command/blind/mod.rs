@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use signal_hook::consts::{SIGINT, SIGTERM};
-use whirlstand_ident::blind::{Case, Commands, Plan, Setting, TRIALS_PER_SEED, Tally};
+use whirlstand_ident::blind::{Case, Commands, Plan, Scored, Setting, TRIALS_PER_SEED, Tally};
 use whirlstand_vehicle::Kind;
 
 use self::judge::Judge;
@@ -25,7 +25,10 @@ const INTERRUPTED: u8 = 130;
 /// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: what was done by then is told.
 pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     let setting = setting(args)?;
-    let plans = plans(args)?;
+    let all = plans(args)?;
+    let earlier = args.resume.as_deref().map(|path| earlier(path, args)).transpose()?.unwrap_or_default();
+    let known = |p: &Plan| earlier.iter().any(|t| t.answer.number == p.number);
+    let plans: Vec<Plan> = all.iter().filter(|p| !known(p)).cloned().collect();
     let jobs = match args.jobs {
         Some(jobs) => jobs.get(),
         None => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
@@ -40,13 +43,14 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     }
     let results = judge.run(&plans, &setting, jobs, &bar, &stop);
     bar.finish_and_clear();
-    let (trials, skipped) = results?;
+    let (mut trials, skipped) = results?;
+    trials.extend(earlier);
     let done = trials.len() + skipped;
-    let cut = (done < plans.len()).then(|| format!(" (interrupted after {done})"));
+    let cut = (done < all.len()).then(|| format!(" (interrupted after {done})"));
     let tally = Tally::new(format!("{}{}", call(args), cut.as_deref().unwrap_or_default()), trials, skipped);
     let code = report(args, &tally)?;
     if cut.is_some() {
-        eprintln!("interrupted: {done} of {} trials were done, and count above", plans.len());
+        eprintln!("interrupted: {done} of {} trials were done, and count above", all.len());
         return Ok(ExitCode::from(INTERRUPTED));
     }
     Ok(code)
@@ -78,6 +82,19 @@ fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
         print(&format!("{painted}{again}"))?;
     }
     Ok(ExitCode::from(u8::from(missed > 0)))
+}
+
+/// The trials of an earlier run of the same call.
+fn earlier(path: &Path, args: &BlindArgs) -> Result<Vec<Scored>, Failure> {
+    let mend = |why: String| Failure::Mend(format!("--resume {}: {why}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|e| mend(e.to_string()))?;
+    let tally: Tally = serde_json::from_str(&text)
+        .map_err(|e| mend(format!("not the results of whirlstand blind (its --json): {e}")))?;
+    let (was, is) = (tally.call.split(" (").next().unwrap_or_default(), call(args));
+    if was != is {
+        return Err(mend(format!("these are of another call: '{was}', not '{is}'")));
+    }
+    Ok(tally.trials)
 }
 
 /// The user's vehicle and excitation, and what is drawn instead.
