@@ -36,14 +36,36 @@ const NUDGE: f64 = 1e-3;
 /// Runs the vehicle freely with the measured inputs. The initial state is the least-squares one over the whole
 /// record (Gauss-Newton; exact in one step for a linear vehicle), so that where the record happens to start is
 /// not counted as an error of the model. States that the outputs do not show start at zero.
+///
+/// What came before the record nobody knows: delays and filters held either the resting commands or the record's first
+/// ones, whichever makes the simulation more like the record.
 pub fn free_run(grid: &Grid, vehicle: &Vehicle) -> Result<FreeRun, CompareError> {
-    let n = vehicle.states.len();
-    let before = grid.inputs.get(..vehicle.inputs.len()).unwrap_or_default();
-    let nominal = Simulator::expected_from(vehicle, grid.period_s, before)?;
     let weights = weights(grid, vehicle);
+    let first = grid.inputs.get(..vehicle.inputs.len()).unwrap_or_default();
+    let rested = free_run_from(grid, vehicle, &weights, &[])?;
+    let held = free_run_from(grid, vehicle, &weights, first)?;
+    let cost = |run: &FreeRun| -> f64 {
+        let outputs = grid.measured.iter().zip(&run.outputs).zip(&weights);
+        let errors = outputs.map(|((y, p), w)| {
+            let squares = y.iter().zip(p).map(|(y, p)| (y - p) * (y - p)).filter(|e| e.is_finite());
+            w * squares.sum::<f64>()
+        });
+        errors.sum()
+    };
+    Ok(if cost(&held) < cost(&rested) { held } else { rested })
+}
+
+fn free_run_from(
+    grid: &Grid,
+    vehicle: &Vehicle,
+    weights: &[f64],
+    before: &[f64],
+) -> Result<FreeRun, CompareError> {
+    let n = vehicle.states.len();
+    let nominal = Simulator::expected_from(vehicle, grid.period_s, before)?;
     let mut initial = vec![0.0; n];
     for _ in 0..3 {
-        let Some(change) = correction(grid, vehicle, &nominal, &initial, &weights) else { break };
+        let Some(change) = correction(grid, vehicle, &nominal, &initial, weights) else { break };
         initial.iter_mut().zip(change.iter()).for_each(|(x, d)| *x += d);
         let size = change.iter().zip(&initial).fold(0.0f64, |m, (d, x)| m.max(d.abs() / (x.abs() + NUDGE)));
         if size < 1e-6 {
@@ -166,8 +188,7 @@ pub fn predictions(
     if grid.t.len() < 2 * horizon {
         return Ok(errors);
     }
-    let before = grid.inputs.get(..vehicle.inputs.len()).unwrap_or_default();
-    let nominal = Simulator::expected_from(vehicle, grid.period_s, before)?;
+    let nominal = Simulator::expected(vehicle, grid.period_s)?;
     let slopes = slopes(grid, &nominal, 2 * horizon, n, m);
     let weights = weights(grid, vehicle);
     for start in (0..=grid.t.len() - 2 * horizon).step_by(horizon) {

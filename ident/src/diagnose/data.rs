@@ -45,6 +45,8 @@ pub struct Data {
     pub m: usize,
     /// First steps of the records, when there are several: each has an initial state of its own.
     pub starts: Vec<usize>,
+    /// True when the first commands were there before the records began; else the inputs were at rest.
+    pub held: bool,
     /// The outputs that were measured.
     pub channels: Vec<Channel>,
 }
@@ -53,6 +55,9 @@ pub struct Data {
 const GAP: f64 = 5.5;
 /// Fewer steps than this tell nothing about dynamics.
 pub const LEAST_STEPS: usize = 64;
+
+/// Share of an input's largest magnitude beyond which a first command is not rest.
+const MOVING: f64 = 0.1;
 
 /// Steps that are looked at, at most, where the user does not say otherwise: ten minutes at 100 Hz.
 const LONGEST: f64 = 60_000.0;
@@ -90,6 +95,7 @@ impl Data {
             inputs: segment.inputs,
             m: vehicle.inputs.len(),
             starts: vec![0],
+            held: false,
             channels,
         })
     }
@@ -152,11 +158,24 @@ impl Data {
         }
     }
 
-    /// A simulator for the record that begins at a step, whose first command was there before. `None` when the
-    /// vehicle has no finite step.
+    /// A simulator for the record that begins at a step. `None` when the vehicle has no finite step.
     pub fn begin(&self, vehicle: &Vehicle, step: usize) -> Option<Simulator> {
-        let commands = self.inputs.get(step * self.m..(step + 1) * self.m).unwrap_or_default();
-        Simulator::expected_from(vehicle, self.period_s, commands).ok()
+        let before = if self.held { self.commands(step) } else { &[] };
+        Simulator::expected_from(vehicle, self.period_s, before).ok()
+    }
+
+    fn commands(&self, step: usize) -> &[f64] {
+        self.inputs.get(step * self.m..(step + 1) * self.m).unwrap_or_default()
+    }
+
+    /// True when a record's first commands are far from rest: then what came before it matters to delays and lags.
+    pub fn begins_moving(&self, vehicle: &Vehicle) -> bool {
+        let reach: Vec<f64> =
+            (0..self.m).map(|j| self.input(j).fold(0.0f64, |m, u| m.max(u.abs()))).collect();
+        self.starts.iter().any(|start| {
+            let inputs = self.commands(*start).iter().zip(&vehicle.inputs).zip(&reach);
+            inputs.into_iter().any(|((u, input), reach)| (u - input.neutral()).abs() > MOVING * reach)
+        })
     }
 
     /// Samples of all channels together.

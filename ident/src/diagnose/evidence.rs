@@ -145,6 +145,7 @@ fn evidence(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle) -> Vec<
         .collect();
     let turbulence = findings.turbulence.iter();
     curves.extend(turbulence.filter_map(|t| random::turbulence(t, findings, data, vehicle, &noise)));
+    curves.extend(findings.shaking.iter().map(|s| random::shaking(s, findings, data, vehicle)));
     curves.extend(findings.samples.iter().filter_map(|s| random::samples(s, data, vehicle)));
     curves.extend(findings.noise.iter().map(|(c, _)| random::noise(*c, findings, data, vehicle)));
     // Accepted ones first.

@@ -1,4 +1,4 @@
-//! What shows causes that are random: turbulence, noise, and samples that went wrong.
+//! What shows causes that are random: turbulence, shaking, noise, and samples that went wrong.
 
 use std::f64::consts::TAU;
 
@@ -10,6 +10,7 @@ use super::data::Data;
 use super::missing::{Entry, missing};
 use super::run::Findings;
 use super::samples::SampleEffect;
+use super::shaking::Shaking;
 use super::stochastic::Turbulence;
 use crate::spectrum::welch;
 use crate::stats::rms;
@@ -47,6 +48,36 @@ pub(super) fn turbulence(
         measured: (f, measured),
         ..EvidenceCurve::default()
     })
+}
+
+/// The spectrum of what is left about a line that wanders.
+pub(super) fn shaking(
+    found: &Shaking,
+    findings: &Findings<'_, '_>,
+    data: &Data,
+    vehicle: &Vehicle,
+) -> EvidenceCurve {
+    let channel = &data.channels[found.channel];
+    let output = &vehicle.outputs[channel.output];
+    let residual = &findings.selection.fit.residual[data.ranges()[found.channel].clone()];
+    let spectrum = welch(residual, data.period_s * channel.stride as f64);
+    let f: Vec<f64> = spectrum.frequency_hz.iter().skip(1).copied().collect();
+    let measured = spectrum.density.iter().skip(1).map(|d| d.sqrt()).collect();
+    let (middle, spread) = (found.frequency_hz.0, found.wander_hz);
+    let height = 0.5 * found.amplitude.0.powi(2) / (spread * TAU.sqrt());
+    let line = |f: &f64| (found.floor + height * (-0.5 * ((f - middle) / spread).powi(2)).exp()).sqrt();
+    EvidenceCurve {
+        cause: format!("{} on {}", Kind::Vibration, output.name),
+        accepted: true,
+        caption: "A line that stands far out of what is about it, wider than a tone's and narrower than any resonance of the noise."
+            .into(),
+        x: Axis::new("frequency", "Hz"),
+        y: Axis::new(&format!("residual of {}", output.name), &format!("{}/√Hz", output.unit.si_symbol())),
+        logarithmic: true,
+        explained: (f.clone(), f.iter().map(line).collect()),
+        measured: (f, measured),
+        ..EvidenceCurve::default()
+    }
 }
 
 /// The histogram of what is left, against the declared noise.

@@ -212,6 +212,7 @@ mod tests {
             inputs: (0..steps * m).map(|k| if k / m % 100 < 50 { 0.2 } else { -0.2 }).collect(),
             m,
             starts: vec![0, 400],
+            held: false,
             channels: (0..4).map(channel).collect(),
         };
         let runner = Runner::new(&vehicle, &data);

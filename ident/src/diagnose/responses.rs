@@ -97,6 +97,7 @@ mod tests {
             inputs: vec![0.0; steps * m],
             m,
             starts: vec![0],
+            held: false,
             channels,
         };
         let runner = Runner::new(&vehicle, &data);

@@ -65,7 +65,24 @@ pub fn diagnose(
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
     let coarser = if options.period_s.is_none() { coarser_period(records) } else { None };
-    let mut data = Data::join(records, vehicle, options.period_s.or(coarser))?;
+    let data = Data::join(records, vehicle, options.period_s.or(coarser))?;
+    let held = data.begins_moving(vehicle).then(|| Data { held: true, ..data.clone() });
+    let (answer, bic) = searched(records, vehicle, options, data)?;
+    // What came before the record nobody knows: what makes it likelier is taken for true.
+    match held.map(|data| searched(records, vehicle, options, data)).transpose()? {
+        Some((other, less)) if less < bic => Ok(other),
+        _ => Ok(answer),
+    }
+}
+
+/// The answer for one pre-history, and the BIC of what it names.
+fn searched(
+    records: &[Record],
+    vehicle: &Vehicle,
+    options: &Options,
+    mut data: Data,
+) -> Result<(Diagnosis, f64), DiagnoseError> {
+    let coarser = if options.period_s.is_none() { coarser_period(records) } else { None };
     let mut found: Vec<DataFinding> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
     found.extend(coarser.map(checks::thinned));
     found.extend(checks::stuck(&mut data, vehicle));
@@ -81,7 +98,7 @@ pub fn diagnose(
         let runner = Runner::new(vehicle, &data);
         let model = Model { runner: &runner, free: &[], terms: Vec::new() };
         let Some(fit) = model.fit(vec![0.0; states], None, None) else {
-            return Ok(words::diverged(records, vehicle, &data, found));
+            return Ok((words::diverged(records, vehicle, &data, found), f64::INFINITY));
         };
         found.extend(checks::channels(&runner, &fit.predicted, &fit.residual));
         if !found.iter().any(|f| f.blocking) {
@@ -106,26 +123,35 @@ pub fn diagnose(
     let model = Model { runner: &runner, free: &free, terms: Vec::new() };
     let selection = if blocked { Selection::nothing(model.clone(), start()) } else { chosen(&model, &scene) };
     let Some(mut selection) = selection else {
-        return Ok(words::diverged(records, vehicle, &data, found));
+        return Ok((words::diverged(records, vehicle, &data, found), f64::INFINITY));
+    };
+    let exact = declared.iter().all(|d| *d > 0.0);
+    let judged = |selection: &Selection<'_, '_>, turbulent: bool| {
+        let noise = excess(&data, &selection.fit, &declared, turbulent);
+        let asked = exact && !blocked && noise.is_empty();
+        let rounded = samples.iter().filter(|e| e.kind == Kind::Quantization).map(|e| e.channel);
+        let rounded: Vec<usize> = rounded.collect();
+        let lack = if asked { lack(&selection.model, &selection.fit, &sizes, &rounded) } else { None };
+        (noise, lack)
     };
     let mut random = None;
+    let alone = selection.clone();
     if !blocked {
         (selection, random) = beside(selection, &model, &scene);
     }
-    let noise = excess(&data, &selection.fit, &declared, random.is_some());
-    let exact = declared.iter().all(|d| *d > 0.0);
-    let mut doubt = None;
+    let (mut noise, mut doubt) = judged(&selection, random.is_some());
+    // What turbulence explains of the likelihood, in the scale of energies.
+    let explained = random.as_ref().map(|t| 2.0 * t.delta_bic);
+    if doubt.zip(explained).is_some_and(|(lack, explained)| lack.is_told() && lack.outweighs(explained)) {
+        // It was the trace of something else, and what was chosen beside it rests on it.
+        (selection, random) = (alone, None);
+        (noise, doubt) = judged(&selection, false);
+    }
     let mut withheld = Vec::new();
-    if exact && !blocked && noise.is_empty() {
-        let rounded = samples.iter().filter(|e| e.kind == Kind::Quantization).map(|e| e.channel);
-        doubt = lack(&selection.model, &selection.fit, &sizes, &rounded.collect::<Vec<_>>());
-        if let Some(lack) = doubt.filter(Lack::is_told) {
-            // What turbulence explains of the likelihood, in the scale of energies.
-            random = random.filter(|t| !lack.outweighs(2.0 * t.delta_bic));
-            if !selection.model.terms.is_empty() {
-                withheld = selection.withhold(&lack, start());
-            }
-        }
+    if let Some(lack) = doubt.filter(Lack::is_told)
+        && !selection.model.terms.is_empty()
+    {
+        withheld = selection.withhold(&lack, start());
     }
     let shaking =
         if blocked { Vec::new() } else { shaking::shaking(&selection.model, &selection.fit.residual) };
@@ -133,7 +159,8 @@ pub fn diagnose(
         Findings { selection, sizes, samples, turbulence: random, noise, shaking, lack: doubt, withheld };
     let extended = extended(vehicle, &findings);
     let gains = gains::gains(&findings, &data, vehicle);
-    Ok(words::answer(records, vehicle, options, &data, found, findings, extended, gains))
+    let bic = findings.selection.fit.profile.bic(findings.selection.model.parameters());
+    Ok((words::answer(records, vehicle, options, &data, found, findings, extended, gains), bic))
 }
 
 /// The causes of a record. An unmodelled mode can be like several simpler causes together (a gain and a delay), and

@@ -19,6 +19,10 @@ pub struct Shaking {
     pub frequency_hz: (f64, f64),
     /// Amplitude of a sine of the line's power, SI, and half of its 95 % interval.
     pub amplitude: (f64, f64),
+    /// How far the frequency wanders: standard deviation, Hz.
+    pub wander_hz: f64,
+    /// Density of the floor about the line, SI squared per Hz.
+    pub floor: f64,
     /// Share of the residual's power.
     pub share: f64,
     /// Twice the gain in Whittle's log-likelihood over a spectrum without the line.
@@ -109,6 +113,8 @@ fn line(residual: &[f64], period_s: f64, lowest_hz: f64) -> Option<Shaking> {
             channel: 0,
             frequency_hz: (f, 1.96 * spread / looks.sqrt()),
             amplitude: (amplitude, 1.96 * 0.5 * amplitude / looks.sqrt()),
+            wander_hz: spread,
+            floor,
             share,
             gain: gain.sum(),
         })

@@ -35,11 +35,12 @@ pub(super) fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
     let channels: Vec<usize> = (0..data.channels.len()).filter(|c| data.channels[*c].stride == 1).collect();
     let ranges = data.ranges();
     let n = channels.iter().map(|c| data.channels[*c].values.len()).min()?;
+    // Long segments: slow turbulence shows in the lowest frequencies only, and bands average what segments do not.
     let mut length = 64;
-    while length * 2 <= n / 8 && length < 2048 {
+    while length * 2 <= n / 2 && length < 4096 {
         length *= 2;
     }
-    if channels.len() < 2 || n < 8 * length {
+    if channels.len() < 2 || n < 8 * 64 {
         return None;
     }
     let window: Vec<f64> =
