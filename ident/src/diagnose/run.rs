@@ -37,6 +37,9 @@ pub struct Options {
     pub engine_off: Option<Record>,
 }
 
+/// Difference in BIC from which on it is plain that the first commands of a record were not there before.
+const PLAIN: f64 = 30.0;
+
 /// All that was found, before it is put into words.
 pub(super) struct Findings<'r, 'd> {
     pub selection: Selection<'r, 'd>,
@@ -68,9 +71,10 @@ pub fn diagnose(
     let data = Data::join(records, vehicle, options.period_s.or(coarser))?;
     let held = data.begins_moving(vehicle).then(|| Data { held: true, ..data.clone() });
     let (answer, bic) = searched(records, vehicle, options, data)?;
-    // What came before the record nobody knows: what makes it likelier is taken for true.
+    // What came before the record nobody knows: a command that was there at first was there before, unless that makes
+    // the record less likely.
     match held.map(|data| searched(records, vehicle, options, data)).transpose()? {
-        Some((other, less)) if less < bic => Ok(other),
+        Some((other, held)) if held < bic + PLAIN => Ok(other),
         _ => Ok(answer),
     }
 }
