@@ -69,17 +69,19 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let coarser = if options.period_s.is_none() { coarser_period(records) } else { None };
     let data = Data::join(records, vehicle, options.period_s.or(coarser))?;
-    let held = data.begins_moving(vehicle).then(|| Data { held: true, ..data.clone() });
-    let (answer, bic) = searched(records, vehicle, options, data)?;
-    // What came before the record nobody knows: a command that was there at first was there before, unless that makes
-    // the record less likely.
-    match held.map(|data| searched(records, vehicle, options, data)).transpose()? {
-        Some((other, held)) if held < bic + PLAIN => Ok(other),
-        _ => Ok(answer),
+    if !data.begins_moving(vehicle) {
+        return Ok(searched(records, vehicle, options, data)?.0);
+    }
+    // What came before the record nobody knows. A command that was there at first was there before, unless the causes
+    // that are found so do plainly better without.
+    let held = Data { held: true, ..data.clone() };
+    match searched(records, vehicle, options, held)? {
+        (_, gain) if gain > PLAIN => Ok(searched(records, vehicle, options, data)?.0),
+        (answer, _) => Ok(answer),
     }
 }
 
-/// The answer for one pre-history, and the BIC of what it names.
+/// The answer for one pre-history, and what its causes would gain in BIC with the other.
 fn searched(
     records: &[Record],
     vehicle: &Vehicle,
@@ -102,7 +104,7 @@ fn searched(
         let runner = Runner::new(vehicle, &data);
         let model = Model { runner: &runner, free: &[], terms: Vec::new() };
         let Some(fit) = model.fit(vec![0.0; states], None, None) else {
-            return Ok((words::diverged(records, vehicle, &data, found), f64::INFINITY));
+            return Ok((words::diverged(records, vehicle, &data, found), 0.0));
         };
         found.extend(checks::channels(&runner, &fit.predicted, &fit.residual));
         if !found.iter().any(|f| f.blocking) {
@@ -127,7 +129,7 @@ fn searched(
     let model = Model { runner: &runner, free: &free, terms: Vec::new() };
     let selection = if blocked { Selection::nothing(model.clone(), start()) } else { chosen(&model, &scene) };
     let Some(mut selection) = selection else {
-        return Ok((words::diverged(records, vehicle, &data, found), f64::INFINITY));
+        return Ok((words::diverged(records, vehicle, &data, found), 0.0));
     };
     let exact = declared.iter().all(|d| *d > 0.0);
     let judged = |selection: &Selection<'_, '_>, turbulent: bool| {
@@ -163,8 +165,19 @@ fn searched(
         Findings { selection, sizes, samples, turbulence: random, noise, shaking, lack: doubt, withheld };
     let extended = extended(vehicle, &findings);
     let gains = gains::gains(&findings, &data, vehicle);
-    let bic = findings.selection.fit.profile.bic(findings.selection.model.parameters());
-    Ok((words::answer(records, vehicle, options, &data, found, findings, extended, gains), bic))
+    let gain = otherwise(&findings.selection, vehicle);
+    Ok((words::answer(records, vehicle, options, &data, found, findings, extended, gains), gain))
+}
+
+/// What the same causes gain in BIC with the other pre-history.
+fn otherwise(selection: &Selection<'_, '_>, vehicle: &Vehicle) -> f64 {
+    let own = selection.model.runner.data;
+    let data = Data { held: !own.held, ..own.clone() };
+    let runner = Runner::new(vehicle, &data);
+    let model = Model { runner: &runner, free: selection.model.free, terms: selection.model.terms.clone() };
+    let shared = selection.fit.profile.noise.shared();
+    let other = model.fit(selection.fit.values.clone(), shared, None);
+    other.map_or(0.0, |other| selection.fit.profile.bic(0) - other.profile.bic(0))
 }
 
 /// The causes of a record. An unmodelled mode can be like several simpler causes together (a gain and a delay), and
