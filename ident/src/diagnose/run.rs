@@ -153,6 +153,7 @@ fn searched(
         (selection, random) = (alone, None);
         (noise, doubt) = judged(&selection, false);
     }
+    let gain = if data.held { otherwise(&selection, vehicle) } else { 0.0 };
     let mut withheld = Vec::new();
     if let Some(lack) = doubt.filter(Lack::is_told)
         && !selection.model.terms.is_empty()
@@ -165,14 +166,13 @@ fn searched(
         Findings { selection, sizes, samples, turbulence: random, noise, shaking, lack: doubt, withheld };
     let extended = extended(vehicle, &findings);
     let gains = gains::gains(&findings, &data, vehicle);
-    let gain = otherwise(&findings.selection, vehicle);
     Ok((words::answer(records, vehicle, options, &data, found, findings, extended, gains), gain))
 }
 
-/// What the same causes gain in BIC with the other pre-history.
+/// What the same causes gain in BIC when the inputs were at rest before.
 fn otherwise(selection: &Selection<'_, '_>, vehicle: &Vehicle) -> f64 {
     let own = selection.model.runner.data;
-    let data = Data { held: !own.held, ..own.clone() };
+    let data = Data { held: false, ..own.clone() };
     let runner = Runner::new(vehicle, &data);
     let model = Model { runner: &runner, free: selection.model.free, terms: selection.model.terms.clone() };
     let shared = selection.fit.profile.noise.shared();
