@@ -69,28 +69,30 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let coarser = if options.period_s.is_none() { coarser_period(records) } else { None };
     let data = Data::join(records, vehicle, options.period_s.or(coarser))?;
+    let mut found: Vec<DataFinding> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
+    found.extend(coarser.map(checks::thinned));
+    let search = |data: Data| searched(records, vehicle, options, data, found.clone());
     if !data.begins_moving(vehicle) {
-        return Ok(searched(records, vehicle, options, data)?.0);
+        return Ok(search(data)?.0);
     }
     // What came before the record nobody knows. A command that was there at first was there before, unless the causes
     // that are found so do plainly better without.
     let held = Data { held: true, ..data.clone() };
-    match searched(records, vehicle, options, held)? {
-        (_, gain) if gain > PLAIN => Ok(searched(records, vehicle, options, data)?.0),
+    match search(held)? {
+        (_, gain) if gain > PLAIN => Ok(search(data)?.0),
         (answer, _) => Ok(answer),
     }
 }
 
-/// The answer for one pre-history, and what its causes would gain in BIC with the other.
+/// The answer for one pre-history, and what its causes would gain in BIC had the inputs been at rest before. `found` is
+/// what the records themselves show.
 fn searched(
     records: &[Record],
     vehicle: &Vehicle,
     options: &Options,
     mut data: Data,
+    mut found: Vec<DataFinding>,
 ) -> Result<(Diagnosis, f64), DiagnoseError> {
-    let coarser = if options.period_s.is_none() { coarser_period(records) } else { None };
-    let mut found: Vec<DataFinding> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
-    found.extend(coarser.map(checks::thinned));
     found.extend(checks::stuck(&mut data, vehicle));
     found.extend(checks::excitation(&data, vehicle));
     let mut samples = measured_effects(&mut data, vehicle);
