@@ -1,6 +1,6 @@
 //! What is hidden in a scene, and how large: effects are sized for a detectability.
 
-use whirlstand_vehicle::{Effect, Kind};
+use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 use super::BlindError;
 use super::detect::{Judge, kappa, lambda, random_lambda};
@@ -47,7 +47,22 @@ impl Stage {
 
     /// What the difference of two records tells.
     pub fn signature(&self, with: &[f64], without: &[f64]) -> Vec<f64> {
-        self.judge.signature(with.iter().zip(without).map(|(a, b)| a - b).collect())
+        self.judge.signature(difference(with, without))
+    }
+
+    /// A judge to whom the scatter of an effect is noise.
+    fn beside(&self, scene: &Scene, other: &Effect) -> Judge {
+        let vehicle = &scene.nominal.vehicle;
+        let mut noise = scene.noise.clone();
+        let more = match other.kind() {
+            Kind::Noise => other.parameter("std").unwrap_or(0.0),
+            Kind::Quantization => other.parameter("step").unwrap_or(0.0) / 12.0f64.sqrt(),
+            _ => 0.0,
+        };
+        if let Some(i) = vehicle.output_index(other.place()) {
+            noise.std[i] = noise.std[i].hypot(more);
+        }
+        Judge::new(vehicle, &noise, &scene.x0, &scene.commands)
     }
 
     /// Whether a record stays near what the clean one does: an effect is no crash.
@@ -58,6 +73,24 @@ impl Stage {
             peak(record) <= 10.0 * peak(&self.clean)
         })
     }
+}
+
+fn difference(with: &[f64], without: &[f64]) -> Vec<f64> {
+    with.iter().zip(without).map(|(a, b)| a - b).collect()
+}
+
+/// Values that a rounded channel shows, at least: with fewer it is a switch, or stands still.
+const LEVELS: usize = 4;
+
+/// Whether a rounded channel of a record still moves from level to level.
+fn moves(effect: &Effect, vehicle: &Vehicle, record: &[f64]) -> bool {
+    if effect.kind() != Kind::Quantization {
+        return true;
+    }
+    let Some(i) = vehicle.output_index(effect.place()) else { return true };
+    let channel = record.iter().skip(i).step_by(vehicle.outputs.len());
+    let levels: std::collections::HashSet<u64> = channel.map(|y| (y + 0.0).to_bits()).collect();
+    levels.len() >= LEVELS
 }
 
 /// How a size came out.
@@ -133,7 +166,9 @@ fn place(
     } else {
         fit(sizes, target, detectability)?
     };
-    Ok(Some((of(fitted.size)?, fitted)))
+    let effect = of(fitted.size)?;
+    let record = scene.record(std::slice::from_ref(&effect), None)?;
+    Ok(moves(&effect, &scene.nominal.vehicle, &record).then_some((effect, fitted)))
 }
 
 fn at(draft: &Draft, size: f64) -> Result<Effect, BlindError> {
@@ -180,22 +215,46 @@ pub(crate) fn pair(plan: &Plan, mut scene: Scene, attempt: u32) -> Result<Option
         }
         let Some((two, _)) = place(second, &scene, &stage, targets.1, &mut dice)? else { return Ok(None) };
         let both = scene.record(&[one.clone(), two.clone()], None)?;
-        // Each beside the other, as it acts there.
-        let of_one = stage.signature(&both, &scene.record(std::slice::from_ref(&two), None)?);
-        let of_two = stage.signature(&both, &scene.record(std::slice::from_ref(&one), None)?);
-        let masked = kappa(&of_one, &of_two);
-        let left = 1.0 - masked * masked;
-        let own = |kind: Kind, signature: &[f64]| {
-            left * detectability(kind, signature, scene.nominal.vehicle.outputs.len())
-        };
-        let lambdas = [own(first, &of_one), own(second, &of_two)];
-        if masked > 0.7 || lambdas.iter().any(|l| *l < 30.0) || !stage.bounded(&both) {
+        let Some(lambdas) = beside(&scene, &stage, [&one, &two], &both)? else { return Ok(None) };
+        if lambdas.iter().any(|l| *l < 30.0) || !stage.bounded(&both) {
             return Ok(None);
         }
         let lambdas = lambdas.to_vec();
         return Ok(Some(Hiding { scene, effects: vec![one, two], outside: None, lambdas, nearest: None }));
     }
     Ok(None)
+}
+
+/// Detectability of each of two effects beside the other; `None` where one masks the other.
+fn beside(
+    scene: &Scene,
+    stage: &Stage,
+    [one, two]: [&Effect; 2],
+    both: &[f64],
+) -> Result<Option<[f64; 2]>, BlindError> {
+    let outputs = scene.nominal.vehicle.outputs.len();
+    if !scatters(one) && !scatters(two) {
+        // Each as it acts where the other is.
+        let of_one = stage.signature(both, &scene.record(std::slice::from_ref(two), None)?);
+        let of_two = stage.signature(both, &scene.record(std::slice::from_ref(one), None)?);
+        let masked = kappa(&of_one, &of_two);
+        let own = |of: &Effect, signature: &[f64]| {
+            (1.0 - masked * masked) * detectability(of.kind(), signature, outputs)
+        };
+        return Ok((masked <= 0.7).then(|| [own(one, &of_one), own(two, &of_two)]));
+    }
+    // What scatters single samples is to the other one more noise, and shows by itself.
+    let own = |of: &Effect, other: &Effect| -> Result<f64, BlindError> {
+        let record = scene.record(std::slice::from_ref(of), None)?;
+        let signature = stage.beside(scene, other).signature(difference(&record, &stage.clean));
+        Ok(detectability(of.kind(), &signature, outputs))
+    };
+    Ok(Some([own(one, two)?, own(two, one)?]))
+}
+
+/// Whether an effect touches samples one by one.
+fn scatters(effect: &Effect) -> bool {
+    matches!(effect.kind(), Kind::Noise | Kind::Quantization | Kind::Dropouts | Kind::Outliers)
 }
 
 /// Hides an effect outside the table, well above the noise.

@@ -22,6 +22,9 @@ pub enum Outcome {
     /// As it should be: the right name and place first; both of a pair; nothing on a clean record; no name for what is
     /// outside the table.
     Right,
+    /// Outside the table, under the name of an effect of the table that changes this record in the same way: neither right
+    /// nor wrong. The generator draws such trials anew where it knows them.
+    Alike,
     /// Another name first, with the truth listed as indistinguishable, and so it is.
     Listed,
     /// A wrong name or place first, or one of a pair wrong, or any name where there is none.
@@ -83,6 +86,11 @@ impl Scored {
         self.answer.effects.iter().all(|t| t.lambda > COUNTS_FROM)
     }
 
+    /// Whether it ended as it should, or as well as it could.
+    pub fn is_good(&self) -> bool {
+        matches!(self.outcome, Outcome::Right | Outcome::Listed | Outcome::Alike)
+    }
+
     /// A trial whose program gave no diagnosis.
     pub fn failed(trial: &Trial, seal: String, reason: String, seconds: f64) -> Self {
         Self {
@@ -128,10 +136,15 @@ impl Scored {
             };
             meant.push(found);
         }
-        let wrong_names = meant.iter().filter(|m| m.is_none()).count();
+        let mut wrong_names = meant.iter().filter(|m| m.is_none()).count();
         let found = meant.len() - wrong_names;
         let outcome = match trial.answer.case {
             Case::Clean | Case::Outside if causes.is_empty() => Outcome::Right,
+            Case::Outside
+                if causes.len() == 1 && kappas.outside(&causes[0]).is_some_and(|k| k > CONFUSABLE) =>
+            {
+                Outcome::Alike
+            }
             Case::Clean | Case::Outside => Outcome::Wrong,
             _ if causes.is_empty() => Outcome::Missed,
             Case::Single => match meant[0] {
@@ -143,6 +156,9 @@ impl Scored {
             Case::Pair if wrong_names > 0 => Outcome::Wrong,
             Case::Pair => Outcome::Half,
         };
+        if outcome == Outcome::Alike {
+            wrong_names = 0;
+        }
         if trial.answer.case == Case::Single && outcome == Outcome::Wrong {
             kappas.of(0, &causes[0]);
         }
@@ -291,11 +307,27 @@ impl<'a> Kappas<'a> {
         };
         let rest = scene.expected(&without, None).ok()?;
         let (named, truth) = (with(named)?, with(trial.effects[index].clone())?);
+        self.between([&named, &truth], &rest)
+    }
+
+    /// That of a cause in place of what is outside the table.
+    fn outside(&mut self, cause: &Cause) -> Option<f64> {
+        let scene = &self.trial.scene;
+        let named = effect(cause).filter(|e| !random(e.kind()))?;
+        let truth = scene.expected(&[], self.trial.outside.as_ref()).ok()?;
+        let named = scene.expected(&[named], None).ok()?;
+        self.between([&named, &truth], &scene.expected(&[], None).ok()?)
+    }
+
+    /// Of two motions, as changes of a third.
+    fn between(&mut self, motions: [&[f64]; 2], rest: &[f64]) -> Option<f64> {
+        let scene = &self.trial.scene;
         let judge = self.judge.get_or_insert_with(|| {
             Judge::new(&scene.nominal.vehicle, &scene.noise, &scene.x0, &scene.commands)
         });
-        let signature = |y: &[f64]| judge.signature(y.iter().zip(&rest).map(|(y, rest)| y - rest).collect());
-        let found = kappa(&signature(&named), &signature(&truth));
+        let signature = |y: &[f64]| judge.signature(y.iter().zip(rest).map(|(y, rest)| y - rest).collect());
+        let [named, truth] = motions.map(signature);
+        let found = kappa(&named, &truth);
         self.last = Some(found);
         Some(found)
     }

@@ -133,6 +133,7 @@ fn outcomes(counts: &std::collections::BTreeMap<Outcome, usize>) -> String {
 fn word(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::Right => "right",
+        Outcome::Alike => "named as what is the same here",
         Outcome::Listed => "listed as indistinguishable",
         Outcome::Wrong => "wrong",
         Outcome::Half => "one of two",

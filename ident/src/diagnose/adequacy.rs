@@ -23,7 +23,9 @@ const SMALL: f64 = 0.1;
 /// How often an input's effect may swing over the record.
 const SWINGS: usize = 6;
 /// Functions of an input that are the same at all times.
-const STATIC: usize = 5;
+const STATIC: usize = 5 + THRESHOLDS.len();
+/// Thresholds of relays, as shares of a signal's largest magnitude.
+pub(super) const THRESHOLDS: [f64; 5] = [0.05, 0.1, 0.2, 0.35, 0.6];
 
 /// Samples of all channels that are looked at, at most.
 const LOOKED_AT: usize = 100_000;
@@ -66,6 +68,12 @@ impl Lack {
 
     fn one_tells(&self) -> bool {
         self.one.chance < CHANCE
+    }
+
+    /// With functions of one signal that explain so much in BIC, when that is more.
+    pub fn or_one(self, gain: f64) -> Self {
+        let told = Left { energy: gain, sigmas: gain.sqrt(), chance: (-0.5 * gain).exp() };
+        if told.energy > self.one.energy { Self { one: told, ..self } } else { self }
     }
 
     /// True when what is left is no noise.
@@ -164,7 +172,7 @@ fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Left {
 }
 
 /// States of the fitted run, over the steps of the record, each over its largest magnitude.
-fn states(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Option<Vec<Vec<f64>>> {
+pub(super) fn states(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Option<Vec<Vec<f64>>> {
     let data = model.runner.data;
     let n = vehicle.states.len();
     let mut simulator = data.begin(vehicle, 0)?;
@@ -181,7 +189,8 @@ fn states(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Option<Vec<Vec
     Some(states)
 }
 
-fn scale(values: &mut [f64]) {
+/// Over the largest magnitude.
+pub(super) fn scale(values: &mut [f64]) {
     let peak = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     if peak > 0.0 {
         values.iter_mut().for_each(|v| *v /= peak);
@@ -193,6 +202,18 @@ struct Function {
     /// Which signal it is made from: inputs, then states.
     of: usize,
     values: Vec<f64>,
+}
+
+/// Plus one from where a signal rises above a threshold until it falls below minus that, then minus one.
+pub(super) fn relayed(signal: &[f64], threshold: f64) -> Vec<f64> {
+    let mut now = 0.0;
+    let mut switched = |v: &f64| {
+        if v.abs() > threshold {
+            now = v.signum();
+        }
+        now
+    };
+    signal.iter().map(&mut switched).collect()
 }
 
 /// Functions of time that a force could follow.
@@ -207,6 +228,7 @@ fn functions(model: &Model<'_, '_>, states: &[Vec<f64>]) -> Vec<Function> {
     for (j, u) in inputs.iter().enumerate() {
         let mut own = vec![map(u, |u| u), map(u, f64::abs), map(u, |u| u * u), map(u, |u| u * u * u)];
         own.push(map(u, |u| (u / SMALL).tanh()));
+        own.extend(THRESHOLDS.map(|t| relayed(u, t)));
         // An input that acts now more, now less.
         for turns in 1..=SWINGS {
             let angle = |k: usize| std::f64::consts::TAU * (turns * k) as f64 / data.steps as f64;

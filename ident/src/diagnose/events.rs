@@ -142,9 +142,21 @@ fn on_state(
     }
     let looks = (times * durations.len()) as f64;
     let pulses = durations.iter().map(|d| best(*d));
-    if let Some((score, t, d, amplitude)) = pulses.max_by(|a, b| a.0.total_cmp(&b.0))
-        && score > 0.0
+    if let Some(mut top) = pulses.max_by(|a, b| a.0.total_cmp(&b.0))
+        && top.0 > 0.0
     {
+        // A fit by derivatives would stay at the sample next to which the pulse ends.
+        let mut step = top.2 / 4;
+        while step > 0 {
+            for d in [top.2 - step, top.2 + step] {
+                let next = best(d.clamp(1, times - 1));
+                if next.0 > top.0 {
+                    top = next;
+                }
+            }
+            step /= 2;
+        }
+        let (_, t, d, amplitude) = top;
         found.push(pulse(place, at(t), at(d), amplitude, sizes, looks));
     }
     Some(found)

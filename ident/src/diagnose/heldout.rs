@@ -9,6 +9,11 @@ use crate::identify::normal::pseudo_inverse;
 
 /// Blocks that are left out, one after the other.
 const BLOCKS: usize = 12;
+/// Share of what is known of a value below which the rest of a record cannot stand in for a block.
+const TOLD_ELSEWHERE: f64 = 0.05;
+/// A block's gain counts up to so many times an equal share of what the two predictions differ by: where a model without the
+/// cause runs away over one block, that block alone would be the gain, and its standard error too.
+const CAPPED: f64 = 4.0;
 
 /// The gain of `extended` over `reduced` on blocks that are left out of both fits, over its standard error.
 ///
@@ -17,17 +22,18 @@ const BLOCKS: usize = 12;
 /// extended one. Blocks are cut so that in each the two predictions differ by as much: an event that lasts a second
 /// has its blocks within that second. Whitened, residuals of one block say nothing about those of the next.
 ///
-/// Some values are left as they are: the initial state, as without the first block nothing would be known of it, and
-/// when an event was, which no other part of a record could tell.
+/// Some values are left as they are: the initial state, as without the first block nothing would be known of it, when an
+/// event was, and what else only the block itself tells (how large an event within it was).
 pub fn gain_in_sigmas(reduced: (&Model<'_, '_>, &Fit), extended: (&Model<'_, '_>, &Fit)) -> f64 {
     let data = reduced.0.runner.data;
     let ((small, reduced), (large, extended)) = (reduced, extended);
     let noise = &extended.profile.noise;
-    let cuts = cuts(data, noise, reduced, extended);
+    let (cuts, energy) = cuts(data, noise, reduced, extended);
     let of = |model: &Model<'_, '_>, fit: &Fit| left_out(data, noise, fit, &estimated(model), &cuts);
     let (Some(before), Some(after)) = (of(small, reduced), of(large, extended)) else { return 0.0 };
-    let gains: Vec<f64> = before.iter().zip(&after).map(|(b, a)| 0.5 * (b - a)).collect();
-    let n = gains.len() as f64;
+    let n = before.len() as f64;
+    let most = CAPPED * 0.5 * energy / n;
+    let gains: Vec<f64> = before.iter().zip(&after).map(|(b, a)| (0.5 * (b - a)).min(most)).collect();
     if n < 3.0 {
         return 0.0;
     }
@@ -44,8 +50,8 @@ fn estimated(model: &Model<'_, '_>) -> Vec<usize> {
     free.chain(lasting.map(|(i, _)| i)).collect()
 }
 
-/// First steps of the blocks, and the end.
-fn cuts(data: &Data, noise: &Noise, reduced: &Fit, extended: &Fit) -> Vec<usize> {
+/// First steps of the blocks, and the end; and the energy by which the predictions differ.
+fn cuts(data: &Data, noise: &Noise, reduced: &Fit, extended: &Fit) -> (Vec<usize>, f64) {
     let mut difference: Vec<f64> =
         extended.predicted.iter().zip(&reduced.predicted).map(|(a, b)| a - b).collect();
     data.fill(&mut difference);
@@ -68,7 +74,7 @@ fn cuts(data: &Data, noise: &Noise, reduced: &Fit, extended: &Fit) -> Vec<usize>
     }
     cuts.push(data.steps);
     cuts.dedup();
-    cuts
+    (cuts, total)
 }
 
 /// Sum of squared whitened errors of every block when it is left out.
@@ -119,7 +125,13 @@ fn left_out(data: &Data, noise: &Noise, fit: &Fit, estimated: &[usize], cuts: &[
         .zip(&blocks)
         .map(|(ranges, own)| {
             let gradient = DVector::from_iterator(n, columns.iter().map(|c| sums(ranges, c, &residual)));
-            let step = -(pseudo_inverse(&(&total - own))? * &gradient);
+            let rest = &total - own;
+            let told: Vec<usize> =
+                (0..n).filter(|i| rest[(*i, *i)] > TOLD_ELSEWHERE * total[(*i, *i)]).collect();
+            let known = rest.select_rows(&told).select_columns(&told);
+            let moved = -(pseudo_inverse(&known)? * gradient.select_rows(&told));
+            let mut step = DVector::zeros(n);
+            told.iter().zip(moved.iter()).for_each(|(i, d)| step[*i] = *d);
             // |e - J d|^2 over the block.
             let square = sums(ranges, &residual, &residual);
             Some((square - 2.0 * gradient.dot(&step) + step.dot(&(own * &step))).max(0.0))

@@ -293,7 +293,8 @@ const HOPE: f64 = 4.0;
 
 /// Climbs from `noises` to the greatest likelihood by Newton's steps with the curvatures of the single values, those of
 /// the turbulence's two together; what the climb gained last is below a tenth. Returns noises, likelihood and standard
-/// errors of the first two values. A climb that will not come to `wanted` ends early, with errors of one.
+/// errors of the first two values, and of the density that both give at high frequencies (as an amplitude). A climb that
+/// will not come to `wanted` ends early, with errors of one.
 pub fn climb(
     data: &Data,
     vehicle: &Vehicle,
@@ -301,7 +302,7 @@ pub fn climb(
     residual: &[f64],
     mut noises: Noises,
     wanted: f64,
-) -> Option<(Noises, f64, [f64; 2])> {
+) -> Option<(Noises, f64, [f64; 3])> {
     let value = |noises: &Noises| log_likelihood(data, vehicle, state, residual, noises);
     let mut best = value(&noises)?;
     let count = noises.count();
@@ -338,7 +339,7 @@ pub fn climb(
             hoped += (slope * step[i]).abs();
         }
         if best + HOPE * hoped + HOPE < wanted {
-            return Some((noises, best, [1.0, 1.0]));
+            return Some((noises, best, [1.0; 3]));
         }
         let before = best;
         let mut share = 1.0;
@@ -372,9 +373,10 @@ pub fn climb(
     let cross = 0.5 * ((2.0 * best - values[4] - values[5]) / (d * d) - first - second);
     let determinant = first * second - cross * cross;
     let errors = if determinant > 0.0 && first > 0.0 {
-        [(second / determinant).sqrt(), (first / determinant).sqrt()]
+        let density = second - cross + 0.25 * first;
+        [second, first, density].map(|v| (v.max(0.0) / determinant).sqrt())
     } else {
-        [1.0, 1.0]
+        [1.0; 3]
     };
     Some((noises, best, errors))
 }

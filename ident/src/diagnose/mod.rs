@@ -14,6 +14,7 @@ pub mod events;
 mod evidence;
 mod evidence_random;
 mod experiments;
+mod forced;
 mod forces;
 pub mod gains;
 pub mod heldout;

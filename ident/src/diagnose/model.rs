@@ -22,7 +22,7 @@ impl Effort {
     fn rounds(self) -> (usize, usize) {
         match self {
             Effort::Glance => (1, 3),
-            Effort::Full => (5, 6),
+            Effort::Full => (20, 6),
         }
     }
 }

@@ -120,13 +120,14 @@ fn searched(
     }
     let runner = Runner::new(vehicle, &data);
     let blocked = found.iter().any(|f| f.blocking);
-    let sizes = sizes(&runner, &first);
     let present: Vec<usize> = data.channels.iter().map(|c| c.output).collect();
+    let declared: Vec<f64> = present.iter().map(|i| vehicle.outputs[*i].noise).collect();
+    let declared = with_rounding(&declared, &samples);
+    let sizes = sizes(&runner, &first, &declared);
     let mut candidates = if blocked { Vec::new() } else { library::library(vehicle, &sizes, &present) };
     if !blocked {
         candidates.extend(transitions(vehicle, &sizes, &options.modes));
     }
-    let declared: Vec<f64> = present.iter().map(|i| vehicle.outputs[*i].noise).collect();
     let scene = Scene { library: &candidates, sizes: &sizes, most: MOST, declared: &declared };
     let model = Model { runner: &runner, free: &free, terms: Vec::new() };
     let selection = if blocked { Selection::nothing(model.clone(), start()) } else { chosen(&model, &scene) };
@@ -142,10 +143,10 @@ fn searched(
         let lack = if asked { lack(&selection.model, &selection.fit, &sizes, &rounded) } else { None };
         (noise, lack)
     };
-    let mut random = None;
+    let (mut random, mut unnamed) = (None, None);
     let alone = selection.clone();
     if !blocked {
-        (selection, random) = beside(selection, &model, &scene);
+        (selection, random, unnamed) = beside(selection, &model, &scene);
     }
     let (mut noise, mut doubt) = judged(&selection, random.is_some());
     // What turbulence explains of the likelihood, in the scale of energies.
@@ -154,6 +155,9 @@ fn searched(
         // It was the trace of something else, and what was chosen beside it rests on it.
         (selection, random) = (alone, None);
         (noise, doubt) = judged(&selection, false);
+    }
+    if let Some(gain) = unnamed {
+        doubt = doubt.map(|lack| lack.or_one(gain));
     }
     let gain = if data.held { otherwise(&selection, vehicle) } else { 0.0 };
     let mut withheld = Vec::new();
@@ -226,7 +230,7 @@ fn free(vehicle: &Vehicle, options: &Options) -> Vec<Free> {
     if estimated { vehicle.free.clone() } else { Vec::new() }
 }
 
-fn sizes(runner: &Runner<'_>, fit: &Fit) -> Sizes {
+fn sizes(runner: &Runner<'_>, fit: &Fit, declared: &[f64]) -> Sizes {
     let data = runner.data;
     let n = runner.states();
     let states = runner.run_states(&fit.values).unwrap_or_else(|| vec![Vec::new(); n]);
@@ -239,9 +243,8 @@ fn sizes(runner: &Runner<'_>, fit: &Fit) -> Sizes {
     for (c, channel) in data.channels.iter().enumerate() {
         let values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
         outputs[channel.output] = peak(&values);
-        let declared = runner.vehicle.outputs[channel.output].noise;
         noise[channel.output] =
-            if declared > 0.0 { declared } else { fit.profile.noise.channels[c].variance.sqrt() };
+            if declared[c] > 0.0 { declared[c] } else { fit.profile.noise.channels[c].variance.sqrt() };
     }
     Sizes {
         inputs: runner.input_peaks(),
@@ -269,6 +272,18 @@ fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<Candid
         })
         .map(|to| library::transition(&to, times(), sizes, TRANSITIONS as f64))
         .collect()
+}
+
+/// Standard deviations of the channels' noise with what rounding adds to it.
+fn with_rounding(declared: &[f64], samples: &[SampleEffect]) -> Vec<f64> {
+    let mut expected = declared.to_vec();
+    for effect in samples.iter().filter(|e| e.kind == Kind::Quantization) {
+        let step = effect.parameters.get("step").map_or(0.0, |v| v.0);
+        // Nothing is expected where nothing is declared.
+        let own = &mut expected[effect.channel];
+        *own = if *own > 0.0 { own.hypot(step / 12.0f64.sqrt()) } else { 0.0 };
+    }
+    expected
 }
 
 /// Noise beyond the declared; coloured noise that turbulence accounts for is none.

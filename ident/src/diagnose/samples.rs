@@ -31,6 +31,10 @@ const FEW: usize = 5;
 const LEVELS: usize = 3;
 /// With fewer steps from the least to the greatest, a limit cannot be told from rounding.
 const CLIPPED: f64 = 8.0;
+/// Values of which this share are new may be held now and then; of fewer, they are rounded.
+const NEW: f64 = 0.25;
+/// Fewer wild values than this may be anything.
+const FEW_WILD: usize = 3;
 /// A wild value stands this many standard deviations away from its neighbours.
 const WILD: f64 = 6.5;
 /// Neighbours on each side to which a value is compared.
@@ -73,10 +77,19 @@ fn fast_noise(channel: &Channel) -> f64 {
     mad_std(&differences) / 2f64.sqrt()
 }
 
-/// The step of which all values are multiples, if it is coarser than `least`.
+/// The step of which all values are multiples, if it is coarser than `least`. A limit that cuts them is no multiple.
 fn rounding(channel: &Channel, least: f64) -> Option<f64> {
     let mut values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
     values.sort_unstable_by(f64::total_cmp);
+    step_of(&values, least).or_else(|| {
+        let (first, last) = (*values.first()?, *values.last()?);
+        let inside: Vec<f64> = values.iter().copied().filter(|v| *v > first && *v < last).collect();
+        step_of(&inside, least)
+    })
+}
+
+/// As [`rounding`], of sorted values.
+fn step_of(values: &[f64], least: f64) -> Option<f64> {
     let tiny = 1e-9 * values.last()?.abs().max(values.first()?.abs());
     let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|g| *g > tiny).collect();
     if gaps.len() < LEVELS - 1 || gaps.len() * 2 > values.len() {
@@ -155,6 +168,12 @@ fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
         .filter(|&k| channel.good[k] && channel.good[k - 1] && channel.values[k] == channel.values[k - 1])
         .collect();
     let fraction = repeats.len() as f64 / n as f64;
+    let mut values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values.dedup();
+    if (values.len() as f64) < NEW * n as f64 {
+        return None;
+    }
     // A sensor of few digits repeats a value by chance, about half as often as it steps to the next.
     let steps = || channel.values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0);
     let finest = steps().fold(f64::INFINITY, f64::min);
@@ -174,9 +193,17 @@ fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
     if regular && fraction > 0.3 || longest * 2 > repeats.len() && longest > 20 {
         return None;
     }
-    let half = 1.96 * (fraction * (1.0 - fraction) / n as f64).sqrt();
-    let parameters = BTreeMap::from([("fraction", (fraction, (fraction - half).max(0.0), fraction + half))]);
+    let (low, high) = share_interval(repeats.len() as f64, n as f64);
+    let parameters = BTreeMap::from([("fraction", (fraction, low, high))]);
     Some(SampleEffect { kind: Kind::Dropouts, channel: index, parameters, samples: repeats.len() })
+}
+
+/// 95 % interval of a share, `count` of `n` (Wilson).
+fn share_interval(count: f64, n: f64) -> (f64, f64) {
+    let z2 = 1.96f64 * 1.96;
+    let centre = (count + 0.5 * z2) / (n + z2);
+    let half = 1.96 * (count * (1.0 - count / n) + 0.25 * z2).sqrt() / (n + z2);
+    ((centre - half).max(0.0), centre + half)
 }
 
 fn longest_run(sorted: &[usize]) -> usize {
@@ -209,7 +236,7 @@ pub fn outliers(data: &mut Data, residual: &[f64]) -> Vec<SampleEffect> {
             continue;
         }
         let wild: Vec<usize> = (0..away.len()).filter(|k| away[*k].abs() > WILD * spread).collect();
-        if wild.len() < FEW || wild.len() * 4 > away.len() || longest_run(&wild) > 3 {
+        if wild.len() < FEW_WILD || wild.len() * 4 > away.len() || longest_run(&wild) > 3 {
             continue;
         }
         let sizes: Vec<f64> = wild.iter().map(|k| away[*k].abs()).collect();
@@ -224,10 +251,10 @@ pub fn outliers(data: &mut Data, residual: &[f64]) -> Vec<SampleEffect> {
         }
         let n = away.len() as f64;
         let fraction = wild.len() as f64 / n;
-        let half = 1.96 * (fraction * (1.0 - fraction) / n).sqrt();
+        let (low, high) = share_interval(wild.len() as f64, n);
         let size = 1.96 * spread.max(scatter) / (wild.len() as f64).sqrt();
         let parameters = BTreeMap::from([
-            ("fraction", (fraction, (fraction - half).max(0.0), fraction + half)),
+            ("fraction", (fraction, low, high)),
             ("magnitude", (magnitude, magnitude - size, magnitude + size)),
         ]);
         found.push(SampleEffect { kind: Kind::Outliers, channel: index, parameters, samples: wild.len() });

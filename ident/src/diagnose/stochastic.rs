@@ -19,6 +19,8 @@ pub struct Turbulence {
     pub std: (f64, f64),
     /// Bandwidth, Hz, and its relative standard error.
     pub bandwidth_hz: (f64, f64),
+    /// Relative standard error of the amplitude that size and bandwidth give it at high frequencies.
+    pub density: f64,
     /// Gain in BIC over coloured noise of every channel for itself.
     pub delta_bic: f64,
     /// Gains of the same on other states: state and gain.
@@ -33,15 +35,22 @@ pub const LEAST: f64 = 10.0;
 const KNOWN: (f64, f64) = (0.3, 1.0);
 /// A slower motion than this many periods in the record is a drift rather than turbulence.
 const PERIODS: f64 = 2.0;
+/// Of slow turbulence a short record shows what it adds up to, as it does of a short pulse; how large and how slow it is go
+/// together. From this gain on that is enough, if it may be fast enough.
+const PLAIN: f64 = 50.0;
+const FAR_OFF: f64 = 1.5;
 
 impl Turbulence {
     /// True when the record determines it.
     pub fn is_known(&self, data: &Data) -> bool {
-        self.delta_bic > LEAST
-            && self.std.1 < KNOWN.0
-            && self.bandwidth_hz.1 < KNOWN.1
-            && self.bandwidth_hz.0 * data.duration_s() > PERIODS
-            && self.bandwidth_hz.0 * data.period_s < 0.5
+        let (bandwidth, error) = self.bandwidth_hz;
+        let periods = bandwidth * data.duration_s();
+        let both = self.std.1 < KNOWN.0 && error < KNOWN.1 && periods > PERIODS;
+        let together = self.delta_bic > PLAIN
+            && self.density.min(self.std.1) < KNOWN.0
+            && error < FAR_OFF
+            && periods * (1.96 * error).exp() > PERIODS;
+        self.delta_bic > LEAST && (both || together) && bandwidth * data.period_s < 0.5
     }
 
     /// A noise model with it, for all channels together; `None` where only Whittle's likelihood could be had.
@@ -131,6 +140,7 @@ fn refined(
             state: *state,
             std: (best.values[0].exp(), best.errors[0]),
             bandwidth_hz: (best.values[1].exp(), best.errors[1]),
+            density: 1.0,
             delta_bic: *delta_bic,
             others,
             noises: None,
@@ -147,7 +157,7 @@ fn refined(
     }
     let alone = profile.bic(0);
     let rows = (profile.rows as f64).ln();
-    let mut exact: Vec<(usize, Noises, [f64; 2], f64)> = fits
+    let mut exact: Vec<(usize, Noises, [f64; 3], f64)> = fits
         .par_iter()
         .take(REFINED)
         .enumerate()
@@ -173,6 +183,7 @@ fn refined(
         state,
         std: (noises.common[0].exp(), errors[0]),
         bandwidth_hz: (noises.common[1].exp(), errors[1]),
+        density: errors[2],
         delta_bic,
         others,
         noises: Some(noises),

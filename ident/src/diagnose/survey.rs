@@ -14,9 +14,11 @@ use super::{events, tones};
 
 /// Candidates that are fitted a few steps, at most.
 const GLANCED: usize = 12;
-/// Candidates that are fitted to their optimum, at most, and how far in BIC behind the best of them.
+/// Candidates that are fitted to their optimum, at most, and how far in BIC behind the best of them: a few steps under the
+/// noise model of the start may still miss a share of what a strong effect gains.
 const FITTED: usize = 5;
 const BEHIND: f64 = 40.0;
+const SHARE_BEHIND: f64 = 0.15;
 /// Score of a transition whose time is still far off, at most.
 const UNSURE: f64 = 100.0;
 /// Gain in BIC below which the first look leaves no hope that a fit would be accepted.
@@ -146,7 +148,7 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
     glances.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
     let best = glances.first().map_or(0.0, |g| g.0.delta_bic);
     glances.truncate(FITTED);
-    glances.retain(|(glance, _)| glance.delta_bic > best - BEHIND);
+    glances.retain(|(glance, _)| glance.delta_bic > best - BEHIND.max(SHARE_BEHIND * best));
     let fitted: Vec<(Option<Trial>, usize)> = glances
         .into_par_iter()
         .map(|(glance, i)| {

@@ -7,6 +7,7 @@
 use whirlstand_vehicle::Kind;
 
 use super::data::Data;
+use super::forced;
 use super::library::Candidate;
 use super::model::Model;
 use super::noise::Noise;
@@ -21,15 +22,19 @@ const PASSES: usize = 2;
 const SETTLED: f64 = 1.3;
 /// A turbulence that grows with a command, by so many standard deviations of chance, is none.
 const RELATED: f64 = 3.5;
+/// A force that follows a signal has a few values, turbulence one a step: where the few gain so large a share of what
+/// turbulence does, it follows the signal.
+const FOLLOWS: f64 = 0.5;
 /// Shifts in time that show what chance does.
 const SHIFTS: usize = 200;
 
-/// Causes with turbulence beside them, where that explains more than `selection` alone.
+/// Causes with turbulence beside them, where that explains more than `selection` alone. And by how much more than
+/// the causes, in BIC, a force explains that follows a signal, where that is more than turbulence does.
 pub(super) fn beside<'r, 'd>(
     selection: Selection<'r, 'd>,
     model: &Model<'r, 'd>,
     scene: &Scene<'_>,
-) -> (Selection<'r, 'd>, Option<Turbulence>) {
+) -> (Selection<'r, 'd>, Option<Turbulence>, Option<f64>) {
     let data = model.runner.data;
     let look = |s: &Selection<'r, 'd>| {
         turbulence(&s.model, &s.fit.values, &s.fit.residual).filter(|t| t.delta_bic > LEAST)
@@ -38,7 +43,7 @@ pub(super) fn beside<'r, 'd>(
     // Gusts that were taken for single events hide what is left of the turbulence.
     let calm = without_gusts(&selection, None);
     let first = look(&selection).or_else(|| calm.as_ref().and_then(look));
-    let Some(mut found) = first else { return (selection, None) };
+    let Some(mut found) = first else { return (selection, None, None) };
     let mut chosen: Option<Selection<'r, 'd>> = None;
     for _ in 0..PASSES {
         let last = chosen.as_ref().or(calm.as_ref()).unwrap_or(&selection);
@@ -49,7 +54,7 @@ pub(super) fn beside<'r, 'd>(
         let next = without_gusts(&next, Some(found.state)).unwrap_or(next);
         let again = look(&next);
         chosen = Some(next);
-        let Some(again) = again else { return single(selection, chosen, alone) };
+        let Some(again) = again else { return (single(selection, chosen, alone), None, None) };
         let same = again.state == found.state && (again.std.0 / found.std.0).ln().abs() < SETTLED.ln();
         found = again;
         if same {
@@ -59,23 +64,28 @@ pub(super) fn beside<'r, 'd>(
     let Some(mut chosen) = chosen else {
         // Only an approximate likelihood could be had: the causes are those without it.
         let known = found.is_known(data);
-        return (selection, known.then_some(found));
+        return (selection, known.then_some(found), None);
     };
     if !found.is_known(data) || plain_bic(&chosen, data) - found.delta_bic > alone - LEAST {
-        return (selection, None);
+        return (selection, None, None);
     }
     let Some(noise) =
         chosen.model.vehicle(&chosen.fit.values).and_then(|v| found.noise(data, &v, &chosen.fit.residual))
     else {
-        return (selection, None);
+        return (selection, None, None);
     };
+    let forced = forced::gain(&chosen.model, &chosen.fit, found.state, scene);
+    if let Some(gain) = forced.filter(|gain| *gain > FOLLOWS * found.delta_bic) {
+        let more = alone - (plain_bic(&chosen, data) - gain);
+        return (selection, None, Some(more).filter(|more| *more > LEAST));
+    }
     if related(data, &noise, &chosen) {
-        return (selection, None);
+        return (selection, None, None);
     }
     if let Some(fit) = chosen.model.fit(chosen.fit.values.clone(), Some(&noise), None) {
         chosen.fit = fit;
     }
-    (chosen, Some(found))
+    (chosen, Some(found), None)
 }
 
 /// The same causes without disturbances, on one state or on all, fitted anew; `None` when there are none. A gust is part
@@ -98,7 +108,7 @@ fn single<'r, 'd>(
     selection: Selection<'r, 'd>,
     chosen: Option<Selection<'r, 'd>>,
     alone: f64,
-) -> (Selection<'r, 'd>, Option<Turbulence>) {
+) -> Selection<'r, 'd> {
     let better = chosen.and_then(|mut chosen| {
         let fit = chosen.model.fit(chosen.fit.values.clone(), None, None)?;
         let bic = fit.profile.bic(chosen.model.parameters());
@@ -106,7 +116,7 @@ fn single<'r, 'd>(
         chosen.null = selection.null.clone();
         (bic < alone - LEAST && !chosen.model.terms.is_empty()).then_some(chosen)
     });
-    (better.unwrap_or(selection), None)
+    better.unwrap_or(selection)
 }
 
 /// BIC with noise models of single channels.

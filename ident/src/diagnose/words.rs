@@ -345,8 +345,9 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_, '_>, data: &Data, vehicle
     let residual = &findings.selection.fit.residual;
     let noise = &findings.selection.fit.profile.noise;
     let loud = (0..data.channels.len()).any(|c| {
-        let declared = vehicle.outputs[data.channels[c].output].noise;
-        declared > 0.0 && noise.std(c, data, residual) > 2.0 * declared
+        let output = data.channels[c].output;
+        vehicle.outputs[output].noise > 0.0
+            && noise.std(c, data, residual) > 2.0 * findings.sizes.noise[output]
     });
     let more = findings.lack.as_ref().is_some_and(super::adequacy::Lack::is_told);
     if loud || more || describe::structured(findings, data) {

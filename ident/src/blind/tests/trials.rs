@@ -168,3 +168,21 @@ fn a_listing_counts_only_where_the_records_are_alike() {
     let other = listed("A[4,4]", json!({ "value": 1.2 }));
     assert_eq!((other.outcome, other.wrong_names), (Outcome::Wrong, 1), "{:?}", other.kappa);
 }
+
+#[test]
+fn what_is_outside_the_table_is_alike_only_under_a_name_that_does_the_same() {
+    // The square of an input that goes from one side to the other and back is a constant for that while.
+    let setting = Setting { lengths_s: (15.0, 45.0), rates_hz: vec![50.0, 100.0], ..Setting::default() };
+    let trial = Trial::draw(&Plan::new(2_000_021), &setting).unwrap().unwrap();
+    assert_eq!(trial.answer.effects[0].effect, "squared_input");
+    let pulse = |magnitude: f64, at: f64| {
+        let parameters = json!({ "at_s": { "value": at }, "duration_s": { "value": 7.6 },
+            "magnitude": { "value": magnitude } });
+        let cause = json!({ "effect": "pulse_disturbance", "where": "roll_rate", "parameters": parameters });
+        score(&trial, json!({ "verdict": "explained", "causes": [cause] }))
+    };
+    let same = pulse(-0.0139, 1.12);
+    assert_eq!((same.outcome, same.wrong_names), (Outcome::Alike, 0), "{:?}", same.kappa);
+    let other = pulse(-0.0139, 4.0);
+    assert_eq!((other.outcome, other.wrong_names), (Outcome::Wrong, 1), "{:?}", other.kappa);
+}

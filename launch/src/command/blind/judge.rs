@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use indicatif::ProgressBar;
 use sha2::{Digest, Sha256};
 use wait_timeout::ChildExt;
-use whirlstand_ident::blind::{Diagnosis, Outcome, Plan, Scored, Setting, Trial};
+use whirlstand_ident::blind::{Diagnosis, Plan, Scored, Setting, Trial};
 
 use crate::cli::BlindArgs;
 use crate::error::Failure;
@@ -109,7 +109,7 @@ impl Judge {
                 let mut all = trials.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
                 match scored {
                     Some(scored) => {
-                        all.2 += usize::from(!matches!(scored.outcome, Outcome::Right | Outcome::Listed));
+                        all.2 += usize::from(!scored.is_good());
                         all.0.push(scored);
                     }
                     None => all.1 += 1,
@@ -154,7 +154,7 @@ impl Judge {
             Ok(diagnosis) => Scored::new(&trial, &diagnosis, seal, seconds).map_err(Failure::run)?,
             Err(reason) => Scored::failed(&trial, seal, reason, seconds),
         };
-        let good = matches!(scored.outcome, Outcome::Right | Outcome::Listed);
+        let good = scored.is_good();
         if !(self.keep_all || self.keep_failures && !good) {
             // What cannot be removed now goes with the whole folder, or is seen by whoever looks there.
             let _ = std::fs::remove_dir_all(&folder);
