@@ -2,7 +2,7 @@
 
 mod support;
 
-use support::flight;
+use support::{changed, flight};
 use whirlstand_ident::diagnose::{Diagnosis, Options, Verdict, diagnose};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
@@ -102,6 +102,23 @@ fn the_transition_between_flight_modes_is_dated() {
 }
 
 #[test]
+fn a_flight_in_another_mode_than_the_files_is_told_by_that_modes_name() {
+    let still = |name: &str| {
+        let mut vehicle = Vehicle::builtin(name).unwrap();
+        vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
+        vehicle
+    };
+    for (mode, seed) in [("helicopter-longitudinal", 9), ("helicopter-lateral", 10)] {
+        let flown = still(mode);
+        let record = flight(&flown, 30.0, &vec![0.0; flown.states.len()], 0.01, Some(seed));
+        let answer = diagnose(&[record], &still("helicopter-hover"), &Options::default()).unwrap();
+        names(&answer, "mode_transition", "vehicle");
+        assert_eq!(answer.causes[0].text.as_deref(), Some(mode));
+        assert!(answer.causes[0].parameters["at_s"].value < 1.0, "{}", answer.text());
+    }
+}
+
+#[test]
 fn a_tone_that_stops_with_the_engine_is_the_engines() {
     let tone = [("frequency_hz", 17.0), ("amplitude", 0.004), ("phase_rad", 0.0)];
     let shaken = with(Kind::Vibration, "pitch_rate", &tone);
@@ -139,17 +156,6 @@ fn the_extended_vehicle_flies_as_the_record_did() {
     let simulated = fly(&extended, 12);
     let answer = diagnose(&[simulated], &truth, &Options::default()).unwrap();
     assert_eq!(answer.verdict, Verdict::Consistent, "{}", answer.text());
-}
-
-/// A record with one channel changed.
-fn changed(record: &Record, channel: &str, f: impl Fn(usize, f64) -> f64) -> Record {
-    let mut out = Record::new("flight.csv", record.time.clone()).unwrap();
-    for signal in record.signals() {
-        let values = signal.values.iter().enumerate();
-        let values = values.map(|(k, v)| if signal.name == channel { f(k, *v) } else { *v }).collect();
-        out.push(&signal.name, &signal.unit, values).unwrap();
-    }
-    out
 }
 
 #[track_caller]

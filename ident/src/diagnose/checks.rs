@@ -188,7 +188,7 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
     let measured: Vec<f64> = predicted.iter().zip(residual).map(|(p, r)| p + r).collect();
     let mut found = Vec::new();
     let p = data.channels.len();
-    let own: Vec<f64> =
+    let own_fits: Vec<f64> =
         (0..p).map(|c| fit(&measured[ranges[c].clone()], &predicted[ranges[c].clone()], 1.0)).collect();
     for a in 0..p {
         for b in a + 1..p {
@@ -198,7 +198,7 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
                 continue;
             }
             let (ab, ba) = (fit(ya, sb, 1.0), fit(yb, sa, 1.0));
-            if ab > SAME && ba > SAME && ab > own[a] + 0.3 && ba > own[b] + 0.3 {
+            if ab > SAME && ba > SAME && ab > own_fits[a] + 0.3 && ba > own_fits[b] + 0.3 {
                 let text = format!(
                     "{} and {} are swapped: each fits the simulation of the other. Rename them with --map {}={} --map {}={}",
                     name(a),
@@ -217,7 +217,7 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
     }
     for c in 0..p {
         let y = &measured[ranges[c].clone()];
-        if own[c] > 0.5 {
+        if own_fits[c] > 0.5 {
             continue;
         }
         let s = foretold(runner, c).unwrap_or_else(|| predicted[ranges[c].clone()].to_vec());
@@ -226,7 +226,7 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
         if own > 0.5 {
             continue;
         }
-        if fit(y, s, -1.0) > SAME {
+        if fit(y, s, -1.0) > SAME && others_fit(&own_fits, c) {
             let text = format!("{} has the wrong sign: its negative fits the simulation", name(c));
             found.push(finding("sign", name(c), true, text));
         }
@@ -243,6 +243,14 @@ pub fn channels(runner: &Runner<'_>, predicted: &[f64], residual: &[f64]) -> Vec
         }
     }
     found
+}
+
+/// True when most of the other channels are somewhat like their simulation, or there are none: of a vehicle that flies quite
+/// another way, one that runs the other way tells nothing.
+fn others_fit(own_fits: &[f64], channel: usize) -> bool {
+    let others: Vec<f64> =
+        own_fits.iter().enumerate().filter(|(c, _)| *c != channel).map(|(_, f)| *f).collect();
+    others.is_empty() || crate::stats::median(&others) > 0.0
 }
 
 /// What the other channels say of one: its simulation from the initial state that fits them.

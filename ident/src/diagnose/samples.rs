@@ -35,8 +35,10 @@ const CLIPPED: f64 = 8.0;
 const NEW: f64 = 0.25;
 /// Fewer wild values than this may be anything.
 const FEW_WILD: usize = 3;
-/// A wild value stands this many standard deviations away from its neighbours.
+/// A wild value stands this many standard deviations away from its neighbours,
 const WILD: f64 = 6.5;
+/// and this many times as far as half of the neighbours stand from their middle.
+const ALONE: f64 = 5.0;
 /// Neighbours on each side to which a value is compared.
 const NEIGHBOURS: usize = 4;
 
@@ -221,15 +223,21 @@ pub fn outliers(data: &mut Data, residual: &[f64]) -> Vec<SampleEffect> {
     let mut found = Vec::new();
     for (index, (channel, range)) in data.channels.iter_mut().zip(ranges).enumerate() {
         let r = &residual[range];
-        let away: Vec<f64> = (0..r.len())
+        // How far a value stands from its neighbours, and how far these stand from each other.
+        let (away, scatter): (Vec<f64>, Vec<f64>) = (0..r.len())
             .map(|k| {
                 let around: Vec<f64> = (k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(r.len()))
                     .filter(|j| *j != k && channel.good[*j])
                     .map(|j| r[j])
                     .collect();
-                if channel.good[k] && !around.is_empty() { r[k] - median(&around) } else { 0.0 }
+                if !channel.good[k] || around.is_empty() {
+                    return (0.0, 0.0);
+                }
+                let middle = median(&around);
+                let apart: Vec<f64> = around.iter().map(|v| (v - middle).abs()).collect();
+                (r[k] - middle, median(&apart))
             })
-            .collect();
+            .unzip();
         let kept: Vec<f64> = away.iter().copied().filter(|a| *a != 0.0).collect();
         let spread = mad_std(&kept);
         if spread <= 0.0 {
@@ -241,18 +249,19 @@ pub fn outliers(data: &mut Data, residual: &[f64]) -> Vec<SampleEffect> {
         }
         let sizes: Vec<f64> = wild.iter().map(|k| away[*k].abs()).collect();
         let magnitude = crate::stats::mean(&sizes);
-        let scatter = crate::stats::rms(&sizes.iter().map(|s| s - magnitude).collect::<Vec<_>>());
+        let differing = crate::stats::rms(&sizes.iter().map(|s| s - magnitude).collect::<Vec<_>>());
         for k in &wild {
             channel.good[*k] = false;
         }
-        // The effect of the table is off by one magnitude, up or down.
-        if scatter > 0.35 * magnitude {
+        // The effect of the table is off by one magnitude, up or down, and by itself: a bend is no wild value.
+        let alone = wild.iter().filter(|k| away[**k].abs() > ALONE * scatter[**k]).count();
+        if differing > 0.35 * magnitude || alone * 10 < wild.len() * 9 {
             continue;
         }
         let n = away.len() as f64;
         let fraction = wild.len() as f64 / n;
         let (low, high) = share_interval(wild.len() as f64, n);
-        let size = 1.96 * spread.max(scatter) / (wild.len() as f64).sqrt();
+        let size = 1.96 * spread.max(differing) / (wild.len() as f64).sqrt();
         let parameters = BTreeMap::from([
             ("fraction", (fraction, low, high)),
             ("magnitude", (magnitude, magnitude - size, magnitude + size)),

@@ -29,6 +29,18 @@ pub fn stick(t: f64, j: usize) -> f64 {
 
 /// Flies `vehicle` open loop from `initial` with inputs of size `gain`; `seed` of `None` is without noise.
 pub fn flight(vehicle: &Vehicle, length_s: f64, initial: &[f64], gain: f64, seed: Option<u64>) -> Record {
+    pushed_flight(vehicle, length_s, initial, gain, seed, |x| vec![0.0; x.len()])
+}
+
+/// As [`flight`], with what `push` makes of the state added to its derivative.
+pub fn pushed_flight(
+    vehicle: &Vehicle,
+    length_s: f64,
+    initial: &[f64],
+    gain: f64,
+    seed: Option<u64>,
+    push: impl Fn(&[f64]) -> Vec<f64>,
+) -> Record {
     let period = 0.01;
     let mut simulator = match seed {
         Some(seed) => Simulator::new(vehicle, period, seed),
@@ -42,6 +54,8 @@ pub fn flight(vehicle: &Vehicle, length_s: f64, initial: &[f64], gain: f64, seed
     let mut outputs = vec![Vec::new(); vehicle.outputs.len()];
     for t in &time {
         let u: Vec<f64> = (0..inputs.len()).map(|j| gain * stick(*t, j)).collect();
+        let force = push(simulator.state());
+        simulator.disturb(&force);
         simulator.apply(&u);
         let y = simulator.measure();
         outputs.iter_mut().zip(y).for_each(|(column, y)| column.push(*y));
@@ -56,6 +70,17 @@ pub fn flight(vehicle: &Vehicle, length_s: f64, initial: &[f64], gain: f64, seed
         record.push(&output.name, output.unit.si_symbol(), values).unwrap();
     }
     record
+}
+
+/// A record with one channel changed.
+pub fn changed(record: &Record, channel: &str, f: impl Fn(usize, f64) -> f64) -> Record {
+    let mut out = Record::new("flight.csv", record.time.clone()).unwrap();
+    for signal in record.signals() {
+        let values = signal.values.iter().enumerate();
+        let values = values.map(|(k, v)| if signal.name == channel { f(k, *v) } else { *v }).collect();
+        out.push(&signal.name, &signal.unit, values).unwrap();
+    }
+    out
 }
 
 /// Writes the log of a quadrotor under state feedback: 5 deg of roll at 1 s, a pulse on the roll rate at 6 s,

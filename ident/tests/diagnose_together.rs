@@ -1,0 +1,122 @@
+//! Two causes at once, and what looks like a cause and is another thing.
+
+mod support;
+
+use support::{changed, flight, pushed_flight};
+use whirlstand_ident::diagnose::{Diagnosis, Options, Verdict, diagnose};
+use whirlstand_logs::Record;
+use whirlstand_vehicle::{Effect, Kind, Vehicle};
+
+fn builtin(name: &str) -> Vehicle {
+    let mut vehicle = Vehicle::builtin(name).unwrap();
+    vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
+    vehicle
+}
+
+fn quadrotor(effects: &[(Kind, &str, &[(&str, f64)])]) -> Vehicle {
+    let mut vehicle = builtin("quadrotor");
+    for (kind, place, parameters) in effects {
+        vehicle.add_effect(Effect::new(*kind, place, parameters).unwrap()).unwrap();
+    }
+    vehicle
+}
+
+fn fly(vehicle: &Vehicle, seed: u64) -> Record {
+    flight(vehicle, 25.0, &vec![0.0; vehicle.states.len()], 1.0, Some(seed))
+}
+
+fn told(record: Record, vehicle: &Vehicle) -> Diagnosis {
+    diagnose(&[record], vehicle, &Options::default()).unwrap()
+}
+
+/// Names of all causes, sorted, each with those that cannot be told from it.
+fn named(answer: &Diagnosis) -> Vec<Vec<String>> {
+    let mut all: Vec<Vec<String>> = answer
+        .causes
+        .iter()
+        .map(|c| {
+            let alike = c.indistinguishable.iter().map(|a| format!("{}({})", a.effect, a.place));
+            std::iter::once(format!("{}({})", c.effect, c.place)).chain(alike).collect()
+        })
+        .collect();
+    all.sort();
+    all
+}
+
+#[track_caller]
+fn names_both(answer: &Diagnosis, truths: [&str; 2]) {
+    let named = named(answer);
+    assert_eq!(named.len(), 2, "{}", answer.text());
+    for truth in truths {
+        assert!(named.iter().any(|n| n.iter().any(|n| n == truth)), "{truth}: {}", answer.text());
+    }
+}
+
+#[test]
+fn a_push_beside_a_gain_hides_neither() {
+    let gust = [("at_s", 11.56), ("duration_s", 0.76), ("magnitude", -0.3)];
+    let truth = quadrotor(&[
+        (Kind::PulseDisturbance, "pitch_rate", &gust),
+        (Kind::InputGain, "u_pitch", &[("factor", 0.91)]),
+    ]);
+    names_both(
+        &told(fly(&truth, 1), &builtin("quadrotor")),
+        ["pulse_disturbance(pitch_rate)", "input_gain(u_pitch)"],
+    );
+}
+
+#[test]
+fn a_transition_beside_a_changed_parameter_hides_neither() {
+    let hover = builtin("helicopter-hover");
+    let mut truth = hover.clone();
+    truth.add_effect(Effect::mode_transition(18.16, "helicopter-longitudinal").unwrap()).unwrap();
+    truth.add_effect(Effect::new(Kind::ParameterChange, "A[2,3]", &[("factor", 1.3)]).unwrap()).unwrap();
+    let record = flight(&truth, 23.0, &vec![0.0; truth.states.len()], 0.03, Some(2));
+    names_both(&told(record, &hover), ["mode_transition(vehicle)", "parameter_change(A[2,3])"]);
+}
+
+#[test]
+fn the_length_of_a_push_is_found_between_the_lengths_that_are_tried() {
+    for (seed, duration) in [(3, 0.23), (4, 0.349), (5, 0.53)] {
+        let gust = [("at_s", 9.0), ("duration_s", duration), ("magnitude", 0.5)];
+        let truth = quadrotor(&[(Kind::PulseDisturbance, "roll_rate", &gust)]);
+        let answer = told(fly(&truth, seed), &builtin("quadrotor"));
+        assert_eq!(named(&answer), [["pulse_disturbance(roll_rate)"]], "{}", answer.text());
+        let found = &answer.causes[0].parameters["duration_s"];
+        assert!((found.value - duration).abs() < 0.015, "{found:?}, in truth {duration}");
+    }
+}
+
+#[test]
+fn a_coarse_sensor_is_no_noisy_one() {
+    let own = builtin("quadrotor").outputs[2].noise;
+    let truth = quadrotor(&[(Kind::Quantization, "pitch", &[("step", 10.0 * own)])]);
+    let answer = told(fly(&truth, 6), &builtin("quadrotor"));
+    assert_eq!(named(&answer), [["quantization(pitch)"]], "{}", answer.text());
+    assert_eq!(answer.verdict, Verdict::Explained, "{}", answer.text());
+}
+
+#[test]
+fn three_wild_values_are_outliers() {
+    let vehicle = builtin("quadrotor");
+    let wild = |k: usize, v: f64| match k {
+        410 | 2007 => v + 20.0 * vehicle.outputs[0].noise,
+        1203 => v - 20.0 * vehicle.outputs[0].noise,
+        _ => v,
+    };
+    let record = changed(&fly(&vehicle, 7), "roll", wild);
+    assert_eq!(named(&told(record, &vehicle)), [["outliers(roll)"]]);
+}
+
+#[test]
+fn a_force_that_follows_the_states_is_no_turbulence() {
+    let vehicle = builtin("quadrotor");
+    // The product of roll rate and roll, onto the roll rate.
+    let push = |x: &[f64]| vec![0.0, 4.0 * x[1] * x[0], 0.0, 0.0];
+    for seed in [8, 9] {
+        let record = pushed_flight(&vehicle, 25.0, &[0.0; 4], 3.0, Some(seed), push);
+        let answer = told(record, &vehicle);
+        assert!(answer.causes.is_empty(), "{}", answer.text());
+        assert_eq!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
+    }
+}
