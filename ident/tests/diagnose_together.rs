@@ -13,7 +13,10 @@ fn builtin(name: &str) -> Vehicle {
     vehicle
 }
 
-fn quadrotor(effects: &[(Kind, &str, &[(&str, f64)])]) -> Vehicle {
+/// Kind, place and parameters.
+type Fault<'a> = (Kind, &'a str, &'a [(&'a str, f64)]);
+
+fn quadrotor(effects: &[Fault<'_>]) -> Vehicle {
     let mut vehicle = builtin("quadrotor");
     for (kind, place, parameters) in effects {
         vehicle.add_effect(Effect::new(*kind, place, parameters).unwrap()).unwrap();
