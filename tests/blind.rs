@@ -178,10 +178,10 @@ fn what_cannot_be_flown_is_refused_with_the_reason() {
 fn the_diagnosis_finds_what_was_hidden() {
     let dir = tempfile::tempdir().unwrap();
     let tally = dir.path().join("tally.json");
-    let kinds = ["--kinds", "single,clean,pair"];
+    let drawn = ["--kinds", "single,clean,pair", "--length", "15:60", "--rate", "50,100"];
     let arguments =
         ["blind", "--trials", "16", "--seed", "7", "--jobs", "2", "--json", tally.to_str().unwrap()];
-    let running = support::spawn(support::whirlstand(arguments.into_iter().chain(kinds)));
+    let running = support::spawn(support::whirlstand(arguments.into_iter().chain(drawn)));
     let finished = running.finish_within(std::time::Duration::from_secs(400));
     assert!(finished.code() < 2, "{}", finished.stderr);
     let tally = json(tally);
