@@ -5,7 +5,7 @@ mod support;
 use support::{changed, flight, pushed_flight};
 use whirlstand_ident::diagnose::{Diagnosis, Options, Verdict, diagnose};
 use whirlstand_logs::Record;
-use whirlstand_vehicle::{Effect, Kind, Vehicle};
+use whirlstand_vehicle::{Effect, Kind, Simulator, Stream, Vehicle};
 
 fn builtin(name: &str) -> Vehicle {
     let mut vehicle = Vehicle::builtin(name).unwrap();
@@ -122,4 +122,78 @@ fn a_force_that_follows_the_states_is_no_turbulence() {
         assert!(answer.causes.is_empty(), "{}", answer.text());
         assert_eq!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
     }
+}
+
+#[test]
+fn wild_values_within_the_reach_of_a_noise_that_swings_are_outliers() {
+    let vehicle = builtin("quadrotor");
+    let std = vehicle.outputs[0].noise;
+    // Noise with a resonance at a fifth of the sampling rate: neighbours stand as far from each other as the wild values.
+    let mut stream = Stream::new(11, "resonant");
+    let (mut one, mut two) = (0.0, 0.0);
+    let mut noise = || {
+        let now = 2.0 * 0.95 * (0.4 * std::f64::consts::PI).cos() * one - 0.95 * 0.95 * two + stream.normal();
+        (two, one) = (one, now);
+        0.3 * std * now
+    };
+    let quiet = flight(&vehicle, 25.0, &[0.0; 4], 1.0, None);
+    let swinging: Vec<f64> = quiet.signal("roll").unwrap().values.iter().map(|v| v + noise()).collect();
+    let with = |size: f64| {
+        let record = fly(&vehicle, 10);
+        changed(&record, "roll", |k, _| match k {
+            700 | 1900 => swinging[k] + size,
+            1305 => swinging[k] - size,
+            _ => swinging[k],
+        })
+    };
+    let largest = swinging.iter().zip(&quiet.signal("roll").unwrap().values);
+    let largest = largest.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let answer = told(with(largest), &vehicle);
+    assert_eq!(named(&answer), [["outliers(roll)"]], "{}", answer.text());
+    let size = &answer.causes[0].parameters["magnitude"];
+    assert!((size.value / largest - 1.0).abs() < 0.2, "{size:?}, in truth {largest}");
+    let answer = told(with(0.0), &vehicle);
+    assert!(answer.causes.is_empty(), "{}", answer.text());
+}
+
+#[test]
+fn a_relay_in_an_input_is_no_gain_with_play() {
+    let vehicle = builtin("quadrotor");
+    // Doublets of one height; the relay holds the last side until the input goes through to the other.
+    let input = |k: usize| -> f64 {
+        match k % 800 {
+            100..200 => 0.6,
+            200..300 => -0.6,
+            _ => 0.0,
+        }
+    };
+    let doublets = |relay: f64| {
+        let mut simulator = Simulator::new(&vehicle, 0.01, 12).unwrap();
+        let mut side = 0.0;
+        let rows: Vec<Vec<f64>> = (0..2500)
+            .map(|k| {
+                let u = input(k);
+                side = if u == 0.0 { side } else { u.signum() };
+                simulator.apply(&[u + relay * side, 0.0]);
+                let y = simulator.measure().to_vec();
+                simulator.advance();
+                y
+            })
+            .collect();
+        let mut record =
+            Record::new("flight.csv", (0..rows.len()).map(|k| 0.01 * k as f64).collect()).unwrap();
+        for (j, own) in vehicle.inputs.iter().enumerate() {
+            let values = (0..rows.len()).map(|k| if j == 0 { input(k) } else { 0.0 }).collect();
+            record.push(&own.name, own.unit.si_symbol(), values).unwrap();
+        }
+        for (i, own) in vehicle.outputs.iter().enumerate() {
+            record.push(&own.name, own.unit.si_symbol(), rows.iter().map(|y| y[i]).collect()).unwrap();
+        }
+        record
+    };
+    let answer = told(doublets(0.15), &vehicle);
+    assert!(answer.causes.is_empty(), "{}", answer.text());
+    assert_eq!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
+    let answer = told(doublets(0.0), &vehicle);
+    assert_ne!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
 }

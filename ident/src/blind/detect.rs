@@ -43,6 +43,12 @@ impl Judge {
         white
     }
 
+    /// Detectability of a change of the record whose course is random. The base is not taken out: it would mix channels, and
+    /// can do nothing that lasts as long.
+    pub fn random(&self, change: Vec<f64>) -> f64 {
+        random_lambda(&self.whitened(change), self.noise.std.len())
+    }
+
     fn whitened(&self, mut change: Vec<f64>) -> Vec<f64> {
         let p = self.noise.std.len();
         for (i, std) in self.noise.std.iter().enumerate() {
@@ -65,28 +71,33 @@ pub(crate) fn lambda(signature: &[f64]) -> f64 {
 }
 
 /// Detectability of a random signature of `outputs` channels (samples x outputs), whose course nobody knows beforehand:
-/// twice the log-likelihood that is to be gained by who knows its spectrum, the sum of r - ln(1 + r) over all frequencies with
-/// the ratio r of signal to noise. For r far above 1 it is that of a known signature.
-pub(crate) fn random_lambda(signature: &[f64], outputs: usize) -> f64 {
+/// twice the log-likelihood that is expected to be gained by who knows its spectrum and how the channels hang together, over
+/// who takes it for more noise of each channel, of the right colour. As the base parameters are taken out of the signature
+/// of a known course, so is here what noise of single channels imitates: in one channel alone it is nothing else. With the
+/// ratios r of signal to noise of the channels, it is the sum of ln(1 + r) over the channels less ln(1 + sum of r), over all
+/// frequencies, twice.
+fn random_lambda(signature: &[f64], outputs: usize) -> f64 {
     let samples = signature.len() / outputs.max(1);
     if samples < 16 {
         return 0.0;
     }
     let fft = FftPlanner::new().plan_fft_forward(samples);
-    let mut ratio = vec![0.0; samples / 2];
+    let (mut single, mut joint) = (0.0, vec![0.0; samples / 2]);
     for channel in 0..outputs {
         let column = signature.iter().skip(channel).step_by(outputs);
         let mut buffer: Vec<Complex<f64>> = column.map(|w| Complex::new(*w, 0.0)).collect();
         fft.process(&mut buffer);
-        ratio.iter_mut().zip(&buffer).for_each(|(r, b)| *r += b.norm_sqr() / samples as f64);
+        let power: Vec<f64> = buffer[..samples / 2].iter().map(|b| b.norm_sqr() / samples as f64).collect();
+        // Averaged over neighbours: one record's lines are not its spectrum.
+        for (k, joint) in joint.iter_mut().enumerate() {
+            let reach = 4.max(k / 8);
+            let around = &power[k.saturating_sub(reach)..(k + reach + 1).min(power.len())];
+            let ratio = around.iter().sum::<f64>() / around.len() as f64;
+            single += ratio.ln_1p();
+            *joint += ratio;
+        }
     }
-    // Averaged over neighbours: one record's lines are not its spectrum.
-    let mean = |k: usize| {
-        let reach = 4.max(k / 8);
-        let around = &ratio[k.saturating_sub(reach)..(k + reach + 1).min(ratio.len())];
-        around.iter().sum::<f64>() / around.len() as f64
-    };
-    (0..ratio.len()).map(|k| 2.0 * (mean(k) - mean(k).ln_1p())).sum()
+    2.0 * (single - joint.iter().map(|r| r.ln_1p()).sum::<f64>())
 }
 
 /// Confusability of two signatures: the cosine of the angle between them.
@@ -144,18 +155,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_random_signature_far_above_the_noise_tells_what_a_known_one_does_and_a_faint_one_less() {
+    fn a_random_signature_tells_what_channels_have_in_common() {
         let mut dice = super::super::random::Dice::new(5, "signature");
         let white: Vec<f64> = (0..8000).map(|_| dice.normal()).collect();
-        let of = |size: f64| {
+        for size in [3.0f64, 1.0, 0.3] {
             let signature: Vec<f64> = white.iter().map(|w| size * w).collect();
-            random_lambda(&signature, 2) / lambda(&signature)
-        };
-        // Two channels: r = 2 size^2 at every frequency, and 1 - ln(1 + r) / r of what a known one would tell.
-        for size in [30.0f64, 1.0, 0.1] {
-            let r = 2.0 * size * size;
-            let expected = 1.0 - r.ln_1p() / r;
-            assert!((of(size) / expected - 1.0).abs() < 0.1, "{size}: {} {expected}", of(size));
+            let r = size * size;
+            // Half as many frequencies as samples of a channel.
+            let expected = 2.0 * 2000.0 * (2.0 * r.ln_1p() - (2.0 * r).ln_1p());
+            let two = random_lambda(&signature, 2);
+            assert!((two / expected - 1.0).abs() < 0.1, "{size}: {two} {expected}");
+            // What only one channel shows is noise of that channel.
+            let one: Vec<f64> = white.iter().flat_map(|w| [size * w, 0.0]).collect();
+            assert!(random_lambda(&one, 2).abs() < 1e-6 * lambda(&one));
         }
     }
 }

@@ -3,7 +3,7 @@
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 use super::BlindError;
-use super::detect::{Judge, kappa, lambda, random_lambda};
+use super::detect::{Judge, kappa, lambda};
 use super::draft::{self, Draft};
 use super::facts::Facts;
 use super::nearest::nearest;
@@ -130,9 +130,9 @@ fn fit(
     unreachable!("the loop ends by its own rounds")
 }
 
-/// Detectability of an effect by its signature.
-fn detectability(kind: Kind, signature: &[f64], outputs: usize) -> f64 {
-    if kind == Kind::Turbulence { random_lambda(signature, outputs) } else { lambda(signature) }
+/// Detectability of an effect by what it changes.
+fn detectability(kind: Kind, judge: &Judge, change: Vec<f64>) -> f64 {
+    if kind == Kind::Turbulence { judge.random(change) } else { lambda(&judge.signature(change)) }
 }
 
 /// A factor for the commands that would bring the detectability to the target, where the size could not.
@@ -158,8 +158,8 @@ fn place(
     let sizes = (dice.scaled(least, (least * least * most).cbrt()), most);
     let of = |size: f64| at(&draft, size);
     let detectability = |size: f64| -> Result<f64, BlindError> {
-        let signature = stage.signature(&scene.record(&[of(size)?], None)?, &stage.clean);
-        Ok(detectability(kind, &signature, scene.nominal.vehicle.outputs.len()))
+        let change = difference(&scene.record(&[of(size)?], None)?, &stage.clean);
+        Ok(detectability(kind, &stage.judge, change))
     };
     let fitted = if draft.fixed {
         Fitted { size: fixed, lambda: detectability(fixed)? }
@@ -232,22 +232,20 @@ fn beside(
     [one, two]: [&Effect; 2],
     both: &[f64],
 ) -> Result<Option<[f64; 2]>, BlindError> {
-    let outputs = scene.nominal.vehicle.outputs.len();
     if !scatters(one) && !scatters(two) {
         // Each as it acts where the other is.
-        let of_one = stage.signature(both, &scene.record(std::slice::from_ref(two), None)?);
-        let of_two = stage.signature(both, &scene.record(std::slice::from_ref(one), None)?);
-        let masked = kappa(&of_one, &of_two);
-        let own = |of: &Effect, signature: &[f64]| {
-            (1.0 - masked * masked) * detectability(of.kind(), signature, outputs)
+        let of_one = difference(both, &scene.record(std::slice::from_ref(two), None)?);
+        let of_two = difference(both, &scene.record(std::slice::from_ref(one), None)?);
+        let masked = kappa(&stage.judge.signature(of_one.clone()), &stage.judge.signature(of_two.clone()));
+        let own = |of: &Effect, change: Vec<f64>| {
+            (1.0 - masked * masked) * detectability(of.kind(), &stage.judge, change)
         };
-        return Ok((masked <= 0.7).then(|| [own(one, &of_one), own(two, &of_two)]));
+        return Ok((masked <= 0.7).then(|| [own(one, of_one), own(two, of_two)]));
     }
     // What scatters single samples is to the other one more noise, and shows by itself.
     let own = |of: &Effect, other: &Effect| -> Result<f64, BlindError> {
         let record = scene.record(std::slice::from_ref(of), None)?;
-        let signature = stage.beside(scene, other).signature(difference(&record, &stage.clean));
-        Ok(detectability(of.kind(), &signature, outputs))
+        Ok(detectability(of.kind(), &stage.beside(scene, other), difference(&record, &stage.clean)))
     };
     Ok(Some([own(one, two)?, own(two, one)?]))
 }

@@ -58,8 +58,8 @@ const SURE: f64 = 40.0;
 const BELIEVED: f64 = 0.004;
 /// One signal tells below this probability of chance, of all looks together,
 const CHANCE: f64 = 1e-3;
-/// and from this share on: a cause that is true leaves nothing that follows a signal.
-const TRUE: f64 = 1e-4;
+/// and from this share on: a cause that is true leaves next to nothing that follows a signal.
+const TRUE: f64 = 0.01;
 
 impl Lack {
     fn all_tell(&self) -> bool {

@@ -1,84 +1,184 @@
-//! Whether what looks like turbulence follows a signal: a force that is a function of inputs and states is as smooth.
+//! Whether what looks like turbulence, or like several causes together, follows a signal: a force that is a function of
+//! inputs and states, of a shape that the table does not name.
 //!
-//! Turbulence explains any slow force, as it has one value a step. A force that follows a signal needs a few numbers
-//! only: where these few explain more than turbulence does, in BIC, it is none.
+//! Turbulence explains any slow force, as it has one value a step, and several causes together explain much that is none
+//! of them. A force that follows a signal needs a few numbers only: where these few explain as much, in BIC, the causes
+//! are not believed.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+use whirlstand_vehicle::Vehicle;
 
-use super::adequacy::{THRESHOLDS, relayed, scale, states};
+use super::adequacy::states;
+use super::families::{Family, Signals};
 use super::forces::Forces;
+use super::missing::Entry;
 use super::model::{Fit, Model, dot};
-use super::noise::Noise;
+use super::noise::{Noise, Profile};
 use super::screen::Frame;
 use super::survey::Scene;
 use crate::identify::normal::pseudo_inverse;
 
-/// Share of a signal's largest magnitude from which on a switch is through.
-const SMALL: f64 = 0.05;
-/// How often an effect may swing over the record.
-const SWINGS: usize = 6;
-/// Half waves of a force over the reach of a state.
-const WAVES: usize = 4;
 /// Families of each frame whose noise model is fitted anew.
 const WEIGHED: usize = 6;
-
-/// Functions of the same signal, one value a step each.
-type Family = Vec<Vec<f64>>;
+/// Families that are looked at in all frames.
+const SORTED_OUT: usize = 16;
+/// Families that are simulated together.
+const TOGETHER: usize = 24;
 
 /// Gain in BIC of the likeliest family of forces on a state, over a fit under noise models of single channels.
 ///
 /// `None` when nothing could be tried.
-pub(super) fn gain(model: &Model<'_, '_>, fit: &Fit, state: usize, scene: &Scene<'_>) -> Option<f64> {
-    let data = model.runner.data;
+pub fn gain(model: &Model<'_, '_>, fit: &Fit, state: usize, scene: &Scene<'_>) -> Option<f64> {
     let vehicle = model.vehicle(&fit.values)?;
-    let families = families(model, &states(&vehicle, model, fit)?);
-    let functions: Vec<&[f64]> = families.iter().flatten().map(Vec::as_slice).collect();
-    let forces = Forces::new(model, fit, &vehicle, &[(state, scene.sizes.slopes[state])], functions.first()?);
-    let mut responses = forces.each(&functions, |_, index, mut response| {
-        data.fill(&mut response);
-        (index, response)
-    });
-    // Some could not be simulated.
-    responses.sort_by_key(|(index, _)| *index);
-    let family = |index: usize| {
-        let ends = families.iter().scan(0, |end, f| {
-            *end += f.len();
-            Some(*end)
-        });
-        ends.take_while(|end| *end <= index).count()
+    let signals = Signals::new(model, states(&vehicle, model, fit)?);
+    Weighing::new(model, fit, &vehicle, scene).best(Entry::State(state), &signals.all())
+}
+
+/// The same for a force on any state or into any input, over the fit of a model with no cause. The signals are those of
+/// a model `with` causes, which is nearer to the truth.
+pub fn rival(
+    (model, fit): (&Model<'_, '_>, &Fit),
+    (with, its): (&Model<'_, '_>, &Fit),
+    scene: &Scene<'_>,
+) -> Option<f64> {
+    let signals = Signals::new(with, states(&with.vehicle(&its.values)?, with, its)?);
+    let vehicle = model.vehicle(&fit.values)?;
+    let weighing = Weighing::new(model, fit, &vehicle, scene);
+    let families = signals.of_states();
+    let moved = |i: &usize| {
+        vehicle.a.row(*i).iter().filter(|a| **a != 0.0).count() > 1
+            || vehicle.b.row(*i).iter().any(|b| *b != 0.0)
     };
-    let mut columns: Vec<Vec<&[f64]>> = vec![Vec::new(); families.len()];
-    responses.iter().for_each(|(index, response)| columns[family(*index)].push(response));
-    let plain = Noise::fit(data, &fit.residual);
-    let mut frames = vec![Frame::new(data, &plain.noise, &fit.residual, &fit.columns)];
-    if scene.declared.iter().all(|d| *d > 0.0) {
-        frames.push(Frame::new(data, &Noise::white(scene.declared), &fit.residual, &fit.columns));
+    let forces = (0..vehicle.states.len()).filter(moved);
+    let forces = forces.filter_map(|i| weighing.best(Entry::State(i), &families));
+    let inputs = 0..model.runner.data.m;
+    let inputs = inputs.filter_map(|j| weighing.best(Entry::Input(j), &signals.of_input(j)));
+    forces.chain(inputs).max_by(f64::total_cmp)
+}
+
+/// What the functions of a family do to the samples.
+type Columns = Arc<Vec<Vec<f64>>>;
+
+/// A fit that families of forces are weighed against.
+struct Weighing<'a, 'd> {
+    model: &'a Model<'a, 'd>,
+    fit: &'a Fit,
+    vehicle: &'a Vehicle,
+    plain: Profile,
+    /// The quickest comes last.
+    frames: Vec<Frame<'d>>,
+    slopes: &'a [f64],
+}
+
+/// A family in a frame: what it explains there, by how much of each, and its columns.
+struct Weight {
+    energy: f64,
+    by: DVector<f64>,
+    columns: Columns,
+}
+
+impl<'a, 'd> Weighing<'a, 'd> {
+    fn new(model: &'a Model<'a, 'd>, fit: &'a Fit, vehicle: &'a Vehicle, scene: &Scene<'a>) -> Self {
+        let data = model.runner.data;
+        let plain = Noise::fit(data, &fit.residual);
+        let mut frames = vec![Frame::new(data, &plain.noise, &fit.residual, &fit.columns)];
+        if scene.declared.iter().all(|d| *d > 0.0) {
+            frames.push(Frame::new(data, &Noise::white(scene.declared), &fit.residual, &fit.columns));
+        }
+        Self { model, fit, vehicle, plain, frames, slopes: &scene.sizes.slopes }
     }
-    let looks = 2.0 * (families.len() as f64).ln();
-    let best = frames.iter().filter_map(|frame| {
-        let mut weighed: Vec<(usize, f64, DVector<f64>)> = columns
-            .par_iter()
-            .enumerate()
-            .filter_map(|(i, columns)| explained(frame, columns).map(|(energy, by)| (i, energy, by)))
-            .collect();
-        weighed.sort_by(|a, b| b.1.total_cmp(&a.1));
-        weighed.truncate(WEIGHED);
-        let bics = weighed.into_par_iter().map(|(i, _, by)| {
-            let mut rest = fit.residual.clone();
-            for (column, by) in columns[i].iter().zip(by.iter()) {
-                rest.iter_mut().zip(*column).for_each(|(r, c)| *r -= by * c);
+
+    /// Gain in BIC of the likeliest family.
+    fn best(&self, entry: Entry, families: &[Family]) -> Option<f64> {
+        let data = self.model.runner.data;
+        // A force into an input pushes all states that the input does.
+        let pushed: Vec<(usize, f64)> = match entry {
+            Entry::State(i) => vec![(i, 1.0)],
+            Entry::Input(j) => {
+                let column = self.vehicle.b.column(j);
+                column.iter().copied().enumerate().filter(|(_, b)| *b != 0.0).collect()
             }
-            Noise::fit(data, &frame.without_nuisances(&rest)).bic(by.len())
+        };
+        let probe = families.first()?.first()?;
+        let states: Vec<(usize, f64)> = pushed.iter().map(|(i, _)| (*i, self.slopes[*i])).collect();
+        let forces = Forces::new(self.model, self.fit, self.vehicle, &states, probe);
+        // The quickest frame sorts out, the others look at what is left.
+        let [rest @ .., quick] = self.frames.as_slice() else { return None };
+        let mut sorted: Vec<Weight> = Vec::new();
+        for some in families.chunks(TOGETHER) {
+            sorted.extend(self.weights(quick, &self.columns(&forces, &pushed, some)));
+            self.keep(&mut sorted, SORTED_OUT);
+        }
+        let columns: Vec<Columns> = sorted.iter().map(|w| w.columns.clone()).collect();
+        let mut weighed: Vec<(&Frame<'_>, Weight)> = Vec::new();
+        for frame in rest {
+            let mut own = self.weights(frame, &columns);
+            self.keep(&mut own, WEIGHED);
+            weighed.extend(own.into_iter().map(|w| (frame, w)));
+        }
+        self.keep(&mut sorted, WEIGHED);
+        weighed.extend(sorted.into_iter().map(|w| (quick, w)));
+        let looks = 2.0 * (families.len() as f64).ln();
+        let bics = weighed.into_par_iter().map(|(frame, weight)| {
+            let mut rest = self.fit.residual.clone();
+            for (column, by) in weight.columns.iter().zip(weight.by.iter()) {
+                rest.iter_mut().zip(column).for_each(|(r, c)| *r -= by * c);
+            }
+            Noise::fit(data, &frame.without_nuisances(&rest)).bic(weight.by.len())
         });
-        bics.min_by(f64::total_cmp)
-    });
-    best.min_by(f64::total_cmp).map(|bic| plain.bic(0) - bic - looks)
+        bics.min_by(f64::total_cmp).map(|bic| self.plain.bic(0) - bic - looks)
+    }
+
+    /// What families explain in a frame.
+    fn weights(&self, frame: &Frame<'_>, families: &[Columns]) -> Vec<Weight> {
+        let weights = families.par_iter().filter_map(|columns| {
+            let (energy, by) = explained(frame, columns)?;
+            Some(Weight { energy, by, columns: columns.clone() })
+        });
+        weights.collect()
+    }
+
+    /// Keeps those that explain most; each number costs.
+    fn keep(&self, weights: &mut Vec<Weight>, most: usize) {
+        let worth = |w: &Weight| w.energy - w.by.len() as f64 * (self.plain.rows as f64).ln();
+        weights.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
+        weights.truncate(most);
+    }
+
+    /// What the functions of each family do to the samples; a family of which one could not be simulated is left out.
+    fn columns(&self, forces: &Forces<'_>, pushed: &[(usize, f64)], families: &[Family]) -> Vec<Columns> {
+        let data = self.model.runner.data;
+        let functions: Vec<&[f64]> = families.iter().flatten().map(Vec::as_slice).collect();
+        let mut sums: Vec<Option<Vec<f64>>> = vec![Some(vec![0.0; data.samples()]); functions.len()];
+        let mut told = vec![0; functions.len()];
+        for (state, index, response) in
+            forces.each(&functions, |state, index, response| (state, index, response))
+        {
+            let by = pushed.iter().find(|(i, _)| *i == state).map_or(0.0, |(_, by)| *by);
+            if let Some(sum) = &mut sums[index] {
+                sum.iter_mut().zip(&response).for_each(|(s, r)| *s += by * r);
+            }
+            told[index] += 1;
+        }
+        let whole = sums.into_iter().zip(told).map(|(sum, told)| sum.filter(|_| told == pushed.len()));
+        let mut whole = whole.map(|sum| {
+            sum.map(|mut sum| {
+                data.fill(&mut sum);
+                sum
+            })
+        });
+        let families = families.iter().filter_map(|f| {
+            let own: Vec<Option<Vec<f64>>> = whole.by_ref().take(f.len()).collect();
+            own.into_iter().collect::<Option<Vec<_>>>().map(Arc::new)
+        });
+        families.collect()
+    }
 }
 
 /// What columns explain of a frame's residual together, and by how much of each.
-fn explained(frame: &Frame<'_>, columns: &[&[f64]]) -> Option<(f64, DVector<f64>)> {
+fn explained(frame: &Frame<'_>, columns: &[Vec<f64>]) -> Option<(f64, DVector<f64>)> {
     let white: Vec<Vec<f64>> = columns.iter().map(|c| frame.project(c)).collect();
     let norms: Vec<f64> = white.iter().map(|w| dot(w, w).sqrt()).collect();
     if white.is_empty() || norms.iter().any(|n| !n.is_finite()) {
@@ -93,39 +193,4 @@ fn explained(frame: &Frame<'_>, columns: &[&[f64]]) -> Option<(f64, DVector<f64>
     let by = pseudo_inverse(&gram)? * &right;
     let energy = by.dot(&right);
     Some((energy, DVector::from_fn(n, |i, _| if norms[i] > 0.0 { by[i] / norms[i] } else { 0.0 })))
-}
-
-/// Functions that a force could be: of an input or a state, smooth, swinging, switched or in waves, and products.
-fn families(model: &Model<'_, '_>, states: &[Vec<f64>]) -> Vec<Family> {
-    let data = model.runner.data;
-    let mut inputs: Vec<Vec<f64>> = (0..data.m).map(|j| data.input(j).collect()).collect();
-    inputs.iter_mut().for_each(|u| scale(u));
-    let map = |v: &[f64], f: &dyn Fn(f64) -> f64| v.iter().map(|v| f(*v)).collect::<Vec<f64>>();
-    let smooth = |v: &[f64]| -> Family {
-        let shapes: [&dyn Fn(f64) -> f64; 6] =
-            [&|v| v, &f64::abs, &|v| v * v, &|v| v * v.abs(), &|v| v * v * v, &|v| (v / SMALL).tanh()];
-        shapes.iter().map(|f| map(v, f)).collect()
-    };
-    let swinging = |v: &[f64]| -> Family {
-        let at = |turns: usize, phase: f64| {
-            let angle = move |k: usize| TAU * (turns * k) as f64 / data.steps as f64 + phase;
-            v.iter().enumerate().map(|(k, v)| v * angle(k).sin()).collect()
-        };
-        (1..=SWINGS).flat_map(|turns| [at(turns, 0.0), at(turns, 0.5 * PI)]).collect()
-    };
-    let waves = |v: &[f64]| -> Family {
-        let wave = |n: usize, phase: f64| map(v, &|v| (0.5 * PI * n as f64 * v + phase).sin());
-        (1..=WAVES).flat_map(|n| [wave(2 * n, 0.0), wave(2 * n, 0.5 * PI)]).collect()
-    };
-    let mut all: Vec<Family> = Vec::new();
-    for signal in inputs.iter().chain(states) {
-        let switched = THRESHOLDS.iter().map(|t| relayed(signal, *t)).collect();
-        all.extend([smooth(signal), swinging(signal), switched]);
-    }
-    all.extend(states.iter().map(|x| waves(x)));
-    for (i, x) in states.iter().enumerate() {
-        let others = states[i + 1..].iter().chain(&inputs);
-        all.extend(others.map(|y| vec![x.iter().zip(y).map(|(x, y)| x * y).collect()]));
-    }
-    all
 }

@@ -185,7 +185,7 @@ impl Noise {
 }
 
 /// A(q) applied to a sequence; what lies before it counts as zero.
-fn filtered(ar: &Ar, r: &[f64]) -> Vec<f64> {
+pub(super) fn filtered(ar: &Ar, r: &[f64]) -> Vec<f64> {
     let mut out = r.to_vec();
     for (i, a) in ar.coefficients.iter().enumerate() {
         let lag = i + 1;

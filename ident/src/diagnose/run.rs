@@ -9,11 +9,13 @@ use super::DiagnoseError;
 use super::adequacy::{Lack, lack};
 use super::answer::*;
 use super::data::{Data, coarser_period};
+use super::doubt::withhold;
 use super::gains::output_error;
 use super::library::{self, Candidate, Sizes};
 use super::model::{Fit, Model};
+use super::outliers::outliers;
 use super::runner::Runner;
-use super::samples::{SampleEffect, measured_effects, outliers};
+use super::samples::{SampleEffect, measured_effects};
 use super::select::{MOST, Selection, select};
 use super::shaking::{self, Shaking};
 use super::stochastic::{ExcessNoise, Turbulence, excess_noise};
@@ -161,10 +163,8 @@ fn searched(
     }
     let gain = if data.held { otherwise(&selection, vehicle) } else { 0.0 };
     let mut withheld = Vec::new();
-    if let Some(lack) = doubt.filter(Lack::is_told)
-        && !selection.model.terms.is_empty()
-    {
-        withheld = selection.withhold(&lack, start());
+    if let Some(lack) = &mut doubt {
+        withheld = withhold(&mut selection, lack, random.is_some(), start(), &scene);
     }
     let shaking =
         if blocked { Vec::new() } else { shaking::shaking(&selection.model, &selection.fit.residual) };

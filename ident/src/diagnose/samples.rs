@@ -33,14 +33,8 @@ const LEVELS: usize = 3;
 const CLIPPED: f64 = 8.0;
 /// Values of which this share are new may be held now and then; of fewer, they are rounded.
 const NEW: f64 = 0.25;
-/// Fewer wild values than this may be anything.
-const FEW_WILD: usize = 3;
-/// A wild value stands this many standard deviations away from its neighbours,
-const WILD: f64 = 6.5;
-/// and this many times as far as half of the neighbours stand from their middle.
-const ALONE: f64 = 5.0;
 /// Neighbours on each side to which a value is compared.
-const NEIGHBOURS: usize = 4;
+pub(super) const NEIGHBOURS: usize = 4;
 
 /// Finds rounding, clipping and held samples in what was measured, and sets samples aside.
 pub fn measured_effects(data: &mut Data, vehicle: &Vehicle) -> Vec<SampleEffect> {
@@ -201,72 +195,18 @@ fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
 }
 
 /// 95 % interval of a share, `count` of `n` (Wilson).
-fn share_interval(count: f64, n: f64) -> (f64, f64) {
+pub(super) fn share_interval(count: f64, n: f64) -> (f64, f64) {
     let z2 = 1.96f64 * 1.96;
     let centre = (count + 0.5 * z2) / (n + z2);
     let half = 1.96 * (count * (1.0 - count / n) + 0.25 * z2).sqrt() / (n + z2);
     ((centre - half).max(0.0), centre + half)
 }
 
-fn longest_run(sorted: &[usize]) -> usize {
+pub(super) fn longest_run(sorted: &[usize]) -> usize {
     let (mut longest, mut run) = (0, 0);
     for (i, k) in sorted.iter().enumerate() {
         run = if i > 0 && sorted[i - 1] + 1 == *k { run + 1 } else { 1 };
         longest = longest.max(run);
     }
     longest
-}
-
-/// Finds values far from their neighbours in a residual (all channels), and sets them aside.
-pub fn outliers(data: &mut Data, residual: &[f64]) -> Vec<SampleEffect> {
-    let ranges = data.ranges();
-    let mut found = Vec::new();
-    for (index, (channel, range)) in data.channels.iter_mut().zip(ranges).enumerate() {
-        let r = &residual[range];
-        // How far a value stands from its neighbours, and how far these stand from each other.
-        let (away, scatter): (Vec<f64>, Vec<f64>) = (0..r.len())
-            .map(|k| {
-                let around: Vec<f64> = (k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(r.len()))
-                    .filter(|j| *j != k && channel.good[*j])
-                    .map(|j| r[j])
-                    .collect();
-                if !channel.good[k] || around.is_empty() {
-                    return (0.0, 0.0);
-                }
-                let middle = median(&around);
-                let apart: Vec<f64> = around.iter().map(|v| (v - middle).abs()).collect();
-                (r[k] - middle, median(&apart))
-            })
-            .unzip();
-        let kept: Vec<f64> = away.iter().copied().filter(|a| *a != 0.0).collect();
-        let spread = mad_std(&kept);
-        if spread <= 0.0 {
-            continue;
-        }
-        let wild: Vec<usize> = (0..away.len()).filter(|k| away[*k].abs() > WILD * spread).collect();
-        if wild.len() < FEW_WILD || wild.len() * 4 > away.len() || longest_run(&wild) > 3 {
-            continue;
-        }
-        let sizes: Vec<f64> = wild.iter().map(|k| away[*k].abs()).collect();
-        let magnitude = crate::stats::mean(&sizes);
-        let differing = crate::stats::rms(&sizes.iter().map(|s| s - magnitude).collect::<Vec<_>>());
-        for k in &wild {
-            channel.good[*k] = false;
-        }
-        // The effect of the table is off by one magnitude, up or down, and by itself: a bend is no wild value.
-        let alone = wild.iter().filter(|k| away[**k].abs() > ALONE * scatter[**k]).count();
-        if differing > 0.35 * magnitude || alone * 10 < wild.len() * 9 {
-            continue;
-        }
-        let n = away.len() as f64;
-        let fraction = wild.len() as f64 / n;
-        let (low, high) = share_interval(wild.len() as f64, n);
-        let size = 1.96 * spread.max(differing) / (wild.len() as f64).sqrt();
-        let parameters = BTreeMap::from([
-            ("fraction", (fraction, low, high)),
-            ("magnitude", (magnitude, magnitude - size, magnitude + size)),
-        ]);
-        found.push(SampleEffect { kind: Kind::Outliers, channel: index, parameters, samples: wild.len() });
-    }
-    found
 }

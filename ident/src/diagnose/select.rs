@@ -2,7 +2,6 @@
 
 use whirlstand_vehicle::Kind;
 
-use super::adequacy::Lack;
 use super::judge::{ALIKE, Judgement, LEAST_BIC, Rival, Weight, judge, rivals};
 use super::library::Candidate;
 use super::model::{Effort, Fit, Model};
@@ -159,29 +158,16 @@ impl<'r, 'd> Selection<'r, 'd> {
 }
 
 impl Selection<'_, '_> {
-    /// Takes back the causes when what they leave is too much for noise. A tone is believed whatever else there is. `start`
-    /// are the values without any cause.
-    ///
-    /// Returns the names that were taken back, with their gains in BIC.
-    pub fn withhold(&mut self, lack: &Lack, start: Vec<f64>) -> Vec<(Candidate, f64)> {
-        let explained: f64 = self.accepted.iter().map(|a| a.weight.detectability).sum();
-        if !lack.outweighs(explained) {
-            return Vec::new();
-        }
+    /// The selection without its causes, fitted anew; `None` when there are none. A tone is believed whatever else there is.
+    /// `start` are the values without any cause.
+    pub fn without_causes(&self, start: Vec<f64>) -> Option<Self> {
         let tone = |c: &Candidate| c.kind == Kind::Vibration;
-        let terms = self.model.terms.iter().zip(&self.accepted);
-        let taken: Vec<_> =
-            terms.filter(|(c, _)| !tone(c)).map(|(c, a)| (c.clone(), a.weight.delta_bic)).collect();
+        self.model.terms.iter().any(|c| !tone(c)).then_some(())?;
         let mut kept = self.clone();
         kept.keep(tone);
         kept.fit.values.splice(..start.len(), start);
-        match kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None) {
-            Some(fit) if !taken.is_empty() => {
-                *self = Self { fit, ..kept };
-                taken
-            }
-            _ => Vec::new(),
-        }
+        kept.fit = kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None)?;
+        Some(kept)
     }
 
     /// Drops the terms that are not wanted, with their values and their evidence; the fit is not made anew.

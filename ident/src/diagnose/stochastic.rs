@@ -1,5 +1,7 @@
 //! What is random in a residual: noise beyond what is declared, and turbulence that the motion has shaped.
 
+use std::f64::consts::PI;
+
 use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
@@ -162,7 +164,8 @@ fn refined(
         .take(REFINED)
         .enumerate()
         .filter_map(|(rank, (state, shaped, whittle))| {
-            let starts = starts(data, vehicle, profile, shaped, (*whittle > 0.0, rank == 0));
+            let starts =
+                starts((data, residual), (vehicle, *state), profile, shaped, (*whittle > 0.0, rank == 0));
             let tops = starts.into_iter().filter(|n| far || promises(data, vehicle, *state, residual, n));
             let tops = tops.filter_map(|noises| {
                 let wanted = 0.5 * (noises.parameters() as f64 * rows + LEAST - alone);
@@ -207,11 +210,17 @@ fn promises(data: &Data, vehicle: &Vehicle, state: usize, residual: &[f64], nois
     sizes.into_iter().fold(f64::NEG_INFINITY, f64::max) > none + PROMISE
 }
 
+/// Frequencies of a resonant noise that are tried, as shares of half the sampling rate.
+const RESONANT: [f64; 5] = [0.16, 0.32, 0.5, 0.66, 0.84];
+/// Starts of an untrusted spectrum that are followed.
+const CLIMBED: usize = 2;
+
 /// Noises from which the exact likelihood is climbed. Far above the noise Whittle's likelihood is none, and no start
-/// either: then the noise is what the vehicle declares, white or of first order.
+/// either: then the noise is what the vehicle declares: white, of first order
+/// or resonant, whichever is likeliest.
 fn starts(
-    data: &Data,
-    vehicle: &Vehicle,
+    (data, residual): (&Data, &[f64]),
+    (vehicle, state): (&Vehicle, usize),
     profile: &Profile,
     shaped: &Shaped,
     (trusted, best): (bool, bool),
@@ -234,15 +243,22 @@ fn starts(
         return starts;
     }
     let declared = |c: usize| vehicle.outputs[data.channels[c].output].noise;
-    [0.0, 0.9f64]
+    let resonant = RESONANT.into_iter().map(|share| [(PI * share).cos(), -0.85]);
+    let mut starts: Vec<(f64, Noises)> = [[0.0, 0.0], [0.9, 0.0]]
         .into_iter()
-        .map(|first| {
-            let innovation = 0.5 * (1.0 - first * first).ln();
+        .chain(resonant)
+        .map(|partial: [f64; 2]| {
+            let innovation: f64 = partial.iter().map(|k| 0.5 * (1.0 - k * k).ln()).sum();
             let own =
                 |c: usize| if declared(c) > 0.0 { declared(c).ln() + innovation } else { values[2 + c] };
-            noises(&own, vec![[first, 0.0]; p])
+            let noises = noises(&own, vec![partial; p]);
+            let likelihood = log_likelihood(data, vehicle, state, residual, &noises);
+            (likelihood.unwrap_or(f64::NEG_INFINITY), noises)
         })
-        .collect()
+        .collect();
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    starts.truncate(CLIMBED);
+    starts.into_iter().map(|(_, noises)| noises).collect()
 }
 
 /// White noise of a channel beyond what is declared.
