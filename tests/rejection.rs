@@ -4,8 +4,9 @@
 mod support;
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
-use support::{Running, json, spawn, whirlstand};
+use support::{Finished, Running, json, spawn, whirlstand};
 
 /// Every vehicle under every law.
 const FLIGHTS: [&str; 12] = [
@@ -29,6 +30,12 @@ const LONG_ENOUGH_S: &str = "24";
 /// Realtime flights that share the machine at a time: they hardly need it, but a late node costs a step.
 const AT_ONCE: usize = 6;
 
+/// How often a realtime flight that the machine held up is flown again, by itself.
+const AGAIN: usize = 3;
+
+/// The realtime flights of one test at a time: late commands are the machine's, and nothing is said here about it.
+static CLOCK: Mutex<()> = Mutex::new(());
+
 fn start(launch: &str, mode: &str, transport: &str, out: &Path) -> Running {
     let args = ["run", launch, "--mode", mode, "--transport", transport, "--out", out.to_str().unwrap()];
     // The launch files of the quadrotor end at 12 s, when it has long recovered.
@@ -38,8 +45,7 @@ fn start(launch: &str, mode: &str, transport: &str, out: &Path) -> Running {
 
 /// The run ended well, which includes its limits; and these were there, for a vehicle that shook.
 #[track_caller]
-fn assert_rejected(what: &str, flight: Running, out: &Path) {
-    let end = flight.finish();
+fn assert_rejected(what: &str, end: Finished, out: &Path) {
     assert_eq!(end.code(), 0, "{what}\n{}\n{}", end.stdout, end.stderr);
     let summary = json(out.join("summary.json"));
     for run in summary["runs"].as_array().expect("runs") {
@@ -54,6 +60,12 @@ fn assert_rejected(what: &str, flight: Running, out: &Path) {
     }
 }
 
+/// True when commands came so late that they were lost, or that the plant went into its failsafe.
+fn held_up(out: &Path) -> bool {
+    let timing = &json(out.join("summary.json"))["timing"];
+    ["lost", "failsafe_steps"].iter().any(|key| timing[*key].as_u64().expect("a count") > 0)
+}
+
 fn fly_all(flights: &[&str], mode: &str, transport: &str) {
     let dir = tempfile::tempdir().unwrap();
     for batch in flights.chunks(AT_ONCE) {
@@ -64,8 +76,17 @@ fn fly_all(flights: &[&str], mode: &str, transport: &str) {
                 (launch, start(launch, mode, transport, &out), out)
             })
             .collect();
-        for (launch, flight, out) in started {
-            assert_rejected(&format!("{launch}, {mode}, {transport}"), flight, &out);
+        let ended: Vec<_> =
+            started.into_iter().map(|(launch, flight, out)| (launch, flight.finish(), out)).collect();
+        for (launch, mut end, mut out) in ended {
+            for attempt in 1..=AGAIN {
+                if mode == "lockstep" || end.code() > 1 || !held_up(&out) {
+                    break;
+                }
+                out = dir.path().join(format!("{launch}-{attempt}"));
+                end = start(launch, mode, transport, &out).finish();
+            }
+            assert_rejected(&format!("{launch}, {mode}, {transport}"), end, &out);
         }
     }
 }
@@ -82,11 +103,13 @@ fn in_lockstep_over_zenoh() {
 
 #[test]
 fn in_realtime_over_shared_memory() {
+    let _alone = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
     fly_all(&FLIGHTS, "realtime", "iceoryx2");
 }
 
 #[test]
 fn in_realtime_over_zenoh() {
+    let _alone = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
     fly_all(&FLIGHTS, "realtime", "zenoh");
 }
 
@@ -96,7 +119,7 @@ fn the_laws_of_a_comparison_fly_one_after_the_other_into_one_report() {
     for (launch, variants) in [("quadrotor", 1), ("quadrotor-compare", 3), ("helicopter-hover-compare", 2)] {
         let out = dir.path().join(launch);
         let args = ["run", launch, "--mode", "lockstep", "--out", out.to_str().unwrap()];
-        assert_rejected(launch, spawn(whirlstand(args)), &out);
+        assert_rejected(launch, spawn(whirlstand(args)).finish(), &out);
         assert_eq!(json(out.join("summary.json"))["runs"].as_array().unwrap().len(), variants, "{launch}");
         assert!(out.join("report.html").is_file());
     }

@@ -59,6 +59,16 @@ impl Candidate {
         Some(effect)
     }
 
+    /// True when the other is the same effect at the same place with the same values open: there are limits of one side
+    /// and of both, dry friction with and without a preferred side.
+    pub fn is_same(&self, other: &Candidate) -> bool {
+        let open = |c: &Candidate| c.tunables.iter().map(|t| t.name).collect::<Vec<_>>();
+        self.name() == other.name()
+            && self.text == other.text
+            && open(self) == open(other)
+            && self.fixed.iter().map(|f| f.0).eq(other.fixed.iter().map(|f| f.0))
+    }
+
     /// `effect(place)`.
     pub fn name(&self) -> String {
         format!("{}({})", self.kind, self.place)

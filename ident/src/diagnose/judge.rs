@@ -122,10 +122,6 @@ pub fn judge(model: &Model<'_, '_>, fit: &Fit, trial: &Trial, hypotheses: usize)
 fn signature(model: &Model<'_, '_>, candidate: &Candidate, values: &[f64]) -> Option<Vec<f64>> {
     let mut whole = model.clone();
     whole.terms.push(candidate.clone());
-    // A fit beside other terms, or of a variant with another number of values, says nothing here.
-    if values.len() != whole.states() + whole.parameters() {
-        return None;
-    }
     let others = &values[..values.len() - candidate.tunables.len()];
     let without = model.predict(others)?;
     Some(whole.predict(values)?.iter().zip(&without).map(|(a, b)| a - b).collect())

@@ -21,15 +21,14 @@ pub(super) struct Seen {
 
 /// What was surveyed beside which terms: the search comes back to the same terms in the end.
 #[derive(Debug, Default)]
-pub(super) struct Surveys(Vec<(Vec<String>, Vec<Seen>)>);
+pub(super) struct Surveys(Vec<(Vec<Candidate>, Vec<Seen>)>);
+
+/// The same effects, with the same values open, in the same order: then fitted values mean the same.
+fn same(a: &[Candidate], b: &[Candidate]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.is_same(b))
+}
 
 impl Surveys {
-    fn names(model: &Model<'_, '_>) -> Vec<String> {
-        let mut names: Vec<String> = model.terms.iter().map(Candidate::name).collect();
-        names.sort_unstable();
-        names
-    }
-
     /// Surveys, and remembers.
     pub fn survey(&mut self, model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial> {
         let trials = survey(model, fit, scene);
@@ -39,9 +38,9 @@ impl Surveys {
             delta_bic: t.delta_bic,
             ratio: t.ratio,
         });
-        let names = Self::names(model);
-        self.0.retain(|(known, _)| *known != names);
-        self.0.push((names, seen.collect()));
+        let seen = seen.collect();
+        self.0.retain(|(known, _)| !same(known, &model.terms));
+        self.0.push((model.terms.clone(), seen));
         trials
     }
 
@@ -57,10 +56,46 @@ impl Surveys {
 
     /// What was surveyed beside these terms; surveys where nothing was.
     pub fn known(&mut self, model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Seen> {
-        let names = Self::names(model);
-        if !self.0.iter().any(|(known, _)| *known == names) {
+        if !self.0.iter().any(|(known, _)| same(known, &model.terms)) {
             self.survey(model, fit, scene);
         }
-        self.0.iter().find(|(known, _)| *known == names).map_or_else(Vec::new, |(_, seen)| seen.clone())
+        let known = self.0.iter().find(|(known, _)| same(known, &model.terms));
+        known.map_or_else(Vec::new, |(_, seen)| seen.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::same;
+    use crate::diagnose::library::{Candidate, Sizes, library};
+    use whirlstand_vehicle::{Kind, Vehicle};
+
+    /// Values beside a limit of one side have another number, and mean something else, than beside limits of both.
+    #[test]
+    fn variants_of_one_effect_and_other_orders_are_not_the_same_terms() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let (inputs, states, outputs) = (vehicle.inputs.len(), vehicle.states.len(), vehicle.outputs.len());
+        let sizes = Sizes {
+            inputs: vec![1.0; inputs],
+            states: vec![1.0; states],
+            slopes: vec![1.0; states],
+            outputs: vec![1.0; outputs],
+            noise: vec![0.01; outputs],
+            duration_s: 20.0,
+            period_s: 0.02,
+        };
+        let all = library(&vehicle, &sizes, &(0..outputs).collect::<Vec<_>>());
+        let of = |kind: Kind| -> Vec<Candidate> { all.iter().filter(|c| c.kind == kind).cloned().collect() };
+        let limits = of(Kind::InputSaturation);
+        let first: Vec<&Candidate> = limits.iter().filter(|c| c.place == limits[0].place).collect();
+        assert_eq!(first.len(), 3, "both limits, the upper one, the lower one");
+        for (i, a) in first.iter().enumerate() {
+            for (j, b) in first.iter().enumerate() {
+                assert_eq!(same(&[(*a).clone()], &[(*b).clone()]), i == j, "{a:?} and {b:?}");
+            }
+        }
+        let (a, b) = (of(Kind::InputGain)[0].clone(), limits[0].clone());
+        assert!(same(&[a.clone(), b.clone()], &[a.clone(), b.clone()]));
+        assert!(!same(&[a.clone(), b.clone()], &[b, a]));
     }
 }
