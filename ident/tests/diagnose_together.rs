@@ -112,6 +112,79 @@ fn three_wild_values_are_outliers() {
 }
 
 #[test]
+fn one_value_that_stands_far_out_is_an_outlier() {
+    let vehicle = builtin("quadrotor");
+    let noise = vehicle.outputs[0].noise;
+    let with = |size: f64| {
+        let record = fly(&vehicle, 7);
+        changed(&record, "roll", |k, v| if k == 1203 { v - size * noise } else { v })
+    };
+    let answer = told(with(25.0), &vehicle);
+    assert_eq!(named(&answer), [["outliers(roll)"]]);
+    let fraction = &answer.causes[0].parameters["fraction"];
+    assert!((fraction.value - 1.0 / 2500.0).abs() < 1e-6, "{fraction:?}");
+    // What noise reaches now and then is none.
+    assert!(told(with(4.0), &vehicle).causes.is_empty());
+}
+
+/// Gusts of a bandwidth of which a record of 18 s holds three periods only: what it shows of it must not be thrown away.
+#[test]
+fn slow_turbulence_is_sized_in_a_short_record() {
+    let gusts = [("std", 0.1), ("bandwidth_hz", 0.17)];
+    let truth = quadrotor(&[(Kind::Turbulence, "roll_rate", &gusts)]);
+    let (mut inside, mut values) = (0, 0);
+    for seed in [13, 14] {
+        let answer = told(flight(&truth, 18.0, &[0.0; 4], 1.0, Some(seed)), &builtin("quadrotor"));
+        assert_eq!(named(&answer), [["turbulence(roll_rate)"]], "seed {seed}: {}", answer.text());
+        for (name, value) in gusts {
+            let found = &answer.causes[0].parameters[name];
+            values += 1;
+            inside += usize::from(found.low <= value && value <= found.high);
+        }
+    }
+    assert_eq!(inside, values, "{inside} of {values} inside their intervals");
+}
+
+/// From the starts of a changed entry a few steps do not reach what its signature promises; a gain of the whole input,
+/// which is linear, must not win for that.
+#[test]
+fn a_small_change_of_an_entry_is_not_taken_for_a_gain() {
+    let nominal = builtin("helicopter-longitudinal");
+    let mut truth = nominal.clone();
+    truth.add_effect(Effect::new(Kind::ParameterChange, "B[2,1]", &[("factor", 0.95)]).unwrap()).unwrap();
+    for seed in [19, 20, 21] {
+        let record = flight(&truth, 20.0, &vec![0.0; truth.states.len()], 0.2, Some(seed));
+        let answer = told(record, &nominal);
+        let named = named(&answer);
+        assert_eq!(named.len(), 1, "seed {seed}: {}", answer.text());
+        assert!(named[0].contains(&"parameter_change(B[2,1])".into()), "seed {seed}: {}", answer.text());
+    }
+}
+
+/// A noise model of high order follows a drift as closely as the drift itself does: it is the drift that is simpler.
+#[test]
+fn a_drift_beside_coloured_noise_is_no_colour() {
+    let vehicle = builtin("quadrotor");
+    for seed in [22, 23, 24] {
+        let mut record = flight(&vehicle, 15.0, &[0.0; 4], 1.0, None);
+        for output in &vehicle.outputs {
+            let mut stream = Stream::new(seed, &output.name);
+            let mut now = 0.0;
+            let noise: Vec<f64> = std::iter::repeat_with(|| {
+                now = 0.9 * now + (1.0f64 - 0.81).sqrt() * stream.normal();
+                output.noise * now
+            })
+            .take(record.len())
+            .collect();
+            let drift = if output.name == "pitch" { 4.0 * output.noise / 15.0 } else { 0.0 };
+            record = changed(&record, &output.name, |k, v| v + noise[k] + drift * 0.01 * k as f64);
+        }
+        let answer = told(record, &vehicle);
+        assert_eq!(named(&answer), [["sensor_drift(pitch)"]], "seed {seed}: {}", answer.text());
+    }
+}
+
+#[test]
 fn a_force_that_follows_the_states_is_no_turbulence() {
     let vehicle = builtin("quadrotor");
     // The product of roll rate and roll, onto the roll rate.

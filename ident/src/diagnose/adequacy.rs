@@ -61,7 +61,15 @@ const CHANCE: f64 = 1e-3;
 /// and from this share on: a cause that is true leaves next to nothing that follows a signal.
 const TRUE: f64 = 0.01;
 
+/// Beside turbulence, of whose spectrum a short record shows little, one signal tells below this probability.
+const CERTAIN: f64 = 1e-7;
+
 impl Lack {
+    /// True when what is left follows a signal, whatever the spectrum of turbulence.
+    pub fn is_certain(&self) -> bool {
+        self.one.chance < CERTAIN
+    }
+
     fn all_tell(&self) -> bool {
         self.all.sigmas > SIGMAS && self.all.energy > SURE
     }

@@ -10,7 +10,7 @@ use super::survey::Scene;
 use crate::stats::rms;
 
 /// A channel is louder than its sensor from this many times the declared noise on.
-const LOUD: f64 = 1.4;
+const LOUD: f64 = 1.6;
 /// Causes that leave so much of what they explain, beyond the declared noise, are not all.
 const LEFT: f64 = 0.5;
 /// A single cause is compared with forces that follow a signal when chance leaves as much as it does so rarely.

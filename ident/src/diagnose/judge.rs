@@ -74,7 +74,10 @@ pub fn judge(model: &Model<'_, '_>, fit: &Fit, trial: &Trial, hypotheses: usize)
     let Some(extended) = &trial.fit else {
         return refuse("others explain more".into());
     };
-    let chance = chi_square_tail(trial.ratio.max(0.0), k as f64);
+    // Where an effect was taken for colour, the noise has numbers that it does without beside the effect: what these are
+    // worth counts as it does in the choice of the colour.
+    let worth = delta_bic + k as f64 * (fit.profile.rows as f64).ln();
+    let chance = chi_square_tail(trial.ratio.max(worth), k as f64);
     let p_value = (chance * trial.candidate.looks * hypotheses as f64).min(1.0);
     if p_value >= LARGEST_P {
         return refuse(format!("chance alone does as well with probability {p_value:.2}, all looks counted"));

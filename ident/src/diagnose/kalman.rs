@@ -43,9 +43,11 @@ impl Noises {
         (0..self.count()).filter(|i| self.is_open(*i)).count()
     }
 
-    /// All values moved: logarithms, then the correlations' inverse hyperbolic tangents.
+    /// All values moved: logarithms, then the correlations' inverse hyperbolic tangents. Size and bandwidth go together;
+    /// their first step is the density at high frequencies, and the second moves along that.
     fn moved(&self, step: &[f64]) -> Self {
         let mut next = self.clone();
+        next.common[0] -= 0.5 * step[1];
         next.common.iter_mut().chain(&mut next.own).zip(step).for_each(|(v, d)| *v += d);
         let partial = next.partial.iter_mut().flatten().zip(&step[2 + self.own.len()..]);
         for (r, d) in partial.filter(|(r, _)| **r != 0.0) {
@@ -291,10 +293,19 @@ const ROUNDS: usize = 15;
 /// A climb may gain so many times what its first steps promise, and so much more.
 const HOPE: f64 = 4.0;
 
+/// Gusts that a small vehicle meets have a bandwidth of about this, Hz, within a factor of e: what a record does not show
+/// of the bandwidth is taken from there.
+const USUAL_HZ: f64 = 0.5;
+
+/// Logarithm of the probability beforehand of a bandwidth.
+fn beforehand(noises: &Noises) -> f64 {
+    -0.5 * (noises.common[1] - USUAL_HZ.ln()).powi(2)
+}
+
 /// Climbs from `noises` to the greatest likelihood by Newton's steps with the curvatures of the single values, those of
-/// the turbulence's two together; what the climb gained last is below a tenth. Returns noises, likelihood and standard
-/// errors of the first two values, and of the density that both give at high frequencies (as an amplitude). A climb that
-/// will not come to `wanted` ends early, with errors of one.
+/// the turbulence's two together; what the climb gained last is below a tenth. Returns noises, likelihood (with what is
+/// known of the bandwidth beforehand) and standard errors of the first two values, and of that combination of both which
+/// the record shows best. A climb that will not come to `wanted` ends early, with errors of one.
 pub fn climb(
     data: &Data,
     vehicle: &Vehicle,
@@ -303,7 +314,8 @@ pub fn climb(
     mut noises: Noises,
     wanted: f64,
 ) -> Option<(Noises, f64, [f64; 3])> {
-    let value = |noises: &Noises| log_likelihood(data, vehicle, state, residual, noises);
+    let value =
+        |noises: &Noises| Some(log_likelihood(data, vehicle, state, residual, noises)? + beforehand(noises));
     let mut best = value(&noises)?;
     let count = noises.count();
     let mut reach = vec![0.1; count];
@@ -372,11 +384,13 @@ pub fn climb(
     let second = (2.0 * best - values[2] - values[3]) / (d * d);
     let cross = 0.5 * ((2.0 * best - values[4] - values[5]) / (d * d) - first - second);
     let determinant = first * second - cross * cross;
-    let errors = if determinant > 0.0 && first > 0.0 {
-        let density = second - cross + 0.25 * first;
-        [second, first, density].map(|v| (v.max(0.0) / determinant).sqrt())
+    let [size, bandwidth] = if determinant > 0.0 && first > 0.0 {
+        [second, first].map(|v| (v / determinant).sqrt())
     } else {
-        [1.0; 3]
+        [1.0; 2]
     };
+    // The greatest curvature of both.
+    let sharpest = 0.5 * (first + second) + (0.25 * (first - second).powi(2) + cross * cross).sqrt();
+    let errors = [size, bandwidth, if sharpest > 0.0 { sharpest.sqrt().recip() } else { 1.0 }];
     Some((noises, best, errors))
 }

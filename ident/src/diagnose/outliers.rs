@@ -12,12 +12,14 @@ use crate::stats::{mad_std, mean, median, rms};
 
 /// Fewer wild values than this may be anything,
 const FEW: usize = 3;
-/// but two that stand this many times as far are two.
+/// but one that stands this many times as far is one.
 const FAR: f64 = 3.0;
 /// A wild value stands this many standard deviations away from its neighbours,
 const WILD: f64 = 6.5;
 /// and this many times as far as half of the neighbours stand from their middle.
 const ALONE: f64 = 5.0;
+/// Of a channel that rounds, a wild value is off by so many steps.
+const STEPS: f64 = 2.5;
 /// Rounds in which colour and wild values are told from each other.
 const ROUNDS: usize = 2;
 
@@ -40,26 +42,28 @@ impl Wild {
     }
 }
 
-/// Finds values far from their neighbours in a residual (all channels), and sets them aside.
-pub fn outliers(data: &mut Data, residual: &[f64]) -> Vec<SampleEffect> {
+/// Finds values far from their neighbours in a residual (all channels), and sets them aside. Where a channel is `known` to
+/// round, cut or repeat its values, what is left of that looks wild by the colour: there, only plain ones count.
+pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Vec<SampleEffect> {
     let ranges = data.ranges();
     let mut found = Vec::new();
     for (index, (channel, range)) in data.channels.iter_mut().zip(ranges).enumerate() {
         let r = &residual[range];
+        let own: Vec<&SampleEffect> = known.iter().filter(|e| e.channel == index).collect();
+        let step = own.iter().filter_map(|e| e.parameters.get("step")).fold(0.0f64, |m, v| m.max(v.0));
         let told = |wild: &Wild| {
             let at: Vec<usize> = wild.values.iter().map(|(k, _)| *k).collect();
             let plain = wild.values.iter().all(|(_, size)| size.abs() > FAR * WILD * wild.spread);
-            (at.len() >= FEW || at.len() == 2 && plain) && at.len() * 4 <= r.len() && longest_run(&at) <= 3
+            let enough = at.len() >= FEW || !at.is_empty() && plain && own.is_empty();
+            enough && at.len() * 4 <= r.len() && longest_run(&at) <= 3
         };
         // The effect of the table is off by one magnitude, up or down, and by itself.
         let alike = |wild: &Wild| {
             let (magnitude, differing) = wild.sizes();
             differing <= 0.35 * magnitude && wild.alone * 10 >= wild.values.len() * 9
         };
-        let Some(wild) = Some(far(r, &channel.good))
-            .filter(told)
-            .or_else(|| foretold(r, &channel.good).filter(told).filter(alike))
-        else {
+        let colour = || foretold(r, &channel.good).filter(|_| own.is_empty()).filter(told).filter(alike);
+        let Some(wild) = Some(far(r, &channel.good, STEPS * step)).filter(told).or_else(colour) else {
             continue;
         };
         for (k, _) in &wild.values {
@@ -82,8 +86,8 @@ pub fn outliers(data: &mut Data, residual: &[f64]) -> Vec<SampleEffect> {
     found
 }
 
-/// Values far from the middle of their neighbours: whatever the colour of the others.
-fn far(r: &[f64], good: &[bool]) -> Wild {
+/// Values farther from the middle of their neighbours than `least`: whatever the colour of the others.
+fn far(r: &[f64], good: &[bool], least: f64) -> Wild {
     // How far a value stands from its neighbours, and how far these stand from each other.
     let (away, scatter): (Vec<f64>, Vec<f64>) = (0..r.len())
         .map(|k| {
@@ -101,7 +105,7 @@ fn far(r: &[f64], good: &[bool]) -> Wild {
         .unzip();
     let kept: Vec<f64> = away.iter().copied().filter(|a| *a != 0.0).collect();
     let spread = mad_std(&kept);
-    let wild = |k: &usize| spread > 0.0 && away[*k].abs() > WILD * spread;
+    let wild = |k: &usize| spread > 0.0 && away[*k].abs() > (WILD * spread).max(least);
     let values: Vec<(usize, f64)> = (0..away.len()).filter(wild).map(|k| (k, away[k])).collect();
     let alone = values.iter().filter(|(k, away)| away.abs() > ALONE * scatter[*k]).count();
     Wild { values, spread, alone }

@@ -118,7 +118,7 @@ fn searched(
     };
     declared::take_off(&mut data, vehicle, &first.residual);
     if !found.iter().any(|f| f.blocking) {
-        samples.extend(outliers(&mut data, &first.residual));
+        samples.extend(outliers(&mut data, &first.residual, &samples));
     }
     let runner = Runner::new(vehicle, &data);
     let blocked = found.iter().any(|f| f.blocking);
@@ -151,9 +151,7 @@ fn searched(
         (selection, random, unnamed) = beside(selection, &model, &scene);
     }
     let (mut noise, mut doubt) = judged(&selection, random.is_some());
-    // What turbulence explains of the likelihood, in the scale of energies.
-    let explained = random.as_ref().map(|t| 2.0 * t.delta_bic);
-    if doubt.zip(explained).is_some_and(|(lack, explained)| lack.is_told() && lack.outweighs(explained)) {
+    if random.is_some() && doubt.is_some_and(|lack| lack.is_certain()) {
         // It was the trace of something else, and what was chosen beside it rests on it.
         (selection, random) = (alone, None);
         (noise, doubt) = judged(&selection, false);

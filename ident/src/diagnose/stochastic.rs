@@ -21,8 +21,8 @@ pub struct Turbulence {
     pub std: (f64, f64),
     /// Bandwidth, Hz, and its relative standard error.
     pub bandwidth_hz: (f64, f64),
-    /// Relative standard error of the amplitude that size and bandwidth give it at high frequencies.
-    pub density: f64,
+    /// Relative standard error of that combination of size and bandwidth which the record shows best.
+    pub together: f64,
     /// Gain in BIC over coloured noise of every channel for itself.
     pub delta_bic: f64,
     /// Gains of the same on other states: state and gain.
@@ -49,7 +49,7 @@ impl Turbulence {
         let periods = bandwidth * data.duration_s();
         let both = self.std.1 < KNOWN.0 && error < KNOWN.1 && periods > PERIODS;
         let together = self.delta_bic > PLAIN
-            && self.density.min(self.std.1) < KNOWN.0
+            && self.together < KNOWN.0
             && error < FAR_OFF
             && periods * (1.96 * error).exp() > PERIODS;
         self.delta_bic > LEAST && (both || together) && bandwidth * data.period_s < 0.5
@@ -120,8 +120,6 @@ const REFINED: usize = 3;
 
 /// A gain in BIC by Whittle's likelihood below which the exact one is not asked.
 const UNLIKELY: f64 = -30.0;
-/// A bandwidth of slow gusts, Hz.
-const SLOW: f64 = 0.15;
 /// A residual this many times the noise is far above it.
 const FAR: f64 = 2.5;
 
@@ -142,7 +140,7 @@ fn refined(
             state: *state,
             std: (best.values[0].exp(), best.errors[0]),
             bandwidth_hz: (best.values[1].exp(), best.errors[1]),
-            density: 1.0,
+            together: best.errors[0],
             delta_bic: *delta_bic,
             others,
             noises: None,
@@ -186,7 +184,7 @@ fn refined(
         state,
         std: (noises.common[0].exp(), errors[0]),
         bandwidth_hz: (noises.common[1].exp(), errors[1]),
-        density: errors[2],
+        together: errors[2],
         delta_bic,
         others,
         noises: Some(noises),
@@ -233,32 +231,49 @@ fn starts(
         let most = |c: usize| 0.5 * profile.noise.channels[c].variance.ln();
         Noises { common, own: (0..p).map(|c| own(c).min(most(c))).collect(), partial }
     };
-    if trusted {
-        let partial: Vec<[f64; 2]> = (0..p).map(|c| shaped.partial(c)).collect();
-        let mut starts = vec![noises(&|c| values[2 + c], partial.clone())];
-        // Of a slow one Whittle's spectra show little.
-        if best && common[1] > SLOW.ln() {
-            starts.push(Noises { common: [shaped.first[0], SLOW.ln()], ..starts[0].clone() });
-        }
-        return starts;
+    let whittle = noises(&|c| values[2 + c], (0..p).map(|c| shaped.partial(c)).collect());
+    if trusted && !best {
+        return vec![whittle];
     }
     let declared = |c: usize| vehicle.outputs[data.channels[c].output].noise;
     let resonant = RESONANT.into_iter().map(|share| [(PI * share).cos(), -0.85]);
-    let mut starts: Vec<(f64, Noises)> = [[0.0, 0.0], [0.9, 0.0]]
+    let mut starts: Vec<(Option<f64>, Noises)> = [[0.0, 0.0], [0.9, 0.0]]
         .into_iter()
         .chain(resonant)
         .map(|partial: [f64; 2]| {
             let innovation: f64 = partial.iter().map(|k| 0.5 * (1.0 - k * k).ln()).sum();
             let own =
                 |c: usize| if declared(c) > 0.0 { declared(c).ln() + innovation } else { values[2 + c] };
-            let noises = noises(&own, vec![partial; p]);
-            let likelihood = log_likelihood(data, vehicle, state, residual, &noises);
-            (likelihood.unwrap_or(f64::NEG_INFINITY), noises)
+            noises(&own, vec![partial; p])
         })
+        .chain(trusted.then_some(whittle))
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|noises| (log_likelihood(data, vehicle, state, residual, &noises), noises))
         .collect();
-    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    starts.sort_by(|a, b| b.0.unwrap_or(f64::NEG_INFINITY).total_cmp(&a.0.unwrap_or(f64::NEG_INFINITY)));
     starts.truncate(CLIMBED);
-    starts.into_iter().map(|(_, noises)| noises).collect()
+    starts.into_iter().map(|(_, noises)| likeliest((data, residual), (vehicle, state), &noises)).collect()
+}
+
+/// Bandwidths from which the likelihood may be climbed, Hz, and sizes as shares.
+const BANDWIDTHS: [f64; 5] = [0.15, 0.3, 0.6, 1.2, 2.4];
+const SHARES: [f64; 3] = [0.4, 1.0, 2.5];
+
+/// The likeliest of bandwidths and sizes beside the same noise of the channels; what it was when none is likelier. What
+/// it adds up to is kept where the bandwidth is another.
+fn likeliest((data, residual): (&Data, &[f64]), (vehicle, state): (&Vehicle, usize), own: &Noises) -> Noises {
+    let [size, bandwidth] = own.common;
+    let tried = BANDWIDTHS
+        .iter()
+        .flat_map(|b| SHARES.map(|share| [size + share.ln() + 0.5 * (bandwidth - b.ln()), b.ln()]));
+    let mut all: Vec<Noises> = tried.map(|common| Noises { common, ..own.clone() }).collect();
+    all.push(own.clone());
+    let likelihood =
+        |n: &Noises| log_likelihood(data, vehicle, state, residual, n).unwrap_or(f64::NEG_INFINITY);
+    let values: Vec<f64> = all.par_iter().map(likelihood).collect();
+    let best = values.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
+    all.swap_remove(best)
 }
 
 /// White noise of a channel beyond what is declared.

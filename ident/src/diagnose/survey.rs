@@ -13,12 +13,14 @@ use super::twins::{simpler, single};
 use super::{events, tones};
 
 /// Candidates that are fitted a few steps, at most.
-const GLANCED: usize = 12;
+const GLANCED: usize = 16;
 /// Candidates that are fitted to their optimum, at most, and how far in BIC behind the best of them: a few steps under the
 /// noise model of the start may still miss a share of what a strong effect gains.
 const FITTED: usize = 5;
 const BEHIND: f64 = 40.0;
 const SHARE_BEHIND: f64 = 0.25;
+/// One that is so near in BIC may be what cannot be told from the best: then it is fitted, however many there are.
+const NEAR: f64 = 15.0;
 /// Score of a transition whose time is still far off, at most.
 const UNSURE: f64 = 100.0;
 /// Gain in BIC below which the first look leaves no hope that a fit would be accepted.
@@ -131,27 +133,31 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
         .collect();
     trials.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
     once(&mut trials);
-    let mut glances: Vec<(Trial, usize)> = trials
+    // A few steps from a start may end far from what the signature has promised: the promise counts until it is fitted.
+    let mut glances: Vec<(Trial, f64, usize)> = trials
         .par_iter()
         .enumerate()
         .take(GLANCED)
         .filter(|(_, (trial, _))| trial.delta_bic > HOPELESS)
         .filter_map(|(i, (t, start))| {
-            let mut glance = followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
-            if t.candidate.linear {
-                // What its signature does as it is, a fit to the end does at least.
-                glance.delta_bic = glance.delta_bic.max(t.delta_bic);
-            }
-            Some((glance, i))
+            let glance = followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
+            let promise = glance.delta_bic.max(t.delta_bic);
+            Some((glance, promise, i))
         })
         .collect();
-    glances.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
-    let best = glances.first().map_or(0.0, |g| g.0.delta_bic);
-    glances.truncate(FITTED);
-    glances.retain(|(glance, _)| glance.delta_bic > best - BEHIND.max(SHARE_BEHIND * best));
+    glances.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let sure = |(glance, promise, _): &(Trial, f64, usize)| {
+        if glance.candidate.linear { *promise } else { glance.delta_bic }
+    };
+    let best = glances.iter().map(sure).fold(0.0, f64::max);
+    let mut rank = 0..;
+    glances.retain(|(_, promise, _)| {
+        let among = rank.next().is_some_and(|rank| rank < FITTED);
+        best - promise < NEAR || among && best - promise < BEHIND.max(SHARE_BEHIND * best)
+    });
     let fitted: Vec<(Option<Trial>, usize)> = glances
         .into_par_iter()
-        .map(|(glance, i)| {
+        .map(|(glance, _, i)| {
             let own = |fit: Fit| fit.values[fit.values.len() - glance.candidate.tunables.len()..].to_vec();
             (glance.fit.and_then(|f| fitted(model, fit, &glance.candidate, own(f))), i)
         })

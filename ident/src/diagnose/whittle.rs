@@ -29,6 +29,9 @@ pub(super) struct Cross {
     pub channels: Vec<usize>,
 }
 
+/// Samples of each channel from which on there are spectra.
+const SHORTEST: usize = 256;
+
 /// Cross spectra of a residual; `None` when it is too short.
 pub(super) fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
     // Slower channels have other frequencies: they are left out.
@@ -40,7 +43,7 @@ pub(super) fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
     while length * 2 <= n / 2 && length < 4096 {
         length *= 2;
     }
-    if channels.len() < 2 || n < 8 * 64 {
+    if channels.len() < 2 || n < SHORTEST {
         return None;
     }
     let window: Vec<f64> =
