@@ -6,7 +6,7 @@ use super::judge::{ALIKE, Judgement, LEAST_BIC, Rival, Weight, judge, rivals};
 use super::library::Candidate;
 use super::model::{Effort, Fit, Model};
 use super::noise::Noise;
-use super::survey::{Scene, Trial, fitted, joined};
+use super::survey::{Scene, Trial, joined};
 use super::surveys::Surveys;
 use super::twins::{lead, yields};
 
@@ -194,7 +194,8 @@ fn without<'r, 'd>(model: &Model<'r, 'd>, fit: &Fit, term: usize) -> Option<(Mod
     Some((reduced, without))
 }
 
-/// A term of a model as a trial beside the others.
+/// A term of a model as a trial beside the others, from where the model is: from where the others end up without it, the
+/// way back may be lost.
 fn own_trial(
     reduced: &Model<'_, '_>,
     without: &Fit,
@@ -202,7 +203,10 @@ fn own_trial(
     fit: &Fit,
     term: usize,
 ) -> Option<Trial> {
-    fitted(reduced, without, &model.terms[term], fit.values[model.range(term)].to_vec())
+    let mut values = fit.values.clone();
+    let own: Vec<f64> = values.drain(model.range(term)).collect();
+    values.extend(own);
+    joined(reduced, without, &model.terms[term], values, Effort::Full)
 }
 
 /// A rival in a cause's place: the other values start where the cause has left them.
