@@ -42,6 +42,9 @@ pub struct Options {
 /// Difference in BIC from which on it is plain that the first commands of a record were not there before.
 const PLAIN: f64 = 30.0;
 
+/// A push before this time is one at the beginning, s.
+const BEGINNING_S: f64 = 0.1;
+
 /// All that was found, before it is put into words.
 pub(super) struct Findings<'r, 'd> {
     pub selection: Selection<'r, 'd>,
@@ -173,15 +176,26 @@ fn searched(
     Ok((words::answer(records, vehicle, options, &data, found, findings, extended, gains), gain))
 }
 
-/// What the same causes gain in BIC when the inputs were at rest before.
+/// What the same causes gain in BIC when the inputs were at rest before. A push at the very beginning may stand for just
+/// that: it is left out.
 fn otherwise(selection: &Selection<'_, '_>, vehicle: &Vehicle) -> f64 {
     let own = selection.model.runner.data;
     let data = Data { held: false, ..own.clone() };
     let runner = Runner::new(vehicle, &data);
-    let model = Model { runner: &runner, free: selection.model.free, terms: selection.model.terms.clone() };
+    let mut rest = selection.clone();
+    let first = |c: &Candidate, values: &[f64]| {
+        let at = c.tunables.iter().position(|t| t.name == "at_s");
+        c.kind == Kind::PulseDisturbance && at.is_some_and(|i| values[i] < BEGINNING_S)
+    };
+    let terms = (0..selection.model.terms.len())
+        .filter(|t| !first(&selection.model.terms[*t], &selection.fit.values[selection.model.range(*t)]));
+    let names: Vec<String> = terms.map(|t| selection.model.terms[t].name()).collect();
+    rest.keep(|c| names.contains(&c.name()));
+    let model = Model { runner: &runner, free: selection.model.free, terms: rest.model.terms.clone() };
     let shared = selection.fit.profile.noise.shared();
-    let other = model.fit(selection.fit.values.clone(), shared, None);
-    other.map_or(0.0, |other| selection.fit.profile.bic(0) - other.profile.bic(0))
+    let other = model.fit(rest.fit.values, shared, None);
+    let bic = |fit: &Fit, model: &Model<'_, '_>| fit.profile.bic(model.parameters());
+    other.map_or(0.0, |other| bic(&selection.fit, &selection.model) - bic(&other, &model))
 }
 
 /// The causes of a record. An unmodelled mode can be like several simpler causes together (a gain and a delay), and

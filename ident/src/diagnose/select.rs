@@ -6,7 +6,7 @@ use super::judge::{ALIKE, Judgement, LEAST_BIC, Rival, Weight, judge, rivals};
 use super::library::Candidate;
 use super::model::{Effort, Fit, Model};
 use super::noise::Noise;
-use super::survey::{Scene, Trial, joined};
+use super::survey::{Scene, Trial, fitted, joined};
 use super::surveys::Surveys;
 use super::twins::{lead, yields};
 
@@ -16,6 +16,8 @@ pub const MOST: usize = 5;
 const OVERSHADOWED: f64 = 30.0;
 /// Difference in BIC below which two causes that do not look alike cannot both be excluded: odds of about seven to one.
 const UNDECIDED: f64 = 4.0;
+/// A term is found again when it gains this share of what it gained in the model.
+const FOUND: f64 = 0.5;
 /// Exchanges for better rivals in the end, at most.
 const EXCHANGES: usize = 6;
 
@@ -194,8 +196,8 @@ fn without<'r, 'd>(model: &Model<'r, 'd>, fit: &Fit, term: usize) -> Option<(Mod
     Some((reduced, without))
 }
 
-/// A term of a model as a trial beside the others, from where the model is: from where the others end up without it, the
-/// way back may be lost.
+/// A term of a model as a trial beside the others, found anew from where these end up without it. Where the way back from
+/// there is lost (an input that never moves), from where the model is.
 fn own_trial(
     reduced: &Model<'_, '_>,
     without: &Fit,
@@ -203,10 +205,16 @@ fn own_trial(
     fit: &Fit,
     term: usize,
 ) -> Option<Trial> {
+    let candidate = &model.terms[term];
     let mut values = fit.values.clone();
     let own: Vec<f64> = values.drain(model.range(term)).collect();
+    let kept = without.profile.bic(0) - fit.profile.bic(candidate.tunables.len());
+    let again = fitted(reduced, without, candidate, own.clone());
+    if again.as_ref().is_some_and(|t| t.delta_bic > FOUND * kept) {
+        return again;
+    }
     values.extend(own);
-    joined(reduced, without, &model.terms[term], values, Effort::Full)
+    joined(reduced, without, candidate, values, Effort::Full)
 }
 
 /// A rival in a cause's place: the other values start where the cause has left them.

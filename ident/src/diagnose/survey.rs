@@ -340,7 +340,7 @@ fn located(
 }
 
 /// The model with the candidate, all values fitted.
-fn fitted(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, start: Vec<f64>) -> Option<Trial> {
+pub fn fitted(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, start: Vec<f64>) -> Option<Trial> {
     followed(model, fit, candidate, start, Effort::Full)
 }
 
