@@ -93,3 +93,20 @@ pub struct Sizes {
     /// Period, s.
     pub period_s: f64,
 }
+
+#[cfg(test)]
+impl Sizes {
+    /// All of size one.
+    pub(super) fn ones(vehicle: &whirlstand_vehicle::Vehicle, duration_s: f64, period_s: f64) -> Self {
+        let (states, outputs) = (vec![1.0; vehicle.states.len()], vec![1.0; vehicle.outputs.len()]);
+        Self {
+            inputs: vec![1.0; vehicle.inputs.len()],
+            slopes: states.clone(),
+            states,
+            noise: outputs.clone(),
+            outputs,
+            duration_s,
+            period_s,
+        }
+    }
+}

@@ -105,15 +105,7 @@ mod tests {
         let n = vehicle.states.len();
         let fit =
             model.fit(vec![0.0; n], Some(&crate::diagnose::noise::Noise::white(&[1.0; 4])), None).unwrap();
-        let sizes = Sizes {
-            inputs: vec![1.0; m],
-            states: vec![1.0; n],
-            slopes: vec![1.0; n],
-            outputs: vec![1.0; n],
-            noise: vec![1.0; n],
-            duration_s: 8.0,
-            period_s,
-        };
+        let sizes = Sizes::ones(&vehicle, 8.0, period_s);
         let responses = Responses::new(&model, &fit, &sizes);
         for (state, frequency_hz) in [(0, 0.7), (1, 3.0), (3, 20.0)] {
             let (sine, cosine) = responses.waves(&data, state, frequency_hz).unwrap();

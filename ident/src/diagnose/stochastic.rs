@@ -214,8 +214,8 @@ const RESONANT: [f64; 5] = [0.16, 0.32, 0.5, 0.66, 0.84];
 const CLIMBED: usize = 2;
 
 /// Noises from which the exact likelihood is climbed. Far above the noise Whittle's likelihood is none, and no start
-/// either: then the noise is what the vehicle declares: white, of first order
-/// or resonant, whichever is likeliest.
+/// either; of the best state it is not trusted alone: then the noise is what the vehicle declares, white, of first order or
+/// resonant, and the likeliest are followed, each from the likeliest size and bandwidth.
 fn starts(
     (data, residual): (&Data, &[f64]),
     (vehicle, state): (&Vehicle, usize),
@@ -237,7 +237,7 @@ fn starts(
     }
     let declared = |c: usize| vehicle.outputs[data.channels[c].output].noise;
     let resonant = RESONANT.into_iter().map(|share| [(PI * share).cos(), -0.85]);
-    let mut starts: Vec<(Option<f64>, Noises)> = [[0.0, 0.0], [0.9, 0.0]]
+    let mut starts: Vec<(f64, Noises)> = [[0.0, 0.0], [0.9, 0.0]]
         .into_iter()
         .chain(resonant)
         .map(|partial: [f64; 2]| {
@@ -249,9 +249,12 @@ fn starts(
         .chain(trusted.then_some(whittle))
         .collect::<Vec<_>>()
         .into_par_iter()
-        .map(|noises| (log_likelihood(data, vehicle, state, residual, &noises), noises))
+        .map(|noises| {
+            let likelihood = log_likelihood(data, vehicle, state, residual, &noises);
+            (likelihood.unwrap_or(f64::NEG_INFINITY), noises)
+        })
         .collect();
-    starts.sort_by(|a, b| b.0.unwrap_or(f64::NEG_INFINITY).total_cmp(&a.0.unwrap_or(f64::NEG_INFINITY)));
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
     starts.truncate(CLIMBED);
     starts.into_iter().map(|(_, noises)| likeliest((data, residual), (vehicle, state), &noises)).collect()
 }

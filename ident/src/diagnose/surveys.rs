@@ -74,17 +74,8 @@ mod tests {
     #[test]
     fn variants_of_one_effect_and_other_orders_are_not_the_same_terms() {
         let vehicle = Vehicle::builtin("quadrotor").unwrap();
-        let (inputs, states, outputs) = (vehicle.inputs.len(), vehicle.states.len(), vehicle.outputs.len());
-        let sizes = Sizes {
-            inputs: vec![1.0; inputs],
-            states: vec![1.0; states],
-            slopes: vec![1.0; states],
-            outputs: vec![1.0; outputs],
-            noise: vec![0.01; outputs],
-            duration_s: 20.0,
-            period_s: 0.02,
-        };
-        let all = library(&vehicle, &sizes, &(0..outputs).collect::<Vec<_>>());
+        let present: Vec<usize> = (0..vehicle.outputs.len()).collect();
+        let all = library(&vehicle, &Sizes::ones(&vehicle, 20.0, 0.02), &present);
         let of = |kind: Kind| -> Vec<Candidate> { all.iter().filter(|c| c.kind == kind).cloned().collect() };
         let limits = of(Kind::InputSaturation);
         let first: Vec<&Candidate> = limits.iter().filter(|c| c.place == limits[0].place).collect();
