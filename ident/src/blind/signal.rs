@@ -150,8 +150,9 @@ impl Signal {
                 let meet = if closing > 0.0 { t + gap.abs() / closing } else { f64::INFINITY };
                 out.push(t, position, own);
                 if meet <= end {
-                    position = target(meet);
+                    // There it is, to the last digit: what is left of the gap would be closed in steps too short to end.
                     t = meet.max(t + SHORTEST);
+                    position = target(t);
                 } else {
                     position += own * (end - t);
                     t = end;
@@ -247,6 +248,17 @@ mod tests {
         // It follows a ramp that is slower than itself, and catches up with it where it began behind.
         let ramp = steps(&[1.0; 4]).drifting(1.0).limited(3.0);
         agrees(&ramp, |t| (3.0 * t).min(1.0 + t));
+    }
+
+    /// A gap that rounding leaves would be closed in steps of 1e-11 s, until no memory is left for them.
+    #[test]
+    fn a_rate_limit_that_has_caught_up_follows_in_one_piece() {
+        for gap in [1e-12, 1e-13, -1e-13, 1e-16] {
+            let piece = Piece { from: 0.0, value: gap, slope: 0.1 };
+            let limited = Signal { rest: 0.0, pieces: vec![piece], until: 1e-6 }.limited(1.0);
+            assert!(limited.pieces.len() <= 3, "{gap}: {} pieces", limited.pieces.len());
+            assert!((limited.at(0.9e-6) - 0.9e-7).abs() < 1e-11, "{gap}");
+        }
     }
 
     #[test]
