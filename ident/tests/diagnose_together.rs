@@ -2,8 +2,8 @@
 
 mod support;
 
-use support::{changed, flight, pushed_flight};
-use whirlstand_ident::diagnose::{Diagnosis, Options, Verdict, diagnose};
+use support::{changed, flight, named, pushed_flight, told};
+use whirlstand_ident::diagnose::{Diagnosis, Verdict};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Kind, Simulator, Stream, Vehicle};
 
@@ -26,24 +26,6 @@ fn quadrotor(effects: &[Fault<'_>]) -> Vehicle {
 
 fn fly(vehicle: &Vehicle, seed: u64) -> Record {
     flight(vehicle, 25.0, &vec![0.0; vehicle.states.len()], 1.0, Some(seed))
-}
-
-fn told(record: Record, vehicle: &Vehicle) -> Diagnosis {
-    diagnose(&[record], vehicle, &Options::default()).unwrap()
-}
-
-/// Names of all causes, sorted, each with those that cannot be told from it.
-fn named(answer: &Diagnosis) -> Vec<Vec<String>> {
-    let mut all: Vec<Vec<String>> = answer
-        .causes
-        .iter()
-        .map(|c| {
-            let alike = c.indistinguishable.iter().map(|a| format!("{}({})", a.effect, a.place));
-            std::iter::once(format!("{}({})", c.effect, c.place)).chain(alike).collect()
-        })
-        .collect();
-    all.sort();
-    all
 }
 
 #[track_caller]

@@ -181,6 +181,13 @@ fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Left {
 
 /// States of the fitted run, over the steps of the record, each over its largest magnitude.
 pub(super) fn states(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Option<Vec<Vec<f64>>> {
+    let mut states = motion(vehicle, model, fit)?;
+    states.iter_mut().for_each(|s| scale(s));
+    Some(states)
+}
+
+/// States of the fitted run, over the steps of the record, SI.
+pub(super) fn motion(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Option<Vec<Vec<f64>>> {
     let data = model.runner.data;
     let n = vehicle.states.len();
     let mut simulator = data.begin(vehicle, 0)?;
@@ -193,7 +200,6 @@ pub(super) fn states(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Opt
         states.iter_mut().zip(simulator.state()).for_each(|(column, x)| column.push(*x));
         simulator.step(u);
     }
-    states.iter_mut().for_each(|s| scale(s));
     Some(states)
 }
 

@@ -4,6 +4,7 @@ use super::adequacy::Lack;
 use super::forced;
 use super::judge::LEAST_BIC;
 use super::library::Candidate;
+use super::model::dot;
 use super::noise::Noise;
 use super::select::Selection;
 use super::survey::Scene;
@@ -26,7 +27,7 @@ pub fn withhold(
     scene: &Scene<'_>,
 ) -> Vec<(Candidate, f64)> {
     let Some(without) = selection.without_causes(start) else { return Vec::new() };
-    let explained: f64 = selection.accepted.iter().map(|a| a.weight.detectability).sum();
+    let explained = explained(selection, &without);
     let mut doubted = lack.is_told() && lack.outweighs(explained);
     if !doubted && !turbulent {
         let several = selection.model.terms.len() > without.model.terms.len() + 1;
@@ -45,6 +46,17 @@ pub fn withhold(
     let taken = all.filter(|(c, _)| !without.model.terms.contains(c)).collect();
     *selection = without;
     taken
+}
+
+/// Energy that the causes explain, in the scale of detectability. Together they may explain less than each for itself:
+/// pushes that go against each other, say. Of three or more a share counts, as many together explain much that is none of
+/// them.
+fn explained(selection: &Selection<'_, '_>, without: &Selection<'_, '_>) -> f64 {
+    let each: f64 = selection.accepted.iter().map(|a| a.weight.detectability).sum();
+    let (with, less) = (&selection.fit, &without.fit);
+    let moved: Vec<f64> = with.predicted.iter().zip(&less.predicted).map(|(a, b)| a - b).collect();
+    let white = with.profile.noise.whiten(selection.model.runner.data, &moved);
+    each.min(dot(&white, &white)) / selection.accepted.len().saturating_sub(1).max(1) as f64
 }
 
 /// What one force that follows a signal gains in BIC, where that is as much as all causes together do. Several causes

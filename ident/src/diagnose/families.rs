@@ -21,7 +21,8 @@ pub type Family = Vec<Vec<f64>>;
 /// What a force may follow, each over its largest magnitude.
 pub struct Signals {
     inputs: Vec<Vec<f64>>,
-    states: Vec<Vec<f64>>,
+    /// States over the steps of the record.
+    pub states: Vec<Vec<f64>>,
     /// Turns of a swing over the record, at most.
     turns: usize,
 }
@@ -51,6 +52,7 @@ impl Signals {
     /// Of states alone, and their products with inputs.
     pub fn of_states(&self) -> Vec<Family> {
         let mut all: Vec<Family> = self.states.iter().flat_map(|x| [smooth(x), waves(x)]).collect();
+        all.extend(self.states.iter().flat_map(|x| (1..=self.turns).map(|turns| swung(x, turns))));
         all.extend(self.products());
         all
     }
@@ -101,6 +103,14 @@ fn slowly(v: &[f64]) -> Family {
 }
 
 fn waves(v: &[f64]) -> Family {
-    let wave = |n: usize, phase: f64| map(v, &|v| (0.5 * PI * n as f64 * v + phase).sin());
-    (1..=WAVES).flat_map(|n| [wave(2 * n, 0.0), wave(2 * n, 0.5 * PI)]).collect()
+    (1..=WAVES).flat_map(|n| wave(v, n)).collect()
+}
+
+fn wave(v: &[f64], n: usize) -> Family {
+    [0.0, 0.5 * PI].map(|phase| map(v, &|v| (PI * n as f64 * v + phase).sin())).to_vec()
+}
+
+/// Waves of several lengths, each for itself, that no straight line is like.
+pub fn ripples(v: &[f64]) -> impl Iterator<Item = Family> {
+    (2..=WAVES).map(|n| wave(v, n))
 }

@@ -10,15 +10,17 @@ use rayon::prelude::*;
 use std::sync::Arc;
 use whirlstand_vehicle::Vehicle;
 
-use super::adequacy::states;
-use super::families::{Family, Signals};
+use super::adequacy::{motion, scale, states};
+use super::families::{Family, Signals, ripples};
 use super::forces::Forces;
 use super::missing::Entry;
 use super::model::{Fit, Model, dot};
 use super::noise::{Noise, Profile};
+use super::relays;
 use super::screen::Frame;
 use super::survey::Scene;
 use crate::identify::normal::pseudo_inverse;
+use crate::identify::quality::chi_square_tail;
 
 /// Families of each frame whose noise model is fitted anew.
 const WEIGHED: usize = 6;
@@ -36,7 +38,52 @@ pub fn gain(model: &Model<'_, '_>, fit: &Fit, state: usize, scene: &Scene<'_>) -
     Weighing::new(model, fit, &vehicle, scene).best(Entry::State(state), &signals.all())
 }
 
-/// The same for a force on any state or into any input, over the fit of a model with no cause. The signals are those of
+/// A force that follows a signal tells below this probability of chance, of all looks together.
+const CHANCE: f64 = 1e-5;
+
+/// Score of a force on the state that turbulence moves, where it follows a state so closely that no turbulence does: it
+/// switches with one, or goes in waves with one.
+///
+/// The states are what the turbulence's filter foretells from the samples before, so that whatever a force makes of them
+/// cannot know the innovations that come after: under turbulence alone the score is chi-square.
+pub fn followed(
+    (model, fit): (&Model<'_, '_>, &Fit),
+    state: usize,
+    noise: &Noise,
+    scene: &Scene<'_>,
+) -> Option<f64> {
+    let data = model.runner.data;
+    let common = noise.common.as_ref()?;
+    let vehicle = model.vehicle(&fit.values)?;
+    let mut states = motion(&vehicle, model, fit)?;
+    for (i, x) in states.iter_mut().enumerate() {
+        let foretold = common.states(data, &fit.residual, i);
+        x.iter_mut().skip(1).zip(foretold).for_each(|(x, moved)| *x += moved);
+        scale(x);
+    }
+    let frame = Frame::new(data, noise, &fit.residual, &fit.columns);
+    let forces = Forces::new(model, fit, &vehicle, &[(state, scene.sizes.slopes[state])], states.first()?);
+    let relay = relays::likeliest(&frame, &forces, &states, false).map_or(0.0, |r| r.score);
+    let ripples: Vec<Family> = states.iter().flat_map(|x| ripples(x)).collect();
+    let functions: Vec<&[f64]> = ripples.iter().flatten().map(Vec::as_slice).collect();
+    let mut responses = forces.each(&functions, |_, index, response| (index, response));
+    responses.sort_by_key(|(index, _)| *index);
+    let pairs = responses.chunk_by(|(a, _), (b, _)| a / 2 == b / 2);
+    let waves = pairs.filter(|pair| pair.len() == 2).filter_map(|pair| {
+        let filled = pair.iter().map(|(_, response)| {
+            let mut filled = response.clone();
+            data.fill(&mut filled);
+            filled
+        });
+        Some(explained(&frame, &filled.collect::<Vec<_>>())?.0)
+    });
+    let wave = waves.fold(0.0, f64::max);
+    let looks = (states.len() * relays::looks() + ripples.len()) as f64;
+    let chance = chi_square_tail(relay, 1.0).min(chi_square_tail(wave, 2.0));
+    (looks * chance < CHANCE).then_some(relay.max(wave))
+}
+
+/// Gain in BIC of the likeliest force on any state or into any input, over the fit of a model with no cause. The signals are those of
 /// a model `with` causes, which is nearer to the truth.
 pub fn rival(
     (model, fit): (&Model<'_, '_>, &Fit),
@@ -52,7 +99,9 @@ pub fn rival(
             || vehicle.b.row(*i).iter().any(|b| *b != 0.0)
     };
     let forces = (0..vehicle.states.len()).filter(moved);
-    let forces = forces.filter_map(|i| weighing.best(Entry::State(i), &families));
+    let forces = forces.flat_map(|i| {
+        [weighing.best(Entry::State(i), &families), weighing.relay(i, &signals.states)].into_iter().flatten()
+    });
     let inputs = 0..model.runner.data.m;
     let inputs = inputs.filter_map(|j| weighing.best(Entry::Input(j), &signals.of_input(j)));
     forces.chain(inputs).max_by(f64::total_cmp)
@@ -127,6 +176,21 @@ impl<'a, 'd> Weighing<'a, 'd> {
                 rest.iter_mut().zip(column).for_each(|(r, c)| *r -= by * c);
             }
             Noise::fit(data, &frame.without_nuisances(&rest)).bic(weight.by.len())
+        });
+        bics.min_by(f64::total_cmp).map(|bic| self.plain.bic(0) - bic - looks)
+    }
+
+    /// Gain in BIC of the likeliest force that switches with a state.
+    fn relay(&self, state: usize, states: &[Vec<f64>]) -> Option<f64> {
+        let data = self.model.runner.data;
+        let pushed = [(state, self.slopes[state])];
+        let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed, states.first()?);
+        let looks = 2.0 * ((states.len() * relays::looks()) as f64).ln();
+        let bics = self.frames.iter().filter_map(|frame| {
+            let relay = relays::likeliest(frame, &forces, states, true)?;
+            let response = relay.response(frame, &forces, states)?;
+            let rest: Vec<f64> = self.fit.residual.iter().zip(&response).map(|(r, c)| r - c).collect();
+            Some(Noise::fit(data, &frame.without_nuisances(&rest)).bic(1 + relays::NUMBERS))
         });
         bics.min_by(f64::total_cmp).map(|bic| self.plain.bic(0) - bic - looks)
     }

@@ -13,7 +13,7 @@ use crate::stats::{mad_std, mean, median, rms};
 /// Fewer wild values than this may be anything,
 const FEW: usize = 3;
 /// but one that stands this many times as far is one.
-const FAR: f64 = 3.0;
+const FAR: f64 = 1.5;
 /// A wild value stands this many standard deviations away from its neighbours,
 const WILD: f64 = 6.5;
 /// and this many times as far as half of the neighbours stand from their middle.
@@ -84,6 +84,23 @@ pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Ve
         found.push(SampleEffect { kind: Kind::Outliers, channel: index, parameters, samples });
     }
     found
+}
+
+/// Drops wild values that the causes explain: a late sensor errs most where its signal jumps. `good` are the samples that
+/// counted before any were set aside.
+pub fn still_wild(samples: &mut Vec<SampleEffect>, data: &Data, good: Vec<Vec<bool>>, predicted: &[f64]) {
+    let (wild, others): (Vec<_>, Vec<_>) =
+        samples.iter().cloned().partition(|e: &SampleEffect| e.kind == Kind::Outliers);
+    if wild.is_empty() {
+        return;
+    }
+    let mut data = data.clone();
+    data.channels.iter_mut().zip(good).for_each(|(c, good)| c.good = good);
+    let measured = data.channels.iter().flat_map(|c| &c.values);
+    let mut residual: Vec<f64> = measured.zip(predicted).map(|(y, p)| y - p).collect();
+    data.fill(&mut residual);
+    let again = outliers(&mut data, &residual, &others);
+    samples.retain(|e| e.kind != Kind::Outliers || again.iter().any(|a| a.channel == e.channel));
 }
 
 /// Values farther from the middle of their neighbours than `least`: whatever the colour of the others.

@@ -8,15 +8,16 @@ use whirlstand_vehicle::{Effect, Free, Kind, Vehicle};
 use super::DiagnoseError;
 use super::adequacy::{Lack, lack};
 use super::answer::*;
+use super::choice::chosen;
 use super::data::{Data, coarser_period};
 use super::doubt::withhold;
 use super::gains::output_error;
 use super::library::{self, Candidate, Sizes};
 use super::model::{Fit, Model};
-use super::outliers::outliers;
+use super::outliers::{outliers, still_wild};
 use super::runner::Runner;
 use super::samples::{SampleEffect, measured_effects};
-use super::select::{MOST, Selection, select};
+use super::select::{MOST, Selection};
 use super::shaking::{self, Shaking};
 use super::stochastic::{ExcessNoise, Turbulence, excess_noise};
 use super::survey::Scene;
@@ -120,6 +121,7 @@ fn searched(
         fit
     };
     declared::take_off(&mut data, vehicle, &first.residual);
+    let good: Vec<Vec<bool>> = data.channels.iter().map(|c| c.good.clone()).collect();
     if !found.iter().any(|f| f.blocking) {
         samples.extend(outliers(&mut data, &first.residual, &samples));
     }
@@ -167,6 +169,7 @@ fn searched(
     if let Some(lack) = &mut doubt {
         withheld = withhold(&mut selection, lack, random.is_some(), start(), &scene);
     }
+    still_wild(&mut samples, &data, good, &selection.fit.predicted);
     let shaking =
         if blocked { Vec::new() } else { shaking::shaking(&selection.model, &selection.fit.residual) };
     let findings =
@@ -196,44 +199,6 @@ fn otherwise(selection: &Selection<'_, '_>, vehicle: &Vehicle) -> f64 {
     let other = model.fit(rest.fit.values, shared, None);
     let bic = |fit: &Fit, model: &Model<'_, '_>| fit.profile.bic(model.parameters());
     other.map_or(0.0, |other| bic(&selection.fit, &selection.model) - bic(&other, &model))
-}
-
-/// The causes of a record. An unmodelled mode can be like several simpler causes together (a gain and a delay), and
-/// what is chosen first is seldom left: the choice is made without modes too.
-fn chosen<'r, 'd>(model: &Model<'r, 'd>, scene: &Scene<'_>) -> Option<Selection<'r, 'd>> {
-    let first = beside_free(model, scene);
-    let mode = |c: &Candidate| c.kind == Kind::UnmodelledMode;
-    if !first.as_ref().is_some_and(|s| s.model.terms.iter().any(mode)) {
-        return first;
-    }
-    let simpler: Vec<Candidate> = scene.library.iter().filter(|c| !mode(c)).cloned().collect();
-    likelier(first, beside_free(model, &Scene { library: &simpler, ..*scene }))
-}
-
-/// The one of smaller BIC.
-fn likelier<'r, 'd>(a: Option<Selection<'r, 'd>>, b: Option<Selection<'r, 'd>>) -> Option<Selection<'r, 'd>> {
-    let bic = |s: &Selection<'_, '_>| s.fit.profile.bic(s.model.parameters());
-    match (a, b) {
-        (Some(a), Some(b)) => Some(if bic(&b) < bic(&a) { b } else { a }),
-        (a, b) => a.or(b),
-    }
-}
-
-/// Where free parameters are refitted beside the causes, the first is looked for beside the given values too: without
-/// its cause, a refit may end far from anything (in a closed loop, at a vehicle that no command moves).
-fn beside_free<'r, 'd>(model: &Model<'r, 'd>, scene: &Scene<'_>) -> Option<Selection<'r, 'd>> {
-    let refitted = select(model.clone(), scene, None, &[]);
-    if model.free.is_empty() {
-        return refitted;
-    }
-    let given = Model { free: &[], ..model.clone() };
-    let beside_given = select(given, &Scene { most: 1, ..*scene }, None, &[]).and_then(|s| {
-        let terms: Vec<_> = (0..s.model.terms.len())
-            .map(|t| (s.model.terms[t].clone(), s.fit.values[s.model.range(t)].to_vec()))
-            .collect();
-        if terms.is_empty() { None } else { select(model.clone(), scene, None, &terms) }
-    });
-    likelier(refitted, beside_given)
 }
 
 /// Which free parameters are estimates.

@@ -5,6 +5,7 @@ use whirlstand_vehicle::Kind;
 use super::judge::{ALIKE, Judgement, LEAST_BIC, Rival, Weight, judge, rivals};
 use super::library::Candidate;
 use super::model::{Effort, Fit, Model};
+use super::modes::mode;
 use super::noise::Noise;
 use super::survey::{Scene, Trial, fitted, joined};
 use super::surveys::Surveys;
@@ -13,7 +14,7 @@ use super::twins::{lead, yields};
 /// Causes that are named, at most.
 pub const MOST: usize = 5;
 /// Difference in BIC from which on a candidate is not believed beside a better one that was refused.
-const OVERSHADOWED: f64 = 30.0;
+pub const OVERSHADOWED: f64 = 30.0;
 /// Difference in BIC below which two causes that do not look alike cannot both be excluded: odds of about seven to one.
 const UNDECIDED: f64 = 4.0;
 /// A term is found again when it gains this share of what it gained in the model.
@@ -104,11 +105,12 @@ pub fn select<'r, 'd>(
     let mut exchanges = 0;
     while term < model.terms.len() {
         let (reduced, without) = without(&model, &fit, term)?;
-        let trials = surveys.known(&reduced, &without, scene);
+        let mut trials = surveys.known(&reduced, &without, scene);
         let own = own_trial(&reduced, &without, &model, &fit, term);
         match own.as_ref().map(|own| judge(&reduced, &without, own, hypotheses)) {
             Some(Judgement::Accepted(weight)) => {
                 let own = own?;
+                trials.extend(mode(&reduced, &without, &own, scene));
                 let rivals = rivals(&reduced, &without, &own, &trials);
                 let better = rivals
                     .iter()

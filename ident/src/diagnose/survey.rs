@@ -344,7 +344,8 @@ pub fn fitted(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, start: Ve
     followed(model, fit, candidate, start, Effort::Full)
 }
 
-fn followed(
+/// As [`fitted`], as far as asked.
+pub fn followed(
     model: &Model<'_, '_>,
     fit: &Fit,
     candidate: &Candidate,

@@ -19,6 +19,13 @@ pub(super) struct Seen {
     pub ratio: f64,
 }
 
+impl From<&Trial> for Seen {
+    fn from(trial: &Trial) -> Self {
+        let values = trial.fit.as_ref().map(|f| f.values.clone());
+        Self { candidate: trial.candidate.clone(), values, delta_bic: trial.delta_bic, ratio: trial.ratio }
+    }
+}
+
 /// What was surveyed beside which terms: the search comes back to the same terms in the end.
 #[derive(Debug, Default)]
 pub(super) struct Surveys(Vec<(Vec<Candidate>, Vec<Seen>)>);
@@ -32,13 +39,7 @@ impl Surveys {
     /// Surveys, and remembers.
     pub fn survey(&mut self, model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial> {
         let trials = survey(model, fit, scene);
-        let seen = trials.iter().map(|t| Seen {
-            candidate: t.candidate.clone(),
-            values: t.fit.as_ref().map(|f| f.values.clone()),
-            delta_bic: t.delta_bic,
-            ratio: t.ratio,
-        });
-        let seen = seen.collect();
+        let seen = trials.iter().map(Seen::from).collect();
         self.0.retain(|(known, _)| !same(known, &model.terms));
         self.0.push((model.terms.clone(), seen));
         trials

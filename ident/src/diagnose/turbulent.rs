@@ -79,6 +79,10 @@ pub(super) fn beside<'r, 'd>(
         let more = alone - (plain_bic(&chosen, data) - gain);
         return (selection, None, Some(more).filter(|more| *more > LEAST));
     }
+    if let Some(score) = forced::followed((&chosen.model, &chosen.fit), found.state, &noise, scene) {
+        let more = alone - (plain_bic(&chosen, data) - found.delta_bic) + score;
+        return (selection, None, Some(more));
+    }
     if related(data, &noise, &chosen) {
         return (selection, None, None);
     }

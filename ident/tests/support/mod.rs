@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
 use whirlstand_control::lqr::lqr;
+use whirlstand_ident::diagnose::{Diagnosis, Options, diagnose};
 use whirlstand_logs::{BenchInfo, LogWriter, Record, SignalInfo};
 use whirlstand_msgs::{
     Command, Disturbance, Estimate, Health, Imu, Message, Setpoint, Truth, flags, latency_bucket,
@@ -81,6 +82,25 @@ pub fn changed(record: &Record, channel: &str, f: impl Fn(usize, f64) -> f64) ->
         out.push(&signal.name, &signal.unit, values).unwrap();
     }
     out
+}
+
+/// The diagnosis of a record, as the program makes it.
+pub fn told(record: Record, vehicle: &Vehicle) -> Diagnosis {
+    diagnose(&[record], vehicle, &Options::default()).unwrap()
+}
+
+/// Names of all causes, sorted, each with those that cannot be told from it.
+pub fn named(answer: &Diagnosis) -> Vec<Vec<String>> {
+    let mut all: Vec<Vec<String>> = answer
+        .causes
+        .iter()
+        .map(|c| {
+            let alike = c.indistinguishable.iter().map(|a| format!("{}({})", a.effect, a.place));
+            std::iter::once(format!("{}({})", c.effect, c.place)).chain(alike).collect()
+        })
+        .collect();
+    all.sort();
+    all
 }
 
 /// Writes the log of a quadrotor under state feedback: 5 deg of roll at 1 s, a pulse on the roll rate at 6 s,
