@@ -28,9 +28,10 @@ fn with(effects: &[(Kind, &str, &[(&str, f64)])]) -> Vehicle {
 }
 
 #[track_caller]
-fn is_unexplained(answer: &Diagnosis) {
+fn is_described(answer: &Diagnosis, like: &str) {
     assert!(answer.causes.is_empty(), "{}", answer.text());
     assert_eq!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
+    assert!(answer.unexplained.description.to_lowercase().contains(like), "{like}: {}", answer.text());
 }
 
 /// A flight with a force on the pitch rate that switches against the pitch, a while later.
@@ -54,7 +55,8 @@ fn a_limit_cycle_is_neither_turbulence_nor_a_row_of_pushes() {
     for (seed, size, threshold, late_s) in
         [(31, 0.1, 0.002, 0.5), (32, 0.15, 0.005, 0.37), (33, 0.3, 0.01, 0.23)]
     {
-        is_unexplained(&told(relayed(size, threshold, late_s, seed), &quadrotor()));
+        let answer = told(relayed(size, threshold, late_s, seed), &quadrotor());
+        is_described(&answer, "a force on pitch_rate that switches with pitch");
     }
 }
 
@@ -62,10 +64,8 @@ fn a_limit_cycle_is_neither_turbulence_nor_a_row_of_pushes() {
 fn a_spring_that_goes_in_waves_is_no_turbulence() {
     for (seed, size) in [(34, 0.1), (35, 0.3)] {
         let push = |x: &[f64]| vec![0.0, 0.0, 0.0, size * (40.0 * x[3]).sin()];
-        is_unexplained(&told(
-            pushed_flight(&quadrotor(), 18.0, &[0.0; 4], 1.0, Some(seed), push),
-            &quadrotor(),
-        ));
+        let record = pushed_flight(&quadrotor(), 18.0, &[0.0; 4], 1.0, Some(seed), push);
+        is_described(&told(record, &quadrotor()), "a force on pitch_rate that");
     }
 }
 

@@ -180,7 +180,7 @@ fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Left {
 }
 
 /// States of the fitted run, over the steps of the record, each over its largest magnitude.
-pub(super) fn states(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Option<Vec<Vec<f64>>> {
+fn states(vehicle: &Vehicle, model: &Model<'_, '_>, fit: &Fit) -> Option<Vec<Vec<f64>>> {
     let mut states = motion(vehicle, model, fit)?;
     states.iter_mut().for_each(|s| scale(s));
     Some(states)

@@ -44,8 +44,9 @@ pub(super) fn unexplained(findings: &Findings<'_, '_>, data: &Data, vehicle: &Ve
     // What is random was named as such and stays in every residual.
     let random = findings.turbulence.is_some() || !findings.noise.is_empty();
     let share = if before > 0.0 && !random { (left / before).clamp(0.0, 1.0) } else { 0.0 };
+    let like = findings.like.as_ref().map(|by| format!("{} would do the same", by.words));
     if left == 0.0 || random && share == 0.0 {
-        return Unexplained { share, description: String::new() };
+        return Unexplained { share, description: sentence(like.into_iter().collect()) };
     }
     let ranges = data.ranges();
     let loudness = |c: usize| {
@@ -53,7 +54,7 @@ pub(super) fn unexplained(findings: &Findings<'_, '_>, data: &Data, vehicle: &Ve
             / findings.sizes.noise[data.channels[c].output].max(f64::MIN_POSITIVE)
     };
     let Some(worst) = (0..data.channels.len()).max_by(|a, b| loudness(*a).total_cmp(&loudness(*b))) else {
-        return Unexplained { share, description: String::new() };
+        return Unexplained { share, description: sentence(like.into_iter().collect()) };
     };
     let channel = &data.channels[worst];
     let r = &residual[ranges[worst].clone()];
@@ -83,6 +84,7 @@ pub(super) fn unexplained(findings: &Findings<'_, '_>, data: &Data, vehicle: &Ve
     if let Some(memory) = memory(r) {
         words.push(format!("it remembers {:.2} s", memory as f64 * period_s));
     }
+    words.extend(like);
     let near: Vec<String> = selection
         .refused
         .iter()
@@ -93,11 +95,13 @@ pub(super) fn unexplained(findings: &Findings<'_, '_>, data: &Data, vehicle: &Ve
     if !near.is_empty() {
         words.push(format!("nearest names, rejected: {}", near.join(", ")));
     }
-    let mut description = words.join("; ");
-    if let Some(first) = description.get(..1) {
-        description = format!("{}{}.", first.to_uppercase(), &description[1..]);
-    }
-    Unexplained { share, description }
+    Unexplained { share, description: sentence(words) }
+}
+
+/// What is said in one sentence; empty where nothing is.
+fn sentence(words: Vec<String>) -> String {
+    let text = words.join("; ");
+    text.get(..1).map_or_else(String::new, |first| format!("{}{}.", first.to_uppercase(), &text[1..]))
 }
 
 /// The band that holds the middle 80 % of the power.

@@ -1,7 +1,7 @@
 //! Whether the causes that were chosen are believed: what they leave must be noise, and nothing simpler may do as well.
 
 use super::adequacy::Lack;
-use super::forced;
+use super::forced::{self, Follower};
 use super::judge::LEAST_BIC;
 use super::library::Candidate;
 use super::model::dot;
@@ -18,10 +18,11 @@ const LEFT: f64 = 0.5;
 const RARE: f64 = 0.15;
 
 /// Takes back the causes that are not believed, with their gains in BIC. `start` are the values without any cause.
-/// Beside turbulence, which explains part of what they leave, only the lack of fit speaks against them.
+/// Beside turbulence, which explains part of what they leave, only the lack of fit speaks against them. A force that does
+/// as well is left in `like`.
 pub fn withhold(
     selection: &mut Selection<'_, '_>,
-    lack: &mut Lack,
+    (lack, like): (&mut Lack, &mut Option<Follower>),
     turbulent: bool,
     start: Vec<f64>,
     scene: &Scene<'_>,
@@ -33,10 +34,11 @@ pub fn withhold(
         let several = selection.model.terms.len() > without.model.terms.len() + 1;
         let asked = several || lack.one.chance < RARE || lack.all.chance < RARE;
         let imitated = if asked { imitated(selection, &without, scene, several) } else { None };
-        if let Some(gain) = imitated {
-            *lack = lack.or_one(gain);
+        if let Some(by) = &imitated {
+            *lack = lack.or_one(by.gain);
         }
         doubted = imitated.is_some() || drowned(selection, &without, scene.declared);
+        *like = imitated.or(like.take());
     }
     if !doubted {
         return Vec::new();
@@ -59,20 +61,20 @@ fn explained(selection: &Selection<'_, '_>, without: &Selection<'_, '_>) -> f64 
     each.min(dot(&white, &white)) / selection.accepted.len().saturating_sub(1).max(1) as f64
 }
 
-/// What one force that follows a signal gains in BIC, where that is as much as all causes together do. Several causes
-/// must do plainly better than one force, and one force than one cause.
+/// One force that follows a signal, where it gains as much as all causes together do. Several causes must do plainly better
+/// than one force, and one force than one cause.
 fn imitated(
     selection: &Selection<'_, '_>,
     without: &Selection<'_, '_>,
     scene: &Scene<'_>,
     several: bool,
-) -> Option<f64> {
+) -> Option<Follower> {
     let data = selection.model.runner.data;
     let bic = |s: &Selection<'_, '_>| Noise::fit(data, &s.fit.residual).bic(s.model.parameters());
     let own = bic(without) - bic(selection);
     let lead = if several { -LEAST_BIC } else { LEAST_BIC };
     let rival = forced::rival((&without.model, &without.fit), (&selection.model, &selection.fit), scene)?;
-    (rival > own + lead).then_some(rival)
+    (rival.gain > own + lead).then_some(rival)
 }
 
 /// True when the causes leave much beyond the declared noise: then they are a part of something else.

@@ -10,6 +10,7 @@ use super::gains::Gains;
 use super::library::Candidate;
 use super::model::Model;
 use super::run::Findings;
+use super::select::Selection;
 use super::shows::{Shown, shows};
 
 /// Rejected candidates that are shown beside the accepted ones.
@@ -104,22 +105,7 @@ fn evidence(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle) -> Vec<
             accepted: true,
         });
     }
-    let tried = selection.refused.iter().filter_map(|(t, _)| Some((&t.candidate, t.fit.as_ref()?)));
-    for (candidate, fit) in tried.take(REJECTED) {
-        let values = &fit.values[..fit.values.len() - candidate.tunables.len()];
-        let Some(without) = selection.model.predict(values) else { continue };
-        let mut model = selection.model.clone();
-        model.terms.push(candidate.clone());
-        cases.push(Case {
-            candidate,
-            model,
-            values: fit.values.clone(),
-            without,
-            with: fit.predicted.clone(),
-            rival: None,
-            accepted: false,
-        });
-    }
+    cases.extend(rejected(selection));
     let noise: Vec<f64> =
         (0..data.channels.len()).map(|c| fit.profile.noise.std(c, data, &fit.residual)).collect();
     let mut curves: Vec<EvidenceCurve> = cases
@@ -153,6 +139,27 @@ fn evidence(findings: &Findings<'_, '_>, data: &Data, vehicle: &Vehicle) -> Vec<
     curves
 }
 
+/// The nearest causes that were refused, each beside the terms that it was fitted with.
+fn rejected<'c>(selection: &'c Selection<'_, '_>) -> impl Iterator<Item = Case<'c>> {
+    let tried = selection.refused.iter().filter_map(|(t, _)| Some((t, t.fit.as_ref()?)));
+    tried.take(REJECTED).filter_map(|(trial, fit)| {
+        let candidate = &trial.candidate;
+        let mut model = selection.model.clone();
+        model.terms.clone_from(&trial.beside);
+        let without = model.predict(&fit.values[..fit.values.len() - candidate.tunables.len()])?;
+        model.terms.push(candidate.clone());
+        Some(Case {
+            candidate,
+            model,
+            values: fit.values.clone(),
+            without,
+            with: fit.predicted.clone(),
+            rival: None,
+            accepted: false,
+        })
+    })
+}
+
 fn words(candidate: &Candidate) -> String {
     format!("{} on {}", candidate.kind, candidate.place)
 }
@@ -179,4 +186,66 @@ fn states(model: &Model<'_, '_>, values: &[f64]) -> Option<Vec<Vec<f64>>> {
         simulator.step(u);
     }
     Some(states)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rejected;
+    use crate::diagnose::data::{Channel, Data};
+    use crate::diagnose::library::{Sizes, library};
+    use crate::diagnose::model::Model;
+    use crate::diagnose::runner::Runner;
+    use crate::diagnose::select::select;
+    use crate::diagnose::survey::Scene;
+    use whirlstand_vehicle::{Effect, Kind, Simulator, Vehicle};
+
+    /// A search may end with other terms than those that a refused cause was fitted with.
+    #[test]
+    fn a_refused_cause_is_shown_beside_the_terms_of_its_own_fit() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let mut truth = vehicle.clone();
+        truth.add_effect(Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.8)]).unwrap()).unwrap();
+        let (steps, period_s) = (600, 0.02);
+        let inputs: Vec<f64> = (0..steps)
+            .flat_map(|k| [if k % 150 < 75 { 0.5 } else { -0.5 }, if k % 220 < 110 { 0.5 } else { -0.5 }])
+            .collect();
+        let mut simulator = Simulator::new(&truth, period_s, 3).unwrap();
+        let mut values = vec![Vec::new(); vehicle.outputs.len()];
+        for u in inputs.chunks_exact(2) {
+            simulator.apply(u);
+            values.iter_mut().zip(simulator.measure()).for_each(|(v, y)| v.push(*y));
+            simulator.advance();
+        }
+        let channel = |(output, values): (usize, Vec<f64>)| Channel {
+            output,
+            stride: 1,
+            first: 0,
+            good: vec![true; steps],
+            values,
+        };
+        let data = Data {
+            origin: "none".into(),
+            start_s: 0.0,
+            period_s,
+            steps,
+            inputs,
+            m: 2,
+            starts: vec![0],
+            held: false,
+            channels: values.into_iter().enumerate().map(channel).collect(),
+        };
+        let runner = Runner::new(&vehicle, &data);
+        let model = Model { runner: &runner, free: &[], terms: Vec::new() };
+        let sizes = Sizes::ones(&vehicle, steps as f64 * period_s, period_s);
+        let library = library(&vehicle, &sizes, &[0, 1, 2, 3]);
+        let declared: Vec<f64> = vehicle.outputs.iter().map(|o| o.noise).collect();
+        let scene = Scene { library: &library, sizes: &sizes, most: 3, declared: &declared };
+        let mut selection = select(model, &scene, None, &[]).unwrap();
+        assert!(selection.refused.iter().any(|(t, _)| t.fit.is_some()), "{:?}", selection.accepted);
+        let before: Vec<Vec<f64>> = rejected(&selection).map(|case| case.without).collect();
+        let other = library.iter().find(|c| c.kind == Kind::UnmodelledMode).unwrap();
+        selection.model.terms.extend([other.clone(), other.clone()]);
+        let after: Vec<Vec<f64>> = rejected(&selection).map(|case| case.without).collect();
+        assert_eq!(before, after);
+    }
 }

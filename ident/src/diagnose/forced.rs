@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use std::sync::Arc;
 use whirlstand_vehicle::Vehicle;
 
-use super::adequacy::{motion, scale, states};
-use super::families::{Family, Signals, ripples};
+use super::adequacy::motion;
+use super::families::{Family, Signal, Signals};
 use super::forces::Forces;
 use super::missing::Entry;
 use super::model::{Fit, Model, dot};
@@ -29,20 +29,29 @@ const SORTED_OUT: usize = 16;
 /// Families that are simulated together.
 const TOGETHER: usize = 24;
 
-/// Gain in BIC of the likeliest family of forces on a state, over a fit under noise models of single channels.
+/// A force that follows a signal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Follower {
+    /// What it explains, as a gain in BIC.
+    pub gain: f64,
+    /// "a force on roll_rate that follows roll times roll_rate".
+    pub words: String,
+}
+
+/// The likeliest force on a state, over a fit under noise models of single channels.
 ///
 /// `None` when nothing could be tried.
-pub fn gain(model: &Model<'_, '_>, fit: &Fit, state: usize, scene: &Scene<'_>) -> Option<f64> {
+pub fn on_state(model: &Model<'_, '_>, fit: &Fit, state: usize, scene: &Scene<'_>) -> Option<Follower> {
     let vehicle = model.vehicle(&fit.values)?;
-    let signals = Signals::new(model, states(&vehicle, model, fit)?);
+    let signals = Signals::new(model, motion(&vehicle, model, fit)?);
     Weighing::new(model, fit, &vehicle, scene).best(Entry::State(state), &signals.all())
 }
 
 /// A force that follows a signal tells below this probability of chance, of all looks together.
 const CHANCE: f64 = 1e-5;
 
-/// Score of a force on the state that turbulence moves, where it follows a state so closely that no turbulence does: it
-/// switches with one, or goes in waves with one.
+/// A force on the state that turbulence moves, where it follows a state so closely that no turbulence does: it switches
+/// with one, or goes in waves with one. Its gain is the score, as far as it exceeds that of turbulence alone.
 ///
 /// The states are what the turbulence's filter foretells from the samples before, so that whatever a force makes of them
 /// cannot know the innovations that come after: under turbulence alone the score is chi-square.
@@ -51,7 +60,7 @@ pub fn followed(
     state: usize,
     noise: &Noise,
     scene: &Scene<'_>,
-) -> Option<f64> {
+) -> Option<Follower> {
     let data = model.runner.data;
     let common = noise.common.as_ref()?;
     let vehicle = model.vehicle(&fit.values)?;
@@ -59,38 +68,50 @@ pub fn followed(
     for (i, x) in states.iter_mut().enumerate() {
         let foretold = common.states(data, &fit.residual, i);
         x.iter_mut().skip(1).zip(foretold).for_each(|(x, moved)| *x += moved);
-        scale(x);
     }
+    let signals = Signals::new(model, states);
     let frame = Frame::new(data, noise, &fit.residual, &fit.columns);
-    let forces = Forces::new(model, fit, &vehicle, &[(state, scene.sizes.slopes[state])], states.first()?);
-    let relay = relays::likeliest(&frame, &forces, &states, false).map_or(0.0, |r| r.score);
-    let ripples: Vec<Family> = states.iter().flat_map(|x| ripples(x)).collect();
-    let functions: Vec<&[f64]> = ripples.iter().flatten().map(Vec::as_slice).collect();
-    let mut responses = forces.each(&functions, |_, index, response| (index, response));
-    responses.sort_by_key(|(index, _)| *index);
-    let pairs = responses.chunk_by(|(a, _), (b, _)| a / 2 == b / 2);
-    let waves = pairs.filter(|pair| pair.len() == 2).filter_map(|pair| {
-        let filled = pair.iter().map(|(_, response)| {
-            let mut filled = response.clone();
-            data.fill(&mut filled);
-            filled
-        });
-        Some(explained(&frame, &filled.collect::<Vec<_>>())?.0)
+    let pushed = [(state, scene.sizes.slopes[state])];
+    let forces = Forces::new(model, fit, &vehicle, &pushed, &signals.states.first()?.values);
+    let relay = relays::likeliest(&frame, &forces, &signals.states, false)?;
+    let ripples = signals.ripples();
+    let functions: Vec<&[f64]> = ripples.iter().flat_map(|f| &f.functions).map(Vec::as_slice).collect();
+    let mut responses = forces.each(&functions, |_, index, mut response| {
+        data.fill(&mut response);
+        (index, response)
     });
-    let wave = waves.fold(0.0, f64::max);
-    let looks = (states.len() * relays::looks() + ripples.len()) as f64;
-    let chance = chi_square_tail(relay, 1.0).min(chi_square_tail(wave, 2.0));
-    (looks * chance < CHANCE).then_some(relay.max(wave))
+    responses.sort_by_key(|(index, _)| *index);
+    // Two functions are one wave.
+    let pairs = responses.chunk_by(|(a, _), (b, _)| a / 2 == b / 2).filter(|pair| pair.len() == 2);
+    let waves = pairs.filter_map(|pair| {
+        let columns: Vec<Vec<f64>> = pair.iter().map(|(_, response)| response.clone()).collect();
+        Some((explained(&frame, &columns)?.0, &ripples[pair[0].0 / 2].words))
+    });
+    let wave = waves.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let looks = (signals.states.len() * relays::looks() + ripples.len()) as f64;
+    let (switched, waved) = (chi_square_tail(relay.score, 1.0), chi_square_tail(wave.0, 2.0));
+    let (score, words) =
+        if switched < waved { (relay.score, relay.words(&signals.states)) } else { (wave.0, wave.1.clone()) };
+    (looks * switched.min(waved) < CHANCE)
+        .then(|| Follower { gain: score, words: on(&vehicle, Entry::State(state), &words) })
 }
 
-/// Gain in BIC of the likeliest force on any state or into any input, over the fit of a model with no cause. The signals are those of
-/// a model `with` causes, which is nearer to the truth.
+/// "a force on roll_rate that follows pitch".
+fn on(vehicle: &Vehicle, entry: Entry, words: &str) -> String {
+    match entry {
+        Entry::State(i) => format!("a force on {} that {words}", vehicle.states[i].name),
+        Entry::Input(j) => format!("something beside {} that {words}", vehicle.inputs[j].name),
+    }
+}
+
+/// The likeliest force on any state or into any input, over the fit of a model with no cause. The signals are those of a
+/// model `with` causes, which is nearer to the truth.
 pub fn rival(
     (model, fit): (&Model<'_, '_>, &Fit),
     (with, its): (&Model<'_, '_>, &Fit),
     scene: &Scene<'_>,
-) -> Option<f64> {
-    let signals = Signals::new(with, states(&with.vehicle(&its.values)?, with, its)?);
+) -> Option<Follower> {
+    let signals = Signals::new(with, motion(&with.vehicle(&its.values)?, with, its)?);
     let vehicle = model.vehicle(&fit.values)?;
     let weighing = Weighing::new(model, fit, &vehicle, scene);
     let families = signals.of_states();
@@ -104,11 +125,15 @@ pub fn rival(
     });
     let inputs = 0..model.runner.data.m;
     let inputs = inputs.filter_map(|j| weighing.best(Entry::Input(j), &signals.of_input(j)));
-    forces.chain(inputs).max_by(f64::total_cmp)
+    forces.chain(inputs).max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
 
 /// What the functions of a family do to the samples.
-type Columns = Arc<Vec<Vec<f64>>>;
+#[derive(Clone)]
+struct Columns {
+    words: Arc<str>,
+    samples: Arc<Vec<Vec<f64>>>,
+}
 
 /// A fit that families of forces are weighed against.
 struct Weighing<'a, 'd> {
@@ -139,8 +164,8 @@ impl<'a, 'd> Weighing<'a, 'd> {
         Self { model, fit, vehicle, plain, frames, slopes: &scene.sizes.slopes }
     }
 
-    /// Gain in BIC of the likeliest family.
-    fn best(&self, entry: Entry, families: &[Family]) -> Option<f64> {
+    /// The likeliest family.
+    fn best(&self, entry: Entry, families: &[Family]) -> Option<Follower> {
         let data = self.model.runner.data;
         // A force into an input pushes all states that the input does.
         let pushed: Vec<(usize, f64)> = match entry {
@@ -150,7 +175,7 @@ impl<'a, 'd> Weighing<'a, 'd> {
                 column.iter().copied().enumerate().filter(|(_, b)| *b != 0.0).collect()
             }
         };
-        let probe = families.first()?.first()?;
+        let probe = families.first()?.functions.first()?;
         let states: Vec<(usize, f64)> = pushed.iter().map(|(i, _)| (*i, self.slopes[*i])).collect();
         let forces = Forces::new(self.model, self.fit, self.vehicle, &states, probe);
         // The quickest frame sorts out, the others look at what is left.
@@ -172,33 +197,38 @@ impl<'a, 'd> Weighing<'a, 'd> {
         let looks = 2.0 * (families.len() as f64).ln();
         let bics = weighed.into_par_iter().map(|(frame, weight)| {
             let mut rest = self.fit.residual.clone();
-            for (column, by) in weight.columns.iter().zip(weight.by.iter()) {
+            for (column, by) in weight.columns.samples.iter().zip(weight.by.iter()) {
                 rest.iter_mut().zip(column).for_each(|(r, c)| *r -= by * c);
             }
-            Noise::fit(data, &frame.without_nuisances(&rest)).bic(weight.by.len())
+            let bic = Noise::fit(data, &frame.without_nuisances(&rest)).bic(weight.by.len());
+            (bic, weight.columns.words)
         });
-        bics.min_by(f64::total_cmp).map(|bic| self.plain.bic(0) - bic - looks)
+        let (bic, words) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(Follower { gain: self.plain.bic(0) - bic - looks, words: on(self.vehicle, entry, &words) })
     }
 
-    /// Gain in BIC of the likeliest force that switches with a state.
-    fn relay(&self, state: usize, states: &[Vec<f64>]) -> Option<f64> {
+    /// The likeliest force that switches with a state.
+    fn relay(&self, state: usize, states: &[Signal]) -> Option<Follower> {
         let data = self.model.runner.data;
         let pushed = [(state, self.slopes[state])];
-        let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed, states.first()?);
+        let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed, &states.first()?.values);
         let looks = 2.0 * ((states.len() * relays::looks()) as f64).ln();
         let bics = self.frames.iter().filter_map(|frame| {
             let relay = relays::likeliest(frame, &forces, states, true)?;
             let response = relay.response(frame, &forces, states)?;
             let rest: Vec<f64> = self.fit.residual.iter().zip(&response).map(|(r, c)| r - c).collect();
-            Some(Noise::fit(data, &frame.without_nuisances(&rest)).bic(1 + relays::NUMBERS))
+            let bic = Noise::fit(data, &frame.without_nuisances(&rest)).bic(1 + relays::NUMBERS);
+            Some((bic, relay.words(states)))
         });
-        bics.min_by(f64::total_cmp).map(|bic| self.plain.bic(0) - bic - looks)
+        let (bic, words) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let words = on(self.vehicle, Entry::State(state), &words);
+        Some(Follower { gain: self.plain.bic(0) - bic - looks, words })
     }
 
     /// What families explain in a frame.
     fn weights(&self, frame: &Frame<'_>, families: &[Columns]) -> Vec<Weight> {
         let weights = families.par_iter().filter_map(|columns| {
-            let (energy, by) = explained(frame, columns)?;
+            let (energy, by) = explained(frame, &columns.samples)?;
             Some(Weight { energy, by, columns: columns.clone() })
         });
         weights.collect()
@@ -214,7 +244,7 @@ impl<'a, 'd> Weighing<'a, 'd> {
     /// What the functions of each family do to the samples; a family of which one could not be simulated is left out.
     fn columns(&self, forces: &Forces<'_>, pushed: &[(usize, f64)], families: &[Family]) -> Vec<Columns> {
         let data = self.model.runner.data;
-        let functions: Vec<&[f64]> = families.iter().flatten().map(Vec::as_slice).collect();
+        let functions: Vec<&[f64]> = families.iter().flat_map(|f| &f.functions).map(Vec::as_slice).collect();
         let mut sums: Vec<Option<Vec<f64>>> = vec![Some(vec![0.0; data.samples()]); functions.len()];
         let mut told = vec![0; functions.len()];
         for (state, index, response) in
@@ -234,8 +264,9 @@ impl<'a, 'd> Weighing<'a, 'd> {
             })
         });
         let families = families.iter().filter_map(|f| {
-            let own: Vec<Option<Vec<f64>>> = whole.by_ref().take(f.len()).collect();
-            own.into_iter().collect::<Option<Vec<_>>>().map(Arc::new)
+            let own: Vec<Option<Vec<f64>>> = whole.by_ref().take(f.functions.len()).collect();
+            let samples = own.into_iter().collect::<Option<Vec<_>>>().map(Arc::new)?;
+            Some(Columns { words: f.words.as_str().into(), samples })
         });
         families.collect()
     }

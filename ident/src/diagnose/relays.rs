@@ -1,5 +1,6 @@
 //! Forces that switch with a state, and come late: what drives a limit cycle.
 
+use super::families::Signal;
 use super::forces::Forces;
 use super::screen::Frame;
 
@@ -34,10 +35,15 @@ pub struct Relay {
 }
 
 impl Relay {
+    /// What its force does: "switches with pitch 0.50 s later".
+    pub fn words(&self, states: &[Signal]) -> String {
+        format!("switches with {} {:.2} s later", states[self.follows].name, self.late_s)
+    }
+
     /// What its force does to the samples (filled).
-    pub fn response(&self, frame: &Frame<'_>, forces: &Forces<'_>, states: &[Vec<f64>]) -> Option<Vec<f64>> {
+    pub fn response(&self, frame: &Frame<'_>, forces: &Forces<'_>, states: &[Signal]) -> Option<Vec<f64>> {
         let late = self.late_s / frame.data().period_s;
-        let force = switched(&states[self.follows], self.threshold, late);
+        let force = switched(&states[self.follows].values, self.threshold, late);
         let mut response = forces.each(&[&force], |_, _, response| response).pop()?;
         frame.data().fill(&mut response);
         response.iter_mut().for_each(|r| *r *= self.size);
@@ -50,8 +56,8 @@ pub fn looks() -> usize {
     THRESHOLDS.len() * LATE_S.len()
 }
 
-/// The relay that explains most of a frame's residual. `states` over their largest magnitudes, a value a step.
-pub fn likeliest(frame: &Frame<'_>, forces: &Forces<'_>, states: &[Vec<f64>], refine: bool) -> Option<Relay> {
+/// The relay that explains most of a frame's residual.
+pub fn likeliest(frame: &Frame<'_>, forces: &Forces<'_>, states: &[Signal], refine: bool) -> Option<Relay> {
     let grid = |follows: usize| {
         let all = THRESHOLDS.iter().flat_map(|t| LATE_S.iter().map(move |d| (*t, *d)));
         all.map(move |(threshold, late_s)| (follows, threshold, late_s))
@@ -79,7 +85,7 @@ pub fn likeliest(frame: &Frame<'_>, forces: &Forces<'_>, states: &[Vec<f64>], re
 fn weighed(
     frame: &Frame<'_>,
     forces: &Forces<'_>,
-    states: &[Vec<f64>],
+    states: &[Signal],
     tried: Vec<(usize, f64, f64)>,
 ) -> Vec<Relay> {
     let period = frame.data().period_s;
@@ -87,7 +93,9 @@ fn weighed(
     for tried in tried.chunks(TOGETHER) {
         let functions: Vec<Vec<f64>> = tried
             .iter()
-            .map(|(follows, threshold, late_s)| switched(&states[*follows], *threshold, late_s / period))
+            .map(|(follows, threshold, late_s)| {
+                switched(&states[*follows].values, *threshold, late_s / period)
+            })
             .collect();
         let functions: Vec<&[f64]> = functions.iter().map(Vec::as_slice).collect();
         all.extend(forces.each(&functions, |_, index, mut response| {

@@ -11,6 +11,7 @@ use super::answer::*;
 use super::choice::chosen;
 use super::data::{Data, coarser_period};
 use super::doubt::withhold;
+use super::forced::Follower;
 use super::gains::output_error;
 use super::library::{self, Candidate, Sizes};
 use super::model::{Fit, Model};
@@ -57,6 +58,8 @@ pub(super) struct Findings<'r, 'd> {
     pub shaking: Vec<Shaking>,
     /// What is left, against chance.
     pub lack: Option<Lack>,
+    /// A force that would explain what is left, or as much as the causes that were taken back.
+    pub like: Option<Follower>,
     /// Causes that were found and taken back, because what they leave is not noise.
     pub withheld: Vec<(Candidate, f64)>,
 }
@@ -150,10 +153,10 @@ fn searched(
         let lack = if asked { lack(&selection.model, &selection.fit, &sizes, &rounded) } else { None };
         (noise, lack)
     };
-    let (mut random, mut unnamed) = (None, None);
+    let (mut random, mut like) = (None, None);
     let alone = selection.clone();
     if !blocked {
-        (selection, random, unnamed) = beside(selection, &model, &scene);
+        (selection, random, like) = beside(selection, &model, &scene);
     }
     let (mut noise, mut doubt) = judged(&selection, random.is_some());
     if random.is_some() && doubt.is_some_and(|lack| lack.is_certain()) {
@@ -161,19 +164,21 @@ fn searched(
         (selection, random) = (alone, None);
         (noise, doubt) = judged(&selection, false);
     }
-    if let Some(gain) = unnamed {
-        doubt = doubt.map(|lack| lack.or_one(gain));
+    if let Some(by) = &like {
+        doubt = doubt.map(|lack| lack.or_one(by.gain));
     }
     let gain = if data.held { otherwise(&selection, vehicle) } else { 0.0 };
     let mut withheld = Vec::new();
     if let Some(lack) = &mut doubt {
-        withheld = withhold(&mut selection, lack, random.is_some(), start(), &scene);
+        withheld = withhold(&mut selection, (lack, &mut like), random.is_some(), start(), &scene);
     }
     still_wild(&mut samples, &data, good, &selection.fit.predicted);
     let shaking =
         if blocked { Vec::new() } else { shaking::shaking(&selection.model, &selection.fit.residual) };
+    let like = like.filter(|_| doubt.is_some_and(|lack| lack.is_told()));
+    let turbulence = random;
     let findings =
-        Findings { selection, sizes, samples, turbulence: random, noise, shaking, lack: doubt, withheld };
+        Findings { selection, sizes, samples, turbulence, noise, shaking, lack: doubt, like, withheld };
     let extended = extended(vehicle, &findings);
     let gains = gains::gains(&findings, &data, vehicle);
     Ok((words::answer(records, vehicle, options, &data, found, findings, extended, gains), gain))

@@ -35,6 +35,8 @@ pub struct Trial {
     pub candidate: Candidate,
     /// The fit of model and candidate; the candidate's values come last. `None` when it was not worth a fit.
     pub fit: Option<Fit>,
+    /// The model's terms in that fit: those of a search's end may be others.
+    pub beside: Vec<Candidate>,
     /// Gain in BIC over the model without it: by the fit, or estimated from the score.
     pub delta_bic: f64,
     /// Twice the gain in log-likelihood.
@@ -127,7 +129,8 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, scene: &Scene<'_>) -> Vec<Trial>
                     best = (gain, start(&candidate, shot));
                 }
             }
-            let trial = Trial { candidate, fit: None, delta_bic: best.0, ratio: best.0 + cost };
+            let trial =
+                Trial { candidate, fit: None, beside: Vec::new(), delta_bic: best.0, ratio: best.0 + cost };
             (trial, best.1)
         })
         .collect();
@@ -371,5 +374,6 @@ pub fn joined(
     let result = extended.follow(values, fit.profile.noise.shared(), Some(initial), effort)?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
     let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
-    Some(Trial { candidate: candidate.clone(), fit: Some(result), delta_bic, ratio })
+    let beside = model.terms.clone();
+    Some(Trial { candidate: candidate.clone(), fit: Some(result), beside, delta_bic, ratio })
 }

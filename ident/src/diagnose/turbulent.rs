@@ -7,7 +7,7 @@
 use whirlstand_vehicle::Kind;
 
 use super::data::Data;
-use super::forced;
+use super::forced::{self, Follower};
 use super::library::Candidate;
 use super::model::Model;
 use super::noise::Noise;
@@ -28,13 +28,13 @@ const FOLLOWS: f64 = 0.5;
 /// Shifts in time that show what chance does.
 const SHIFTS: usize = 200;
 
-/// Causes with turbulence beside them, where that explains more than `selection` alone. And by how much more than
-/// the causes, in BIC, a force explains that follows a signal, where that is more than turbulence does.
+/// Causes with turbulence beside them, where that explains more than `selection` alone. And a force that follows a signal,
+/// where that is likelier than turbulence, with what it gains over the causes.
 pub(super) fn beside<'r, 'd>(
     selection: Selection<'r, 'd>,
     model: &Model<'r, 'd>,
     scene: &Scene<'_>,
-) -> (Selection<'r, 'd>, Option<Turbulence>, Option<f64>) {
+) -> (Selection<'r, 'd>, Option<Turbulence>, Option<Follower>) {
     let data = model.runner.data;
     let look = |s: &Selection<'r, 'd>| {
         turbulence(&s.model, &s.fit.values, &s.fit.residual).filter(|t| t.delta_bic > LEAST)
@@ -74,14 +74,14 @@ pub(super) fn beside<'r, 'd>(
     else {
         return (selection, None, None);
     };
-    let forced = forced::gain(&chosen.model, &chosen.fit, found.state, scene);
-    if let Some(gain) = forced.filter(|gain| *gain > FOLLOWS * found.delta_bic) {
-        let more = alone - (plain_bic(&chosen, data) - gain);
-        return (selection, None, Some(more).filter(|more| *more > LEAST));
+    let more = |by: Follower| Follower { gain: by.gain + alone - plain_bic(&chosen, data), ..by };
+    let forced = forced::on_state(&chosen.model, &chosen.fit, found.state, scene);
+    if let Some(by) = forced.filter(|by| by.gain > FOLLOWS * found.delta_bic) {
+        return (selection, None, Some(more(by)).filter(|by| by.gain > LEAST));
     }
-    if let Some(score) = forced::followed((&chosen.model, &chosen.fit), found.state, &noise, scene) {
-        let more = alone - (plain_bic(&chosen, data) - found.delta_bic) + score;
-        return (selection, None, Some(more));
+    if let Some(by) = forced::followed((&chosen.model, &chosen.fit), found.state, &noise, scene) {
+        let gain = by.gain + found.delta_bic;
+        return (selection, None, Some(more(Follower { gain, ..by })));
     }
     if related(data, &noise, &chosen) {
         return (selection, None, None);
