@@ -19,7 +19,10 @@ fn quadrotor() -> Vehicle {
     vehicle
 }
 
-fn with(effects: &[(Kind, &str, &[(&str, f64)])]) -> Vehicle {
+/// Kind, place and parameters.
+type Fault<'a> = (Kind, &'a str, &'a [(&'a str, f64)]);
+
+fn with(effects: &[Fault<'_>]) -> Vehicle {
     let mut vehicle = quadrotor();
     for (kind, place, parameters) in effects {
         vehicle.add_effect(Effect::new(*kind, place, parameters).unwrap()).unwrap();
