@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use whirlstand_bus::{Bus, BusConfig, RecvError, Transport};
+use whirlstand_bus::{Bus, BusConfig, RecvError, Transport, WaitStrategy};
 use whirlstand_msgs::{Command, Imu, Progress};
 
 use crate::stage::{PATIENCE, PEER, Stage, at, next, until_heard};
@@ -105,7 +105,8 @@ pub fn a_killed_subscriber_disturbs_nobody(transport: Transport) {
 
 pub fn a_stopped_subscriber_does_not_block_the_sender(transport: Transport) {
     const COUNT: u64 = 100_000;
-    let stage = Stage::new(transport, "stopped");
+    let mut stage = Stage::new(transport, "stopped");
+    stage.wait = WaitStrategy::realtime();
     let bus = stage.join("here");
     let mut ready = bus.subscriber::<Progress>(8).unwrap();
     let mut publisher = bus.publisher::<Command>().unwrap();
