@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use support::{json, python, run, spawn};
+use support::{json, run, spawn};
+use whirlstand_test_harness::{Missing, Outcome, python};
 
 /// Roll may be pushed so far by the gust, rad, and is back after so long, s.
 const PEAK: f64 = 0.35;
@@ -53,7 +54,7 @@ fn fly(
     arguments: &[String],
     options: &[String],
     rest: &[&str],
-) -> Option<Flight> {
+) -> Result<Flight, Missing> {
     let python = python()?;
     let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots").join(program);
     let dir = tempfile::tempdir().unwrap();
@@ -75,23 +76,28 @@ fn fly(
     args.extend(["--out".into(), dir.path().join("out").display().to_string()]);
     let end = run(&args).success();
     let summary = json(dir.path().join("out/summary.json"));
-    Some(Flight { summary, report: json(&report), stderr: end.stderr })
+    Ok(Flight { summary, report: json(&report), stderr: end.stderr })
 }
 
-#[test]
-fn px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop() {
+fn px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop() -> Outcome {
     let dir = tempfile::tempdir().unwrap();
     let line = dir.path().join("ttyACM0").display().to_string();
     let arguments = ["0", "REPORT", "--free", "--pty", &line].map(Into::into);
     let link = format!("bridge.px4.link=serial://{line}:921600");
     let rest = ["--mode", "realtime", "--set", "rate_hz=250"];
-    let Some(flight) = fly("px4-hil", "px4.py", &arguments, &[link], &rest) else { return };
+    let flight = fly("px4-hil", "px4.py", &arguments, &[link], &rest)?;
     let flight = flight.well();
     assert!(flight.report["steps"].as_u64().unwrap() > 2000, "{}", flight.report);
+    Ok(())
 }
 
 /// A stand-in that flies nobody's bench, and what `bridge check` says of it; its exit code and its words.
-fn check(program: &str, arguments: &[String], launch: &str, options: &[String]) -> Option<(i32, String)> {
+fn check(
+    program: &str,
+    arguments: &[String],
+    launch: &str,
+    options: &[String],
+) -> Result<(i32, String), Missing> {
     let mut stand_in = Command::new(python()?);
     stand_in.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots").join(program));
     let dir = tempfile::tempdir().unwrap();
@@ -103,11 +109,10 @@ fn check(program: &str, arguments: &[String], launch: &str, options: &[String]) 
     stand_in.signal(libc::SIGTERM);
     stand_in.finish();
     assert_eq!(json(&report)["faults"], serde_json::json!([]), "{}", end.stdout);
-    Some((end.code(), end.stdout + &end.stderr))
+    Ok((end.code(), end.stdout + &end.stderr))
 }
 
-#[test]
-fn the_check_says_which_axis_px4_has_turned() {
+fn the_check_says_which_axis_px4_has_turned() -> Outcome {
     let (port, ground) = (free_tcp(), free_udp());
     let arguments =
         [&port.to_string(), "REPORT", "--disarmed", "--telemetry", &ground.to_string(), "--turned", "pitch"];
@@ -115,9 +120,7 @@ fn the_check_says_which_axis_px4_has_turned() {
         format!("--set=bridge.px4.link=tcpin://127.0.0.1:{port}"),
         format!("--telemetry=udpin://127.0.0.1:{ground}"),
     ];
-    let Some((code, said)) = check("px4.py", &arguments.map(Into::into), "quadrotor-px4", &options) else {
-        return;
-    };
+    let (code, said) = check("px4.py", &arguments.map(Into::into), "quadrotor-px4", &options)?;
     assert_eq!(code, 1, "{said}");
     for (verdict, words) in [
         ("ok", "PX4 sends outputs"),
@@ -134,10 +137,10 @@ fn the_check_says_which_axis_px4_has_turned() {
         );
     }
     assert_eq!(said.matches("the sign is turned").count(), 2, "{said}");
+    Ok(())
 }
 
-#[test]
-fn the_check_says_which_axis_ardupilot_has_turned() {
+fn the_check_says_which_axis_ardupilot_has_turned() -> Outcome {
     let (port, ground) = (free_udp(), free_udp());
     let arguments =
         [&port.to_string(), "REPORT", "--disarmed", "--telemetry", &ground.to_string(), "--turned", "roll"];
@@ -145,11 +148,7 @@ fn the_check_says_which_axis_ardupilot_has_turned() {
         format!("--set=bridge.ardupilot.link=udpin://127.0.0.1:{port}"),
         format!("--telemetry=udpin://127.0.0.1:{ground}"),
     ];
-    let Some((code, said)) =
-        check("ardupilot.py", &arguments.map(Into::into), "quadrotor-ardupilot", &options)
-    else {
-        return;
-    };
+    let (code, said) = check("ardupilot.py", &arguments.map(Into::into), "quadrotor-ardupilot", &options)?;
     assert_eq!(code, 1, "{said}");
     for (verdict, words) in [
         ("ok", "ArduPilot sends outputs"),
@@ -165,10 +164,10 @@ fn the_check_says_which_axis_ardupilot_has_turned() {
             "{verdict} {words}:\n{said}"
         );
     }
+    Ok(())
 }
 
-#[test]
-fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() {
+fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() -> Outcome {
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
     let msp = free_tcp().to_string();
     let mut arguments: Vec<String> = ports.iter().map(ToString::to_string).collect();
@@ -181,31 +180,25 @@ fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() {
     ];
     let launch = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight/flight.toml");
     let launch = launch.to_str().unwrap();
-    let Some((code, said)) = check("betaflight.py", &arguments, launch, &options) else {
-        return;
-    };
+    let (code, said) = check("betaflight.py", &arguments, launch, &options)?;
     assert_eq!(code, 0, "{said}");
     for words in ["roll: +17.2", "pitch: -34.4", "yaw: +17.2"] {
         assert!(said.lines().any(|l| l.starts_with("ok") && l.contains(words)), "{words}:\n{said}");
     }
     // The stand-in holds roll and pitch, both ways.
     assert_eq!(said.matches("they push back").count(), 4, "{said}");
+    Ok(())
 }
 
-fn px4(options: &[&str], rest: &[&str]) -> Option<Flight> {
+fn px4(options: &[&str], rest: &[&str]) -> Result<Flight, Missing> {
     let port = free_tcp();
     let mut arguments = vec![port.to_string(), "REPORT".into()];
     arguments.extend(options.iter().map(ToString::to_string));
     fly("px4-hil", "px4.py", &arguments, &[format!("bridge.px4.link=tcpin://127.0.0.1:{port}")], rest)
 }
 
-#[test]
-fn px4s_side_of_mavlink_hil_flies_in_lockstep() {
-    let Some(flight) =
-        px4(&[], &["--mode", "lockstep", "--set", "rate_hz=250", "--set", "bridge.px4.rc=true"])
-    else {
-        return;
-    };
+fn px4s_side_of_mavlink_hil_flies_in_lockstep() -> Outcome {
+    let flight = px4(&[], &["--mode", "lockstep", "--set", "rate_hz=250", "--set", "bridge.px4.rc=true"])?;
     let flight = flight.well();
     let seen = |kind: &str| flight.report["seen"][kind].as_u64().unwrap_or(0);
     // 10 s at 250 Hz, and what it took to start.
@@ -216,18 +209,18 @@ fn px4s_side_of_mavlink_hil_flies_in_lockstep() {
     }
     // What it estimates from gyroscope and accelerometer is the attitude, to the sensors' errors.
     assert!(flight.report["roll_error"].as_f64().unwrap() < 0.03, "{}", flight.report);
+    Ok(())
 }
 
-#[test]
-fn px4s_side_of_mavlink_hil_flies_freely_at_500_hz() {
-    let Some(flight) = px4(&["--free"], &["--mode", "realtime", "--set", "rate_hz=500"]) else { return };
+fn px4s_side_of_mavlink_hil_flies_freely_at_500_hz() -> Outcome {
+    let flight = px4(&["--free"], &["--mode", "realtime", "--set", "rate_hz=500"])?;
     let flight = flight.well();
     assert!(flight.report["steps"].as_u64().unwrap() > 4000, "{}", flight.report);
+    Ok(())
 }
 
-#[test]
-fn an_autopilot_that_connects_again_is_told_and_the_plant_is_in_failsafe_meanwhile() {
-    let Some(flight) = px4(&["--reconnect-after", "1500"], &["--mode", "realtime"]) else { return };
+fn an_autopilot_that_connects_again_is_told_and_the_plant_is_in_failsafe_meanwhile() -> Outcome {
+    let flight = px4(&["--reconnect-after", "1500"], &["--mode", "realtime"])?;
     assert_eq!(flight.report["connections"], 2, "{}", flight.stderr);
     assert_eq!(flight.report["faults"], serde_json::json!([]));
     let said = |words: &str| assert!(flight.stderr.contains(words), "{words}:\n{}", flight.stderr);
@@ -235,9 +228,10 @@ fn an_autopilot_that_connects_again_is_told_and_the_plant_is_in_failsafe_meanwhi
     said("neutral until PX4 is armed again");
     said("not armed: inputs at neutral");
     said("PX4 flies again");
+    Ok(())
 }
 
-fn ardupilot(options: &[&str], rest: &[&str]) -> Option<Flight> {
+fn ardupilot(options: &[&str], rest: &[&str]) -> Result<Flight, Missing> {
     let port = free_udp();
     let mut arguments = vec![port.to_string(), "REPORT".into()];
     arguments.extend(options.iter().map(ToString::to_string));
@@ -250,31 +244,25 @@ fn ardupilot(options: &[&str], rest: &[&str]) -> Option<Flight> {
     )
 }
 
-#[test]
-fn ardupilots_side_of_its_json_interface_flies_in_lockstep() {
-    let Some(flight) = ardupilot(&["--resend", "100"], &["--mode", "lockstep", "--set", "rate_hz=400"])
-    else {
-        return;
-    };
+fn ardupilots_side_of_its_json_interface_flies_in_lockstep() -> Outcome {
+    let flight = ardupilot(&["--resend", "100"], &["--mode", "lockstep", "--set", "rate_hz=400"])?;
     let flight = flight.well();
     let resent = flight.report["resent"].as_u64().unwrap();
     assert!(resent >= 40 && flight.report["resent_same"] == resent, "{}", flight.report);
     assert!(flight.report["roll_error"].as_f64().unwrap() < 0.03, "{}", flight.report);
+    Ok(())
 }
 
-#[test]
-fn ardupilot_with_32_channels_flies_in_realtime_and_may_start_again() {
-    let Some(flight) = ardupilot(&["--wide", "--restart-after", "1200"], &["--mode", "realtime"]) else {
-        return;
-    };
+fn ardupilot_with_32_channels_flies_in_realtime_and_may_start_again() -> Outcome {
+    let flight = ardupilot(&["--wide", "--restart-after", "1200"], &["--mode", "realtime"])?;
     assert_eq!(flight.report["faults"], serde_json::json!([]), "{}", flight.stderr);
     assert_eq!(flight.report["restarts"], 1);
     assert!(flight.stderr.contains("ArduPilot began anew"), "{}", flight.stderr);
     assert!(flight.stderr.contains("ArduPilot flies again"), "{}", flight.stderr);
+    Ok(())
 }
 
-#[test]
-fn betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm() {
+fn betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm() -> Outcome {
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
     let mut arguments: Vec<String> = ports.iter().map(ToString::to_string).collect();
     arguments.push("REPORT".into());
@@ -286,7 +274,7 @@ fn betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm() {
         "bridge.rc.throttle=0.4".into(),
     ];
     let rest = ["--mode", "realtime", "--set", "rate_hz=500"];
-    let Some(flight) = fly("betaflight-sitl", "betaflight.py", &arguments, &options, &rest) else { return };
+    let flight = fly("betaflight-sitl", "betaflight.py", &arguments, &options, &rest)?;
     let flight = flight.well();
     let report = &flight.report;
     assert!(report["armed_at"].as_f64().unwrap() > 1.9, "not before the grace: {report}");
@@ -297,11 +285,10 @@ fn betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm() {
     assert!((ratio - 1.0).abs() < 0.02, "{report}");
     let typical = report["rates"][1].as_f64().unwrap();
     assert!((0.9..1.1).contains(&typical), "{report}");
+    Ok(())
 }
 
-#[test]
 fn an_autopilot_that_is_not_armed_never_begins() {
-    let Some(_) = python() else { return };
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
     let dir = tempfile::tempdir().unwrap();
     let set = format!("bridge.betaflight.ports={ports:?}");
@@ -324,7 +311,6 @@ fn an_autopilot_that_is_not_armed_never_begins() {
     assert!(end.stderr.contains("no usable command came for step 0"), "{}", end.stderr);
 }
 
-#[test]
 fn what_an_autopilots_bridge_cannot_be_is_refused_with_its_place() {
     for (assignments, words) in [
         (["nodes.controller.bridge=px4-hil", "bridge.mixer.roll.input=u_rol"], "u_roll, u_pitch"),
@@ -344,3 +330,18 @@ fn what_an_autopilots_bridge_cannot_be_is_refused_with_its_place() {
         assert!(end.stderr.contains(words), "{assignments:?}: {}", end.stderr);
     }
 }
+
+whirlstand_test_harness::tests!(
+    px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop,
+    the_check_says_which_axis_px4_has_turned,
+    the_check_says_which_axis_ardupilot_has_turned,
+    the_check_arms_betaflight_when_asked_to_and_sees_it_push_back,
+    px4s_side_of_mavlink_hil_flies_in_lockstep,
+    px4s_side_of_mavlink_hil_flies_freely_at_500_hz,
+    an_autopilot_that_connects_again_is_told_and_the_plant_is_in_failsafe_meanwhile,
+    ardupilots_side_of_its_json_interface_flies_in_lockstep,
+    ardupilot_with_32_channels_flies_in_realtime_and_may_start_again,
+    betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm,
+    an_autopilot_that_is_not_armed_never_begins,
+    what_an_autopilots_bridge_cannot_be_is_refused_with_its_place
+);

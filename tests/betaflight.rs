@@ -1,5 +1,5 @@
 //! Betaflight itself, as software in the loop, flies the example as its manual says. WHIRLSTAND_BETAFLIGHT_SITL names its
-//! program; without it these tests say so and do nothing, because Betaflight is not ours to ship and takes minutes to build.
+//! program; without it this test is ignored, because Betaflight is not ours to ship and takes minutes to build.
 
 mod support;
 
@@ -10,20 +10,17 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use support::{HUNG, Running, json, run, spawn};
+use whirlstand_test_harness::{Missing, Outcome, betaflight_sitl};
 
 /// What its manual page has the user type.
 const SETTINGS: [&str; 3] =
     ["aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0", "set acc_calibration = 0,0,0,1"];
 
-/// The program, in a folder of its own for its settings; `None`, with a word on why, where there is none.
-fn betaflight(folder: &Path) -> Option<Running> {
-    let Some(program) = std::env::var_os("WHIRLSTAND_BETAFLIGHT_SITL").filter(|path| !path.is_empty()) else {
-        eprintln!("skipped: no WHIRLSTAND_BETAFLIGHT_SITL");
-        return None;
-    };
-    let mut command = Command::new(program);
+/// The program, in a folder of its own for its settings.
+fn betaflight(folder: &Path) -> Result<Running, Missing> {
+    let mut command = Command::new(betaflight_sitl()?);
     command.current_dir(folder);
-    Some(spawn(command))
+    Ok(spawn(command))
 }
 
 /// Types a line into its command line, and reads on to the next prompt, or to the end.
@@ -36,7 +33,7 @@ fn ask(link: &mut TcpStream, line: &str) {
 }
 
 /// Sets it up and starts it anew.
-fn set_up(folder: &Path) -> Option<Running> {
+fn set_up(folder: &Path) -> Result<Running, Missing> {
     let first = betaflight(folder)?;
     let until = Instant::now() + HUNG;
     let mut link = loop {
@@ -54,10 +51,9 @@ fn set_up(folder: &Path) -> Option<Running> {
     betaflight(folder)
 }
 
-#[test]
-fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() {
+fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcome {
     let dir = tempfile::tempdir().unwrap();
-    let Some(autopilot) = set_up(dir.path()) else { return };
+    let autopilot = set_up(dir.path())?;
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight/flight.toml");
     let example = example.to_str().unwrap();
     let check = run(["bridge", "check", "controller", "--launch", example, "--arm"]);
@@ -65,7 +61,7 @@ fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() {
     assert_eq!(check.stdout.matches("they push back").count(), 6, "{}", check.stdout);
     drop(autopilot);
 
-    let _autopilot = betaflight(dir.path());
+    let _autopilot = betaflight(dir.path())?;
     let out = dir.path().join("out");
     // Deadlines of a busy test machine are not what is tested.
     let ended = run(["run", example, "--out", out.to_str().unwrap()]).success();
@@ -75,4 +71,7 @@ fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() {
         assert!((0.02..0.35).contains(&peak), "{axis}: {outputs}\n{}", ended.stderr);
         assert_eq!(outputs[axis]["recovered"], true, "{axis}: {outputs}\n{}", ended.stderr);
     }
+    Ok(())
 }
+
+whirlstand_test_harness::tests!(betaflight_follows_each_axis_and_holds_the_attitude_against_gusts);

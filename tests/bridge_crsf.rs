@@ -8,6 +8,7 @@ use std::process::Command;
 
 use serde_json::{Value, json as value};
 use support::{json, said, spawn, spawn_listening, whirlstand};
+use whirlstand_test_harness::undisturbed;
 
 /// The module's line, the receiver's line, and the report of both.
 struct Place {
@@ -68,62 +69,69 @@ fn seen(report: &Value, phase: usize) -> Vec<(i64, i64)> {
 
 #[test]
 fn the_pilot_arms_takes_over_and_a_lost_link_is_neutral() {
-    let place = Place::new();
-    let phases = value!([
-        ["disarmed", {"arm": false, "automatic": true}],
-        ["automatic", {"arm": null, "automatic": true}],
-        ["manual", {"arm": true, "automatic": false, "roll": 1700}],
-        ["automatic", {"arm": true, "automatic": true}],
-        ["neutral", {"arm": true, "automatic": true, "telemetry": false}],
-        ["disarmed", {"arm": true, "automatic": false, "failsafe": true, "telemetry": false}],
-    ]);
-    let radio = spawn(place.radio(&phases.to_string()));
-    let out = place.dir.path().join("out");
-    let bench = spawn(whirlstand(["run", &place.launch(), "--out", out.to_str().unwrap()]));
-    radio.finish().success();
-    bench.signal(libc::SIGINT);
-    let end = bench.finish();
-    let report = json(&place.report);
-    assert_eq!(report["faults"].as_array().unwrap().len(), 0, "{}\n{}", report["faults"], end.stderr);
-    assert!(report["frames"].as_u64().unwrap() >= 300, "{report}");
-    assert!(seen(&report, 0).iter().all(|s| *s == (1500, 1000)), "disarmed: {report}\n{}", end.stderr);
-    let automatic = seen(&report, 1);
-    assert!(!automatic.is_empty(), "automatic: {report}\n{}", end.stderr);
-    assert!(automatic.iter().all(|s| (1000..=2000).contains(&s.0) && (s.1 - 1200).abs() <= 1), "{report}");
-    let near = |v: (i64, i64), want: (i64, i64)| (v.0 - want.0).abs() <= 1 && (v.1 - want.1).abs() <= 1;
-    assert!(seen(&report, 2).iter().all(|s| near(*s, (1700, 1200))), "manual: {report}");
-    assert!(!seen(&report, 3).is_empty(), "automatic again: {report}");
-    assert!(seen(&report, 4).iter().all(|s| near(*s, (1500, 1200))), "telemetry lost: {report}");
-    assert!(seen(&report, 5).iter().all(|s| near(*s, (1500, 1000))), "pilot lost: {report}");
-    for words in [
-        "the controller is in charge",
-        "the pilot is in charge",
-        "attitude is stale",
-        "the pilot's stick is not heard",
-    ] {
-        assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
-    }
+    undisturbed(|| {
+        let place = Place::new();
+        let phases = value!([
+            ["disarmed", {"arm": false, "automatic": true}],
+            ["automatic", {"arm": null, "automatic": true}],
+            ["manual", {"arm": true, "automatic": false, "roll": 1700}],
+            ["automatic", {"arm": true, "automatic": true}],
+            ["neutral", {"arm": true, "automatic": true, "telemetry": false}],
+            ["disarmed", {"arm": true, "automatic": false, "failsafe": true, "telemetry": false}],
+        ]);
+        let radio = spawn(place.radio(&phases.to_string()));
+        let out = place.dir.path().join("out");
+        let bench = spawn(whirlstand(["run", &place.launch(), "--out", out.to_str().unwrap()]));
+        radio.finish().success();
+        bench.signal(libc::SIGINT);
+        let end = bench.finish();
+        let report = json(&place.report);
+        assert_eq!(report["faults"].as_array().unwrap().len(), 0, "{}\n{}", report["faults"], end.stderr);
+        assert!(report["frames"].as_u64().unwrap() >= 300, "{report}");
+        assert!(seen(&report, 0).iter().all(|s| *s == (1500, 1000)), "disarmed: {report}\n{}", end.stderr);
+        let automatic = seen(&report, 1);
+        assert!(!automatic.is_empty(), "automatic: {report}\n{}", end.stderr);
+        assert!(
+            automatic.iter().all(|s| (1000..=2000).contains(&s.0) && (s.1 - 1200).abs() <= 1),
+            "{report}"
+        );
+        let near = |v: (i64, i64), want: (i64, i64)| (v.0 - want.0).abs() <= 1 && (v.1 - want.1).abs() <= 1;
+        assert!(seen(&report, 2).iter().all(|s| near(*s, (1700, 1200))), "manual: {report}");
+        assert!(!seen(&report, 3).is_empty(), "automatic again: {report}");
+        assert!(seen(&report, 4).iter().all(|s| near(*s, (1500, 1200))), "telemetry lost: {report}");
+        assert!(seen(&report, 5).iter().all(|s| near(*s, (1500, 1000))), "pilot lost: {report}");
+        for words in [
+            "the controller is in charge",
+            "the pilot is in charge",
+            "attitude is stale",
+            "the pilot's stick is not heard",
+        ] {
+            assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
+        }
+    });
 }
 
 #[test]
 fn the_check_says_which_axis_of_the_telemetry_is_turned() {
-    let place = Place::new();
-    let launch = place.launch();
-    let check = whirlstand(["bridge", "check", "plant", "--launch", &launch, "--timeout", "30"]);
-    let (radio, check) = spawn_listening(place.radio("by hand"), check);
-    let checked = check.finish();
-    radio.signal(libc::SIGTERM);
-    radio.finish().success();
-    let said = said(&place.report);
-    assert_eq!(checked.code(), 1, "{said:?}\n{}", checked.stderr);
-    for words in [
-        ["ok", "0 messages damaged, 0 lost"],
-        ["WRONG", "roll: the sign is turned; set bridge.measured.roll.scale = -1"],
-        ["ok", "pitch: +"],
-        ["ok", "yaw: +"],
-        ["not checked", "channel 1: the vehicle does not tell its channels"],
-    ] {
-        assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
-    }
-    assert_eq!(json(&place.report)["faults"], value!([]));
+    undisturbed(|| {
+        let place = Place::new();
+        let launch = place.launch();
+        let check = whirlstand(["bridge", "check", "plant", "--launch", &launch, "--timeout", "30"]);
+        let (radio, check) = spawn_listening(place.radio("by hand"), check);
+        let checked = check.finish();
+        radio.signal(libc::SIGTERM);
+        radio.finish().success();
+        let said = said(&place.report);
+        assert_eq!(checked.code(), 1, "{said:?}\n{}", checked.stderr);
+        for words in [
+            ["ok", "0 messages damaged, 0 lost"],
+            ["WRONG", "roll: the sign is turned; set bridge.measured.roll.scale = -1"],
+            ["ok", "pitch: +"],
+            ["ok", "yaw: +"],
+            ["not checked", "channel 1: the vehicle does not tell its channels"],
+        ] {
+            assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
+        }
+        assert_eq!(json(&place.report)["faults"], value!([]));
+    });
 }

@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use support::{Running, json, python, run, said, spawn, spawn_listening, whirlstand};
+use support::{Running, json, run, said, spawn, spawn_listening, whirlstand};
+use whirlstand_test_harness::{Outcome, python};
 
 /// A port that nobody uses.
 fn free_port() -> u16 {
@@ -62,9 +63,8 @@ fn end(running: Running) {
     running.finish().success();
 }
 
-#[test]
-fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() {
-    let Some(python) = python() else { return };
+fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() -> Outcome {
+    let python = python()?;
     let dir = tempfile::tempdir().unwrap();
     let port = free_port();
     let report = dir.path().join("autopilot.json");
@@ -132,11 +132,11 @@ magnitude = "150 deg/s^2"
     assert!(seen["requested"]["30"].as_f64() == Some(4000.0), "{}", seen["requested"]);
     assert!(bridged.stderr.contains("the controller is in charge"), "{}", bridged.stderr);
     assert!(bridged.stderr.contains("FAILSAFE"), "the vehicle was gone at the end: {}", bridged.stderr);
+    Ok(())
 }
 
-#[test]
-fn a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again() {
-    let Some(python) = python() else { return };
+fn a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again() -> Outcome {
+    let python = python()?;
     let dir = tempfile::tempdir().unwrap();
     let (port, report) = (free_port(), dir.path().join("autopilot.json"));
     let events = [
@@ -173,11 +173,11 @@ fn a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again() {
     assert!(held[1] == true && at(held) < silent + 0.6, "{} s after silence: {held}", at(held) - silent);
     let moved_again = history.iter().any(|h| h[1] == false && at(h) > when("arm"));
     assert!(moved_again, "{history:?}\n{}", ended.stderr);
+    Ok(())
 }
 
-#[test]
-fn signed_links_work_and_strangers_are_not_believed() {
-    let Some(python) = python() else { return };
+fn signed_links_work_and_strangers_are_not_believed() -> Outcome {
+    let python = python()?;
     let dir = tempfile::tempdir().unwrap();
     let (port, report) = (free_port(), dir.path().join("autopilot.json"));
     let key = dir.path().join("key");
@@ -198,11 +198,11 @@ fn signed_links_work_and_strangers_are_not_believed() {
     end(stranger);
     assert_ne!(ended.code(), 0);
     assert!(ended.stderr.contains("no attitude came from the vehicle"), "{}", ended.stderr);
+    Ok(())
 }
 
-#[test]
-fn mavsdk_reads_the_attitude_through_the_bridge() {
-    let Some(python) = python() else { return };
+fn mavsdk_reads_the_attitude_through_the_bridge() -> Outcome {
+    let python = python()?;
     let dir = tempfile::tempdir().unwrap();
     let (port, ground, report) = (free_port(), free_port(), dir.path().join("autopilot.json"));
     let file = launch(dir.path(), port, &format!("forward = \"udpout://127.0.0.1:{ground}\""));
@@ -230,11 +230,11 @@ fn mavsdk_reads_the_attitude_through_the_bridge() {
         // A wave of 0.02 rad about zero, heading 0.5 rad.
         assert!(((roll * roll + pitch * pitch).sqrt() - 0.02).abs() < 1e-3 && (yaw - 0.5).abs() < 1e-3);
     }
+    Ok(())
 }
 
-#[test]
-fn a_serial_autopilot_is_flown_unplugged_and_plugged_in_again() {
-    let Some(python) = python() else { return };
+fn a_serial_autopilot_is_flown_unplugged_and_plugged_in_again() -> Outcome {
+    let python = python()?;
     let dir = tempfile::tempdir().unwrap();
     let report = dir.path().join("autopilot.json");
     let plug = dir.path().join("ttyACM0");
@@ -260,11 +260,11 @@ fn a_serial_autopilot_is_flown_unplugged_and_plugged_in_again() {
     line.finish().success();
     let seen = json(&report);
     assert_eq!(seen["faults"].as_array().unwrap().len(), 0, "{}", seen["faults"]);
+    Ok(())
 }
 
-#[test]
-fn the_check_says_which_axis_is_turned_and_that_each_channel_arrives() {
-    let Some(python) = python() else { return };
+fn the_check_says_which_axis_is_turned_and_that_each_channel_arrives() -> Outcome {
+    let python = python()?;
     let dir = tempfile::tempdir().unwrap();
     let (port, report) = (free_port(), dir.path().join("autopilot.json"));
     let file = launch(dir.path(), port, "");
@@ -285,9 +285,9 @@ fn the_check_says_which_axis_is_turned_and_that_each_channel_arrives() {
     ] {
         assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
     }
+    Ok(())
 }
 
-#[test]
 fn wrong_options_are_told_with_their_line() {
     let dir = tempfile::tempdir().unwrap();
     for (more, words) in [
@@ -307,3 +307,13 @@ fn wrong_options_are_told_with_their_line() {
     let ended = run(["run", file.to_str().unwrap(), "--no-log", "--mode", "lockstep"]);
     assert!(ended.code() == 2 && ended.stderr.contains("does not wait"), "{}", ended.stderr);
 }
+
+whirlstand_test_harness::tests!(
+    the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation,
+    a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again,
+    signed_links_work_and_strangers_are_not_believed,
+    mavsdk_reads_the_attitude_through_the_bridge,
+    a_serial_autopilot_is_flown_unplugged_and_plugged_in_again,
+    the_check_says_which_axis_is_turned_and_that_each_channel_arrives,
+    wrong_options_are_told_with_their_line
+);

@@ -4,8 +4,9 @@
 mod support;
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-use support::{json, run};
+use support::{json, run, spawn, whirlstand};
 
 /// The built-in quadrotor as a file, with more text behind it.
 fn quadrotor(dir: &Path, name: &str, more: &str) -> String {
@@ -69,6 +70,41 @@ fn a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same() {
     assert_eq!(answer["verdict"], "consistent", "{text}");
     let (answer, text, _) = diagnosed(dir, &log, &extended, "third");
     assert_eq!(answer["verdict"], "consistent", "{text}");
+}
+
+/// Returns when a diagnosis handles signals. It registers SIGTERM last: bit 14 of the mask of caught signals in
+/// proc_pid_status(5).
+fn wait_for_handlers(pid: i32) {
+    let until = Instant::now() + Duration::from_secs(60);
+    while Instant::now() < until {
+        let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("a running process");
+        let caught = status.lines().find_map(|l| l.strip_prefix("SigCgt:")).expect("a mask");
+        if u64::from_str_radix(caught.trim(), 16).expect("hexadecimal") & (1 << (libc::SIGTERM - 1)) != 0 {
+            return;
+        }
+        std::thread::yield_now();
+    }
+    panic!("{pid} handles no SIGTERM");
+}
+
+#[test]
+fn ctrl_c_ends_a_diagnosis_with_what_is_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let late = "[[effects]]\neffect = \"input_delay\"\nwhere = \"u_roll\"\ndelay_s = 0.06\n";
+    let truth = quadrotor(dir, "truth.toml", late);
+    let log = flown(dir, &truth, "measured");
+    let path = dir.join("answer.json");
+    let diagnosis =
+        spawn(whirlstand(["diagnose", &log, "--vehicle", "quadrotor", "--json", path.to_str().unwrap()]));
+    wait_for_handlers(diagnosis.pid());
+    diagnosis.signal(libc::SIGINT);
+    let ended = diagnosis.finish();
+    assert_eq!(ended.code(), 130, "{}\n{}", ended.stdout, ended.stderr);
+    assert!(ended.stderr.contains("interrupted"), "{}", ended.stderr);
+    let answer = json(path);
+    assert!(answer["remarks"].to_string().contains("ended early"), "{answer}");
+    assert!(answer["outputs"]["roll"]["rmse_before"].is_number(), "{answer}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use support::{Finished, json, spawn, whirlstand};
+use whirlstand_test_harness::undisturbed;
 
 /// Twenty faults of a few seconds each.
 const LIMIT: Duration = Duration::from_secs(240);
@@ -44,20 +45,28 @@ fn assert_survived(result: &Value) {
 
 #[test]
 fn every_node_can_be_killed_over_shared_memory() {
-    assert_survived(&soak("kill", &["--seed", "11"]).1);
+    undisturbed(|| {
+        assert_survived(&soak("kill", &["--seed", "11"]).1);
+    });
 }
 
 #[test]
 fn every_node_can_be_killed_over_zenoh() {
-    assert_survived(&soak("kill", &["--seed", "12", "--transport", "zenoh"]).1);
+    undisturbed(|| {
+        assert_survived(&soak("kill", &["--seed", "12", "--transport", "zenoh"]).1);
+    });
 }
 
 #[test]
 fn every_node_can_be_killed_in_lockstep() {
-    assert_survived(&soak("kill", &["--seed", "13", "--mode", "lockstep"]).1);
+    undisturbed(|| {
+        assert_survived(&soak("kill", &["--seed", "13", "--mode", "lockstep"]).1);
+    });
 }
 
 #[test]
 fn every_node_can_stand_still_for_two_seconds() {
-    assert_survived(&soak("stop", &["--seed", "14", "--stop-for", "2"]).1);
+    undisturbed(|| {
+        assert_survived(&soak("stop", &["--seed", "14", "--stop-for", "2"]).1);
+    });
 }

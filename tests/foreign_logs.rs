@@ -7,11 +7,15 @@ use std::path::{Path, PathBuf};
 
 use support::foreign::{Encoding, Topic, mcap, ulog};
 use support::{json, run};
+use whirlstand_test_harness::{Outcome, python};
 
 /// By how much the attitude is logged late, s.
 const LATE: f64 = 0.06;
 /// Where the logger wrote nothing, s.
 const GAP: (f64, f64) = (30.0, 33.0);
+
+/// Where PX4 logs what the flight has: sticks, attitude, rates.
+const ULOG_TOPICS: [&str; 3] = ["manual_control", "vehicle_attitude", "vehicle_angular_velocity"];
 
 /// A simulated flight at 200 Hz with sensor noise, as columns.
 struct Flight {
@@ -142,15 +146,12 @@ fn finds_the_quadrotor(log: &Path, names: [&str; 3]) {
     }
 }
 
-#[test]
 fn a_ulog_is_identified() {
     let dir = tempfile::tempdir().unwrap();
     let flight = Flight::new(dir.path());
-    let names = ["manual_control", "vehicle_attitude", "vehicle_angular_velocity"];
     let log = dir.path().join("flight.ulg");
-    std::fs::write(&log, ulog(&flight.topics(names))).unwrap();
-    check_with_pyulog(&log);
-    finds_the_quadrotor(&log, names);
+    std::fs::write(&log, ulog(&flight.topics(ULOG_TOPICS))).unwrap();
+    finds_the_quadrotor(&log, ULOG_TOPICS);
 
     let wrong = ["identify", log.to_str().unwrap(), "--vehicle", "quadrotor-structure", "--map"];
     let refused = run(wrong.into_iter().chain(["roll=vehicle_attitude.phy[deg]"]));
@@ -166,7 +167,6 @@ fn a_ulog_is_identified() {
     assert!(refused.stderr.contains("no signal 'u_roll'"), "{}", refused.stderr);
 }
 
-#[test]
 fn an_mcap_log_of_three_encodings_is_identified() {
     let dir = tempfile::tempdir().unwrap();
     let flight = Flight::new(dir.path());
@@ -178,12 +178,12 @@ fn an_mcap_log_of_three_encodings_is_identified() {
     finds_the_quadrotor(&log, names);
 }
 
-/// The PX4 project's own reader finds what was written; skipped without a Python that has it.
-fn check_with_pyulog(log: &Path) {
-    let Some(python) = std::env::var_os("WHIRLSTAND_PYTHON") else {
-        println!("skipped: no WHIRLSTAND_PYTHON");
-        return;
-    };
+/// The log that is identified is one to the PX4 project's own reader.
+fn pyulog_reads_the_ulog() -> Outcome {
+    let python = python()?;
+    let dir = tempfile::tempdir().unwrap();
+    let log = dir.path().join("flight.ulg");
+    std::fs::write(&log, ulog(&Flight::new(dir.path()).topics(ULOG_TOPICS))).unwrap();
     let script = "import sys, pyulog\n\
         log = pyulog.ULog(sys.argv[1])\n\
         d = {d.name: d.data for d in log.data_list}\n\
@@ -192,6 +192,13 @@ fn check_with_pyulog(log: &Path) {
         assert abs(a['timestamp'][1] - a['timestamp'][0] - 20000) <= 1, a['timestamp'][:2]\n\
         assert 1.0 < max(abs(a['phi'])) < 25.0, max(abs(a['phi']))\n\
         assert len(d['manual_control']['forward']) == len(d['vehicle_angular_velocity']['p'])\n";
-    let output = std::process::Command::new(python).args(["-c", script]).arg(log).output().unwrap();
+    let output = std::process::Command::new(python).args(["-c", script]).arg(&log).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    Ok(())
 }
+
+whirlstand_test_harness::tests!(
+    a_ulog_is_identified,
+    an_mcap_log_of_three_encodings_is_identified,
+    pyulog_reads_the_ulog
+);

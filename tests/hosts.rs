@@ -1,6 +1,6 @@
 //! Two hosts: network namespaces joined by a veth pair; the controller on one, the rest of the bench on the other.
 //!
-//! Making namespaces needs root and iproute2. Where they are not to be had, the tests say so and pass.
+//! Making namespaces needs iproute2 and root; a machine whose kernel refuses them can never run these tests.
 
 mod support;
 
@@ -10,6 +10,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use support::{Finished, Running, json, relay, run, spawn, whirlstand};
+use whirlstand_test_harness::{Missing, Outcome};
 
 /// Two joined namespaces with addresses 10.213.N.1 and 10.213.N.2; removed on drop.
 struct TwoHosts {
@@ -18,8 +19,7 @@ struct TwoHosts {
 }
 
 impl TwoHosts {
-    /// `None`, with the reason on standard error, where the system does not allow it.
-    fn new(subnet: u8) -> Option<Self> {
+    fn new(subnet: u8) -> Result<Self, Missing> {
         let id = std::process::id();
         let names = [format!("whirl{id}a{subnet}"), format!("whirl{id}b{subnet}")];
         let hosts = Self { names, subnet };
@@ -38,16 +38,9 @@ impl TwoHosts {
             &["-n", b, "link", "set", "lo", "up"],
         ];
         for step in steps {
-            let done = Command::new("ip").args(step).output();
-            let why = match done {
-                Ok(done) if done.status.success() => continue,
-                Ok(done) => String::from_utf8_lossy(&done.stderr).trim().to_string(),
-                Err(e) => e.to_string(),
-            };
-            eprintln!("skipped: `ip {}` says: {why}", step.join(" "));
-            return None;
+            configure("ip", step, "no network namespaces")?;
         }
-        Some(hosts)
+        Ok(hosts)
     }
 
     fn address(&self, host: usize) -> String {
@@ -66,27 +59,27 @@ impl TwoHosts {
         there
     }
 
-    /// Adds delay and loss in both directions; false, with the reason, where the kernel has no netem.
-    fn impair(&self, netem: &[&str]) -> bool {
-        let prefix = ["wa", "wb"];
-        (0..2).all(|host| {
-            let device = format!("{}{}{}", prefix[host], std::process::id(), self.subnet);
-            let done = Command::new("tc")
-                .args(["-n", &self.names[host], "qdisc", "add", "dev", &device, "root", "netem"])
-                .args(netem)
-                .output();
-            match done {
-                Ok(done) if done.status.success() => true,
-                Ok(done) => {
-                    eprintln!("skipped: netem: {}", String::from_utf8_lossy(&done.stderr).trim());
-                    false
-                }
-                Err(e) => {
-                    eprintln!("skipped: tc: {e}");
-                    false
-                }
-            }
-        })
+    /// Adds delay and loss in both directions.
+    fn impair(&self, netem: &[&str]) -> Outcome {
+        for (host, prefix) in ["wa", "wb"].iter().enumerate() {
+            let device = format!("{prefix}{}{}", std::process::id(), self.subnet);
+            let add = ["-n", &self.names[host], "qdisc", "add", "dev", &device, "root", "netem"];
+            configure("tc", &[&add, netem].concat(), "no netem")?;
+        }
+        Ok(())
+    }
+}
+
+/// Runs a command of iproute2. Where it is not installed it can be; where it is refused nobody can change that.
+fn configure(program: &str, arguments: &[&str], lacking: &str) -> Outcome {
+    match Command::new(program).args(arguments).output() {
+        Ok(done) if done.status.success() => Ok(()),
+        Ok(done) => {
+            let said = String::from_utf8_lossy(&done.stderr);
+            let why = format!("`{program} {}` says: {}", arguments.join(" "), said.trim());
+            Err(Missing::beyond_this_machine(lacking, why))
+        }
+        Err(e) => Err(Missing::installable(format!("no {program} ({e})"), "install iproute2")),
     }
 }
 
@@ -134,9 +127,8 @@ fn fly(link: &Link, bench: &str, out: &Path, mode: &str, more: &[&str]) -> Finis
     link.start(0, here).finish()
 }
 
-#[test]
-fn controller_on_another_host_flies_the_same_flight() {
-    let Some(hosts) = TwoHosts::new(11) else { return };
+fn controller_on_another_host_flies_the_same_flight() -> Outcome {
+    let hosts = TwoHosts::new(11)?;
     let dir = tempfile::tempdir().unwrap();
     let apart = dir.path().join("apart");
     fly(&Link::between(&hosts), "two-hosts", &apart, "lockstep", &["--set", "expect={}"]).success();
@@ -161,6 +153,7 @@ fn controller_on_another_host_flies_the_same_flight() {
         together.join("log.mcap").to_str().unwrap(),
     ]);
     assert_eq!(diff.code(), 0, "{}", diff.stdout);
+    Ok(())
 }
 
 /// 5 ms each way is more than a 200 Hz period: at 50 Hz the answer comes in time unless a message is lost.
@@ -175,20 +168,17 @@ fn assert_bad_link_was_seen(out: &Path) {
     assert!(timing["deadline_misses"].as_u64().is_some_and(|n| n > 0), "lost messages cost steps: {timing}");
 }
 
-#[test]
-fn a_bad_link_between_hosts_is_flown_counted_and_reported() {
-    let Some(hosts) = TwoHosts::new(12) else { return };
-    if !hosts.impair(&["delay", "5ms", "loss", "1%"]) {
-        return;
-    }
+fn a_bad_link_between_hosts_is_flown_counted_and_reported() -> Outcome {
+    let hosts = TwoHosts::new(12)?;
+    hosts.impair(&["delay", "5ms", "loss", "1%"])?;
     let dir = tempfile::tempdir().unwrap();
     fly(&Link::between(&hosts), "bad-link", dir.path(), "realtime", &SLOW).success();
     assert_bad_link_was_seen(dir.path());
+    Ok(())
 }
 
 /// The same without the kernel's help, for machines without netem: Zenoh's datagrams through a relay that is late
 /// and loses one in a hundred.
-#[test]
 fn a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported() {
     let server = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a free port");
     let connect = [(); 3].map(|()| format!("udp/{}", relay::udp(server, Duration::from_millis(5), 0.01)));
@@ -197,3 +187,9 @@ fn a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported() {
     fly(&link, "relayed", dir.path(), "realtime", &SLOW).success();
     assert_bad_link_was_seen(dir.path());
 }
+
+whirlstand_test_harness::tests!(
+    controller_on_another_host_flies_the_same_flight,
+    a_bad_link_between_hosts_is_flown_counted_and_reported,
+    a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported
+);

@@ -4,11 +4,12 @@ mod support;
 
 use std::path::Path;
 
-use support::{json, python, run};
+use support::{json, run};
+use whirlstand_test_harness::{Outcome, python};
 
 /// Flies with the example as controller, which needs nothing but its transport's public package.
-fn fly(transport: &str, mode: &str) {
-    let Some(python) = python() else { return };
+fn fly(transport: &str, mode: &str) -> Outcome {
+    let python = python()?;
     let example =
         Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("examples/python/estimate_{transport}.py"));
     let dir = tempfile::tempdir().unwrap();
@@ -29,16 +30,20 @@ fn fly(transport: &str, mode: &str) {
     assert!(roll["peak"].as_f64().unwrap() < 0.35, "{roll}");
     // It reads the estimates live, and prints some.
     assert!(end.stderr.contains("step 2300"), "{}", end.stderr);
+    Ok(())
 }
 
-#[test]
-fn a_python_program_with_the_iceoryx2_package_is_the_controller() {
-    fly("iceoryx2", "lockstep");
-    fly("iceoryx2", "realtime");
+fn a_python_program_with_the_iceoryx2_package_is_the_controller() -> Outcome {
+    fly("iceoryx2", "lockstep")?;
+    fly("iceoryx2", "realtime")
 }
 
-#[test]
-fn a_python_program_with_the_zenoh_package_is_the_controller() {
-    fly("zenoh", "lockstep");
-    fly("zenoh", "realtime");
+fn a_python_program_with_the_zenoh_package_is_the_controller() -> Outcome {
+    fly("zenoh", "lockstep")?;
+    fly("zenoh", "realtime")
 }
+
+whirlstand_test_harness::tests!(
+    a_python_program_with_the_iceoryx2_package_is_the_controller,
+    a_python_program_with_the_zenoh_package_is_the_controller
+);

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use support::{HUNG, Running, json, run, spawn, whirlstand};
+use whirlstand_test_harness::undisturbed;
 
 /// A bench name that no other test has.
 fn unique(name: &str) -> String {
@@ -77,65 +78,73 @@ fn no_residue(name: &str) {
 
 #[test]
 fn an_interrupted_run_ends_in_order_with_log_and_report() {
-    for (name, number, code) in [("int", libc::SIGINT, 130), ("term", libc::SIGTERM, 143)] {
-        for transport in ["iceoryx2", "zenoh"] {
-            let name = format!("{name}-{transport}");
-            let dir = tempfile::tempdir().unwrap();
-            let mut running = start(&name, "1000", dir.path(), &["--transport", transport]);
-            let pids = all_ready(&mut running, ["recorder", "estimator", "controller", "plant"]);
-            running.signal(number);
-            let end = running.finish();
-            assert_eq!(end.code(), code, "{}\n{}", end.stdout, end.stderr);
-            let summary = json(dir.path().join("summary.json"));
-            assert_eq!(summary["runs"][0]["ended"]["how"], "interrupted");
-            assert!(summary["runs"][0]["problems"].as_array().unwrap().is_empty(), "{summary}");
-            let info = run(["log", "info", dir.path().join("log.mcap").to_str().unwrap()]).success();
-            assert!(!info.stdout.contains("damage"), "{}", info.stdout);
-            pids.into_iter().for_each(gone);
-            no_residue(&name);
+    undisturbed(|| {
+        for (name, number, code) in [("int", libc::SIGINT, 130), ("term", libc::SIGTERM, 143)] {
+            for transport in ["iceoryx2", "zenoh"] {
+                let name = format!("{name}-{transport}");
+                let dir = tempfile::tempdir().unwrap();
+                let mut running = start(&name, "1000", dir.path(), &["--transport", transport]);
+                let pids = all_ready(&mut running, ["recorder", "estimator", "controller", "plant"]);
+                running.signal(number);
+                let end = running.finish();
+                assert_eq!(end.code(), code, "{}\n{}", end.stdout, end.stderr);
+                let summary = json(dir.path().join("summary.json"));
+                assert_eq!(summary["runs"][0]["ended"]["how"], "interrupted");
+                assert!(summary["runs"][0]["problems"].as_array().unwrap().is_empty(), "{summary}");
+                let info = run(["log", "info", dir.path().join("log.mcap").to_str().unwrap()]).success();
+                assert!(!info.stdout.contains("damage"), "{}", info.stdout);
+                pids.into_iter().for_each(gone);
+                no_residue(&name);
+            }
         }
-    }
+    });
 }
 
 #[test]
 fn a_killed_node_is_started_again_and_the_loop_recovers() {
-    for node in ["estimator", "controller", "recorder", "plant"] {
-        let dir = tempfile::tempdir().unwrap();
-        let mut running = start(&format!("kill-{node}"), "2", dir.path(), &[]);
-        let pid = ready(&mut running, node);
-        signal(pid, libc::SIGKILL);
-        running.wait_for_stderr("is started again");
-        assert_ne!(ready(&mut running, node), pid);
-        let end = running.finish();
-        assert_eq!(end.code(), 0, "{node}\n{}\n{}", end.stdout, end.stderr);
-        let summary = json(dir.path().join("summary.json"));
-        assert_eq!(summary["runs"][0]["ended"]["restarts"][node], 1, "{summary}");
-        no_residue(&format!("kill-{node}"));
-    }
+    undisturbed(|| {
+        for node in ["estimator", "controller", "recorder", "plant"] {
+            let dir = tempfile::tempdir().unwrap();
+            let mut running = start(&format!("kill-{node}"), "2", dir.path(), &[]);
+            let pid = ready(&mut running, node);
+            signal(pid, libc::SIGKILL);
+            running.wait_for_stderr("is started again");
+            assert_ne!(ready(&mut running, node), pid);
+            let end = running.finish();
+            assert_eq!(end.code(), 0, "{node}\n{}\n{}", end.stdout, end.stderr);
+            let summary = json(dir.path().join("summary.json"));
+            assert_eq!(summary["runs"][0]["ended"]["restarts"][node], 1, "{summary}");
+            no_residue(&format!("kill-{node}"));
+        }
+    });
 }
 
 #[test]
 fn a_node_that_hangs_is_killed_and_started_again() {
-    let dir = tempfile::tempdir().unwrap();
-    let mut running = start("hang", "4", dir.path(), &["--set", "nodes.controller.hang_timeout_s=0.5"]);
-    let pid = ready(&mut running, "controller");
-    signal(pid, libc::SIGSTOP);
-    let line = running.wait_for_stderr("is started again");
-    assert!(line.contains("controller") && line.contains("no Health for 0.5 s"), "{line}");
-    ready(&mut running, "controller");
-    let end = running.finish();
-    assert_eq!(end.code(), 0, "{}\n{}", end.stdout, end.stderr);
-    gone(pid);
+    undisturbed(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let mut running = start("hang", "4", dir.path(), &["--set", "nodes.controller.hang_timeout_s=0.5"]);
+        let pid = ready(&mut running, "controller");
+        signal(pid, libc::SIGSTOP);
+        let line = running.wait_for_stderr("is started again");
+        assert!(line.contains("controller") && line.contains("no Health for 0.5 s"), "{line}");
+        ready(&mut running, "controller");
+        let end = running.finish();
+        assert_eq!(end.code(), 0, "{}\n{}", end.stdout, end.stderr);
+        gone(pid);
+    });
 }
 
 #[test]
 fn a_killed_launcher_takes_its_nodes_along() {
-    let dir = tempfile::tempdir().unwrap();
-    let mut running = start("orphans", "1000", dir.path(), &[]);
-    let pids = all_ready(&mut running, ["recorder", "estimator", "controller", "plant"]);
-    running.signal(libc::SIGKILL);
-    assert_eq!(running.finish().code(), 128 + libc::SIGKILL);
-    pids.into_iter().for_each(gone);
+    undisturbed(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let mut running = start("orphans", "1000", dir.path(), &[]);
+        let pids = all_ready(&mut running, ["recorder", "estimator", "controller", "plant"]);
+        running.signal(libc::SIGKILL);
+        assert_eq!(running.finish().code(), 128 + libc::SIGKILL);
+        pids.into_iter().for_each(gone);
+    });
 }
 
 /// A launch file with one node replaced.
@@ -162,83 +171,95 @@ fn fails(section: &str, code: i32, words: &[&str]) {
 
 #[test]
 fn a_failing_program_ends_the_run_with_its_last_words() {
-    let crash = "[nodes.controller]\nexec = ['sh', '-c', 'echo the gain file is empty >&2; exit 3']\n";
-    fails(crash, 1, &["controller", "exit code 3", "the gain file is empty"]);
-    let missing = "[nodes.controller]\nexec = ['/no/such/program']\n";
-    fails(missing, 2, &["controller", "/no/such/program"]);
-    let silent = "[nodes.controller]\nexec = ['sleep', '1000']\nready_timeout_s = 0.2\n";
-    fails(silent, 1, &["controller", "not ready within 0.2 s", "READY=1", "ready = \"start\""]);
-    let helper = "[nodes.helper]\nexec = ['sh', '-c', 'kill -9 $$']\nready = 'start'\nmax_restarts = 2\n";
-    fails(helper, 1, &["helper", "SIGKILL", "after 2 restarts"]);
+    undisturbed(|| {
+        let crash = "[nodes.controller]\nexec = ['sh', '-c', 'echo the gain file is empty >&2; exit 3']\n";
+        fails(crash, 1, &["controller", "exit code 3", "the gain file is empty"]);
+        let missing = "[nodes.controller]\nexec = ['/no/such/program']\n";
+        fails(missing, 2, &["controller", "/no/such/program"]);
+        let silent = "[nodes.controller]\nexec = ['sleep', '1000']\nready_timeout_s = 0.2\n";
+        fails(silent, 1, &["controller", "not ready within 0.2 s", "READY=1", "ready = \"start\""]);
+        let helper = "[nodes.helper]\nexec = ['sh', '-c', 'kill -9 $$']\nready = 'start'\nmax_restarts = 2\n";
+        fails(helper, 1, &["helper", "SIGKILL", "after 2 restarts"]);
+    });
 }
 
 #[test]
 fn a_program_learns_of_the_bench_from_its_environment() {
-    let dir = tempfile::tempdir().unwrap();
-    let seen = dir.path().join("seen");
-    let script =
-        format!("env | grep -e ^WHIRLSTAND -e ^NOTIFY > {0}.new; mv {0}.new {0}; sleep 1000", seen.display());
-    let file =
-        with_node(dir.path(), &format!("[nodes.helper]\nexec = ['sh', '-c', '{script}']\nready = 'start'\n"));
-    let bench = unique("env");
-    let out = dir.path().join("out");
-    let running = spawn(whirlstand([
-        "run",
-        &file,
-        "--bench",
-        &bench,
-        "--transport",
-        "zenoh",
-        "--out",
-        out.to_str().unwrap(),
-    ]));
-    let until = Instant::now() + HUNG;
-    while !seen.exists() {
-        assert!(Instant::now() < until, "the helper was never started");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    let text = std::fs::read_to_string(&seen).unwrap();
-    for line in [
-        format!("WHIRLSTAND_BENCH={bench}"),
-        "WHIRLSTAND_NODE=helper".into(),
-        "WHIRLSTAND_TRANSPORT=zenoh".into(),
-    ] {
-        assert!(text.contains(&line), "{line} is missing in:\n{text}");
-    }
-    assert!(text.contains("NOTIFY_SOCKET=/") && text.contains("WHIRLSTAND_ZENOH_LISTEN=tcp/"), "{text}");
-    let connect =
-        text.lines().find(|l| l.starts_with("WHIRLSTAND_ZENOH_CONNECT=")).expect("addresses of the others");
-    assert!(connect.matches("tcp/").count() >= 4, "launcher and nodes: {connect}");
-    running.signal(libc::SIGTERM);
-    assert_eq!(running.finish().code(), 143);
+    undisturbed(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let seen = dir.path().join("seen");
+        let script = format!(
+            "env | grep -e ^WHIRLSTAND -e ^NOTIFY > {0}.new; mv {0}.new {0}; sleep 1000",
+            seen.display()
+        );
+        let file = with_node(
+            dir.path(),
+            &format!("[nodes.helper]\nexec = ['sh', '-c', '{script}']\nready = 'start'\n"),
+        );
+        let bench = unique("env");
+        let out = dir.path().join("out");
+        let running = spawn(whirlstand([
+            "run",
+            &file,
+            "--bench",
+            &bench,
+            "--transport",
+            "zenoh",
+            "--out",
+            out.to_str().unwrap(),
+        ]));
+        let until = Instant::now() + HUNG;
+        while !seen.exists() {
+            assert!(Instant::now() < until, "the helper was never started");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let text = std::fs::read_to_string(&seen).unwrap();
+        for line in [
+            format!("WHIRLSTAND_BENCH={bench}"),
+            "WHIRLSTAND_NODE=helper".into(),
+            "WHIRLSTAND_TRANSPORT=zenoh".into(),
+        ] {
+            assert!(text.contains(&line), "{line} is missing in:\n{text}");
+        }
+        assert!(text.contains("NOTIFY_SOCKET=/") && text.contains("WHIRLSTAND_ZENOH_LISTEN=tcp/"), "{text}");
+        let connect = text
+            .lines()
+            .find(|l| l.starts_with("WHIRLSTAND_ZENOH_CONNECT="))
+            .expect("addresses of the others");
+        assert!(connect.matches("tcp/").count() >= 4, "launcher and nodes: {connect}");
+        running.signal(libc::SIGTERM);
+        assert_eq!(running.finish().code(), 143);
+    });
 }
 
 #[test]
 fn two_benches_at_once_do_not_disturb_each_other() {
-    let dirs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let both: Vec<Running> = dirs
-        .iter()
-        .map(|dir| {
-            let out = dir.path().to_str().unwrap();
-            let args = [
-                "run",
-                "quadrotor",
-                "--mode",
-                "lockstep",
-                "--duration",
-                "20",
-                "--set",
-                "expect={}",
-                "--out",
-                out,
-            ];
-            spawn(whirlstand(args))
-        })
-        .collect();
-    both.into_iter().for_each(|r| {
-        r.finish().success();
+    undisturbed(|| {
+        let dirs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+        let both: Vec<Running> = dirs
+            .iter()
+            .map(|dir| {
+                let out = dir.path().to_str().unwrap();
+                let args = [
+                    "run",
+                    "quadrotor",
+                    "--mode",
+                    "lockstep",
+                    "--duration",
+                    "20",
+                    "--set",
+                    "expect={}",
+                    "--out",
+                    out,
+                ];
+                spawn(whirlstand(args))
+            })
+            .collect();
+        both.into_iter().for_each(|r| {
+            r.finish().success();
+        });
+        let logs = dirs.each_ref().map(|d| d.path().join("log.mcap"));
+        let diff = run(["log".as_ref(), "diff".as_ref(), logs[0].as_os_str(), logs[1].as_os_str()]);
+        assert_eq!(diff.code(), 0, "{}", diff.stdout);
     });
-    let logs = dirs.each_ref().map(|d| d.path().join("log.mcap"));
-    let diff = run(["log".as_ref(), "diff".as_ref(), logs[0].as_os_str(), logs[1].as_os_str()]);
-    assert_eq!(diff.code(), 0, "{}", diff.stdout);
 }

@@ -38,7 +38,7 @@ struct Mapped {
 /// An input of the vehicle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Input {
-    /// Its name.
+    /// Name of the channel.
     pub name: String,
     /// The greater of its limits' magnitudes; infinite without limits.
     pub full: f64,
@@ -56,6 +56,96 @@ pub struct Mapping {
     pushed: Option<(usize, f64)>,
 }
 
+/// One entry of `[[bridge.channels]]` and its place in the list.
+struct Row<'a> {
+    at: String,
+    config: &'a ChannelConfig,
+}
+
+impl Row<'_> {
+    fn wrong(&self, key: &str, message: impl Into<String>) -> ConfigError {
+        ConfigError::new(&["channels", &self.at, key], message)
+    }
+
+    /// Index of the channel, from 0.
+    fn index(&self) -> Result<usize, ConfigError> {
+        let channel = self.config.channel;
+        channel.checked_sub(1).filter(|c| *c < CHANNELS).ok_or_else(|| {
+            self.wrong("channel", format!("a channel from 1 to {CHANNELS} is expected, not {channel}"))
+        })
+    }
+
+    /// What the channel carries.
+    fn source(&self, inputs: &[Input], has_pilot: bool) -> Result<Source, ConfigError> {
+        let Some(name) = &self.config.from else { return Ok(Source::Fixed) };
+        match source(name, inputs) {
+            Some(Source::Stick(_) | Source::Pilot(_)) if !has_pilot => {
+                Err(self.wrong("from", format!("'{name}' needs a pilot: add [bridge.pilot]")))
+            }
+            Some(source) => Ok(source),
+            None => {
+                let known = inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>().join(", ");
+                let message = format!(
+                    "there is no '{name}': an input of the vehicle ({known}), pilot.roll, pilot.pitch, \
+                     pilot.throttle, pilot.yaw or pilot.1 to pilot.16 is expected"
+                );
+                Err(self.wrong("from", message))
+            }
+        }
+    }
+
+    /// What the channel's pulses may be.
+    fn limit(&self, source: Source) -> Result<OutputLimit, ConfigError> {
+        let config = self.config;
+        let neutral = config.neutral_us.unwrap_or(match source {
+            Source::Stick(Axis::Throttle) => config.lower_us,
+            _ => config.trim_us,
+        });
+        let limit = OutputLimit {
+            neutral,
+            lower: config.lower_us,
+            upper: config.upper_us,
+            rate_per_s: config.rate_us_per_s.unwrap_or(f64::INFINITY),
+        };
+        let widths = [
+            ("lower_us", config.lower_us),
+            ("upper_us", config.upper_us),
+            ("trim_us", config.trim_us),
+            ("neutral_us", neutral),
+        ];
+        if let Some((key, value)) = widths.iter().find(|(_, v)| !POSSIBLE_US.contains(v)) {
+            let message = format!("a pulse width from 800 to 2200 us is expected, not {value}");
+            return Err(self.wrong(key, message));
+        }
+        if let Some((key, value)) = widths.iter().find(|(_, v)| !(limit.lower..=limit.upper).contains(v)) {
+            let range = format!("{} to {} us", limit.lower, limit.upper);
+            let message = format!("{value} us is not within the limits of this channel, {range}");
+            return Err(self.wrong(key, message));
+        }
+        if limit.rate_per_s.is_nan() || limit.rate_per_s <= 0.0 {
+            return Err(self.wrong("rate_us_per_s", "a rate above 0 is expected; leave it out for none"));
+        }
+        Ok(limit)
+    }
+
+    /// Change of the pulse width for a source of one, us.
+    fn span_us(&self, source: Source, inputs: &[Input]) -> Result<f64, ConfigError> {
+        if !self.config.span_us.is_finite() {
+            return Err(self.wrong("span_us", "a finite number is expected"));
+        }
+        let full = match source {
+            Source::Input(i, _) => self.config.full.unwrap_or(inputs[i].full),
+            _ => 1.0,
+        };
+        if !(full > 0.0 && full.is_finite()) {
+            let message =
+                "the input's value at full span is expected here, above 0: the vehicle file has no limits";
+            return Err(self.wrong("full", message));
+        }
+        Ok(self.config.span_us / full)
+    }
+}
+
 impl Mapping {
     /// The channels for a vehicle with these inputs.
     ///
@@ -67,76 +157,15 @@ impl Mapping {
         let configs = if configs.is_empty() { &usual } else { configs };
         let (mut mapped, mut limits, mut in_use) = (Vec::new(), Vec::new(), [false; CHANNELS]);
         for (i, config) in configs.iter().enumerate() {
-            let at = i.to_string();
-            let fail = |key: &str, message: String| Err(ConfigError::new(&["channels", &at, key], message));
-            let Some(index) = config.channel.checked_sub(1).filter(|c| *c < CHANNELS) else {
-                return fail(
-                    "channel",
-                    format!("a channel from 1 to {CHANNELS} is expected, not {}", config.channel),
-                );
-            };
+            let row = Row { at: i.to_string(), config };
+            let index = row.index()?;
             if std::mem::replace(&mut in_use[index], true) {
-                return fail("channel", format!("channel {} is used twice", config.channel));
+                return Err(row.wrong("channel", format!("channel {} is used twice", config.channel)));
             }
-            let source = match &config.from {
-                None => Source::Fixed,
-                Some(name) => match source(name, inputs) {
-                    Some(Source::Stick(_) | Source::Pilot(_)) if !has_pilot => {
-                        return fail("from", format!("'{name}' needs a pilot: add [bridge.pilot]"));
-                    }
-                    Some(source) => source,
-                    None => {
-                        let known = inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>().join(", ");
-                        return fail(
-                            "from",
-                            format!(
-                                "there is no '{name}': an input of the vehicle ({known}), pilot.roll, pilot.pitch, \
-                                 pilot.throttle, pilot.yaw or pilot.1 to pilot.16 is expected"
-                            ),
-                        );
-                    }
-                },
-            };
-            let neutral = config.neutral_us.unwrap_or(match source {
-                Source::Stick(Axis::Throttle) => config.lower_us,
-                _ => config.trim_us,
-            });
-            let limit = OutputLimit {
-                neutral,
-                lower: config.lower_us,
-                upper: config.upper_us,
-                rate_per_s: config.rate_us_per_s.unwrap_or(f64::INFINITY),
-            };
-            let widths = [
-                ("lower_us", config.lower_us),
-                ("upper_us", config.upper_us),
-                ("trim_us", config.trim_us),
-                ("neutral_us", neutral),
-            ];
-            if let Some((key, value)) = widths.iter().find(|(_, v)| !POSSIBLE_US.contains(v)) {
-                return fail(key, format!("a pulse width from 800 to 2200 us is expected, not {value}"));
-            }
-            if let Some((key, value)) = widths.iter().find(|(_, v)| !(limit.lower..=limit.upper).contains(v))
-            {
-                let range = format!("{} to {} us", limit.lower, limit.upper);
-                return fail(key, format!("{value} us is not within the limits of this channel, {range}"));
-            }
-            if limit.rate_per_s.is_nan() || limit.rate_per_s <= 0.0 {
-                return fail("rate_us_per_s", "a rate above 0 is expected; leave it out for none".into());
-            }
-            if !config.span_us.is_finite() {
-                return fail("span_us", "a finite number is expected".into());
-            }
-            let full = match source {
-                Source::Input(i, _) => config.full.unwrap_or(inputs[i].full),
-                _ => 1.0,
-            };
-            if !(full > 0.0 && full.is_finite()) {
-                let message = "the input's value at full span is expected here, above 0: the vehicle file has no limits";
-                return fail("full", message.into());
-            }
-            limits.push(limit);
-            mapped.push(Mapped { index, source, trim_us: config.trim_us, span_us: config.span_us / full });
+            let source = row.source(inputs, has_pilot)?;
+            limits.push(row.limit(source)?);
+            let span_us = row.span_us(source, inputs)?;
+            mapped.push(Mapped { index, source, trim_us: config.trim_us, span_us });
         }
         for (i, Input { name, .. }) in inputs.iter().enumerate() {
             if !mapped.iter().any(|m| matches!(m.source, Source::Input(input, _) if input == i)) {

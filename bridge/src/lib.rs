@@ -6,6 +6,7 @@
 //! caller's choice that never go back. Units are SI.
 
 pub mod arming;
+pub mod attitude_receiver;
 pub mod autopilot;
 pub mod channels;
 pub mod config;
@@ -20,4 +21,3 @@ pub mod sensors;
 mod stream;
 pub mod vehicle;
 pub mod watch;
-pub mod witness;

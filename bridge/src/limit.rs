@@ -5,7 +5,7 @@ use std::time::Duration;
 /// Longest time between two outputs that counts for a rate: after a pause an output may not jump.
 const LONGEST_STEP: Duration = Duration::from_millis(100);
 
-/// What one output may do.
+/// Limits of value and rate of one output.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutputLimit {
     /// Value without a command.

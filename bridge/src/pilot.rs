@@ -45,7 +45,7 @@ impl Axis {
     }
 }
 
-/// What was last heard of the pilot.
+/// The newest channels of the pilot.
 #[derive(Debug, Clone)]
 pub struct Pilot {
     config: PilotConfig,
@@ -117,7 +117,7 @@ impl Pilot {
         !self.failsafe && self.at.is_some_and(|at| now.saturating_sub(at) <= self.timeout)
     }
 
-    /// What arming wants to know.
+    /// The state of the stick for arming.
     pub fn view(&self, now: Duration) -> PilotView {
         let middle = |axis| (self.axis_us(axis) - 1500.0).abs() <= MIDDLE_US;
         PilotView {

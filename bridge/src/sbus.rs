@@ -69,7 +69,7 @@ pub fn write(frame: &Frame, out: &mut Vec<u8>) {
 pub struct Counts {
     /// Bytes that came in.
     pub bytes: u64,
-    /// Frames.
+    /// Number of frames.
     pub frames: u64,
     /// Bytes outside of frames.
     pub noise_bytes: u64,
@@ -88,7 +88,7 @@ impl Parser {
         Self::default()
     }
 
-    /// What came in so far.
+    /// Counts of everything received so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }

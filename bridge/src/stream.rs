@@ -15,7 +15,7 @@ impl Stream {
         self.buffer.extend_from_slice(bytes);
     }
 
-    /// What is not read yet.
+    /// The bytes that are not read yet.
     pub(crate) fn waiting(&self) -> &[u8] {
         &self.buffer[self.read..]
     }

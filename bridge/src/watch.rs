@@ -1,4 +1,4 @@
-//! Whether the estimate still follows the measurements.
+//! Detects an estimate that no longer follows the measurements.
 
 use std::time::Duration;
 

@@ -22,7 +22,7 @@ const SIZE: f64 = 0.01;
 
 /// What an autopilot is told, in the units and frames of the bus: SI, FRD and NED.
 #[derive(Debug, Default)]
-struct Told {
+struct SensorValues {
     gyro: [f64; 3],
     accel: [f64; 3],
     quaternion: [f64; 4],
@@ -31,7 +31,10 @@ struct Told {
 }
 
 /// Reads both ends of a push: the sensors before and after the vehicle moved from rest to `motion`.
-fn push(motion: Motion, mut read: impl FnMut(&whirlstand_bridge::sensors::Sensors) -> Told) -> Told {
+fn push(
+    motion: Motion,
+    mut read: impl FnMut(&whirlstand_bridge::sensors::Sensors) -> SensorValues,
+) -> SensorValues {
     let options =
         SensorOptions { accel_noise: 0.0, baro_noise: 0.0, gps_hz: 250.0, ..SensorOptions::default() };
     let mut model = SensorModel::new(options, PERIOD_NS, 1);
@@ -44,26 +47,28 @@ fn push(motion: Motion, mut read: impl FnMut(&whirlstand_bridge::sensors::Sensor
     after
 }
 
-fn px4_told() -> impl FnMut(&whirlstand_bridge::sensors::Sensors) -> Told {
+fn px4_values() -> impl FnMut(&whirlstand_bridge::sensors::Sensors) -> SensorValues {
     let mut px4 = Px4::new(Px4Options::default(), true);
     let mut deframer = Deframer::new();
     let mut now = Duration::ZERO;
-    let mut told = Told::default();
+    let mut values = SensorValues::default();
     move |sensors| {
         now += Duration::from_nanos(PERIOD_NS);
         px4.sense(sensors, &Rc::default(), now, &mut |_, bytes| deframer.push(bytes));
         while let Some(mavlink::Event::Message(_, message)) = deframer.next(now) {
             match message {
                 MavMessage::HIL_SENSOR(m) => {
-                    told.gyro = [m.xgyro, m.ygyro, m.zgyro].map(f64::from);
-                    told.accel = [m.xacc, m.yacc, m.zacc].map(f64::from);
+                    values.gyro = [m.xgyro, m.ygyro, m.zgyro].map(f64::from);
+                    values.accel = [m.xacc, m.yacc, m.zacc].map(f64::from);
                 }
-                MavMessage::HIL_STATE_QUATERNION(m) => told.quaternion = m.attitude_quaternion.map(f64::from),
+                MavMessage::HIL_STATE_QUATERNION(m) => {
+                    values.quaternion = m.attitude_quaternion.map(f64::from)
+                }
                 MavMessage::HIL_GPS(m) => {
-                    told.velocity = [m.vn, m.ve, m.vd].map(|v| f64::from(v) * 1e-2);
+                    values.velocity = [m.vn, m.ve, m.vd].map(|v| f64::from(v) * 1e-2);
                     // A degree of latitude is 111 km; that of longitude is shorter by the cosine of the latitude.
                     let metres = [1.1119e-2, 1.1119e-2 * 47.4f64.to_radians().cos()];
-                    told.position = [
+                    values.position = [
                         f64::from(m.lat) * metres[0],
                         f64::from(m.lon) * metres[1],
                         f64::from(m.alt) * -1e-3,
@@ -72,11 +77,14 @@ fn px4_told() -> impl FnMut(&whirlstand_bridge::sensors::Sensors) -> Told {
                 _ => {}
             }
         }
-        std::mem::replace(&mut told, Told { quaternion: [1.0, 0.0, 0.0, 0.0], ..Told::default() })
+        std::mem::replace(
+            &mut values,
+            SensorValues { quaternion: [1.0, 0.0, 0.0, 0.0], ..SensorValues::default() },
+        )
     }
 }
 
-fn ardupilot_told() -> impl FnMut(&whirlstand_bridge::sensors::Sensors) -> Told {
+fn ardupilot_values() -> impl FnMut(&whirlstand_bridge::sensors::Sensors) -> SensorValues {
     let mut ardupilot = Ardupilot::new(ArdupilotOptions::default(), true);
     let mut number = 0;
     move |sensors| {
@@ -89,7 +97,7 @@ fn ardupilot_told() -> impl FnMut(&whirlstand_bridge::sensors::Sensors) -> Told 
             v.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect::<Vec<_>>()
         };
         let three = |v: &serde_json::Value| -> [f64; 3] { list(v).try_into().unwrap() };
-        Told {
+        SensorValues {
             gyro: three(&json["imu"]["gyro"]),
             accel: three(&json["imu"]["accel_body"]),
             quaternion: list(&json["quaternion"]).try_into().unwrap(),
@@ -105,48 +113,48 @@ fn near(name: &str, found: &[f64], wanted: &[f64], tolerance: f64) {
     assert!(!far, "{name}: {found:?} is not {wanted:?}");
 }
 
-fn each_axis(name: &str, mut push_one: impl FnMut(Motion) -> Told) {
+fn each_axis(name: &str, mut push_one: impl FnMut(Motion) -> SensorValues) {
     let axes = [Axis { position: Some(0.0), speed: None }; 3];
     for axis in 0..3 {
         for size in [SIZE, -SIZE] {
             let mut motion = Motion { axes, ..Motion::default() };
             motion.angles[axis] = size;
-            let told = push_one(motion);
+            let values = push_one(motion);
             let name = format!("{name}, turned by {size} about axis {axis}");
             let mut gyro = [0.0; 3];
             gyro[axis] = size / DT;
-            near(&name, &told.gyro, &gyro, 1e-5);
+            near(&name, &values.gyro, &gyro, 1e-5);
             // Half way through the turn gravity is felt from half of the angle: right side down from the left, nose up
             // from the front.
             let felt = [[0.0, -G * size / 2.0, -G], [G * size / 2.0, 0.0, -G], [0.0, 0.0, -G]][axis];
-            near(&name, &told.accel, &felt, 1e-3);
+            near(&name, &values.accel, &felt, 1e-3);
             let mut quaternion = [1.0, 0.0, 0.0, 0.0];
             quaternion[1 + axis] = size / 2.0;
-            near(&name, &told.quaternion, &quaternion, 1e-4);
-            near(&name, &told.velocity, &[0.0; 3], 1e-9);
+            near(&name, &values.quaternion, &quaternion, 1e-4);
+            near(&name, &values.velocity, &[0.0; 3], 1e-9);
 
             // Forward, right, up is north, east and not down.
             let mut motion = Motion { axes, ..Motion::default() };
             motion.axes[axis].position = Some(4.0 * size);
-            let told = push_one(motion);
+            let values = push_one(motion);
             let sign = if axis == 2 { -1.0 } else { 1.0 };
             let (mut moved, mut speed) = ([0.0; 3], [0.0; 3]);
             (moved[axis], speed[axis]) = (sign * 4.0 * size, sign * 4.0 * size / DT);
-            near(&name, &told.velocity, &speed, 1e-9);
-            near(&name, &told.position, &moved, 0.006);
-            near(&name, &told.gyro, &[0.0; 3], 1e-9);
+            near(&name, &values.velocity, &speed, 1e-9);
+            near(&name, &values.position, &moved, 0.006);
+            near(&name, &values.gyro, &[0.0; 3], 1e-9);
         }
     }
 }
 
 #[test]
 fn every_axis_reaches_px4_alone_with_its_sign() {
-    each_axis("PX4", |motion| push(motion, px4_told()));
+    each_axis("PX4", |motion| push(motion, px4_values()));
 }
 
 #[test]
 fn every_axis_reaches_ardupilot_alone_with_its_sign() {
-    each_axis("ArduPilot", |motion| push(motion, ardupilot_told()));
+    each_axis("ArduPilot", |motion| push(motion, ardupilot_values()));
 }
 
 /// The packet in which an autopilot says that its outputs, in its own order, are these; 0 to 1.

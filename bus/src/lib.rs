@@ -43,12 +43,14 @@ mod park;
 mod presence;
 pub mod ring;
 mod shared_memory;
+mod shared_memory_config;
+mod transport;
 
 pub use bus::{Bus, Publisher, Subscriber};
-pub use config::{BusConfig, MAX_NAME, Transport, UnknownTransport, WaitStrategy, ZenohConfig};
+pub use config::{BusConfig, MAX_NAME, WaitStrategy, ZenohConfig};
 pub use error::{OpenError, RecvError, ResidueError, SendError};
 pub use network::key_expression;
 pub use presence::{Residue, remove_residue};
-pub use shared_memory::{
-    MAX_DEPTH, MAX_NODES, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SCHEMA_ATTRIBUTE, service_name,
-};
+pub use shared_memory::{MAX_DEPTH, MAX_NODES, MAX_SUBSCRIBERS, SCHEMA_ATTRIBUTE, service_name};
+pub use shared_memory_config::MAX_PUBLISHERS;
+pub use transport::{Transport, UnknownTransport};

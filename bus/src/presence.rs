@@ -16,7 +16,7 @@ use memmap2::{MmapOptions, MmapRaw};
 
 use crate::config::check_name;
 use crate::park::Region;
-use crate::shared_memory::{config, prefix, root_path};
+use crate::shared_memory_config::{config, prefix, root_path};
 use crate::{OpenError, ResidueError};
 
 /// Where POSIX shared memory lives on Linux.

@@ -14,7 +14,8 @@ use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::{LogLevel, ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or};
 use whirlstand_msgs::{Command, Estimate, Imu, Message};
 
-use crate::shared_memory::{self, Shared};
+use crate::shared_memory::Shared;
+use crate::shared_memory_config::config;
 use crate::{Bus, BusConfig, OpenError, Publisher, Subscriber};
 
 /// Processes in the ring.
@@ -24,10 +25,10 @@ pub const POSITIONS: usize = 3;
 const END: u64 = u64::MAX;
 
 /// How often position 0 knocks until the ring is closed.
-const KNOCK: Duration = Duration::from_millis(5);
+const OPENING_PERIOD: Duration = Duration::from_millis(5);
 
 /// How long a lap may take before the ring counts as broken.
-const PATIENCE: Duration = Duration::from_secs(20);
+const LAP_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// One ring.
 #[derive(Debug, Clone)]
@@ -50,7 +51,7 @@ pub enum RingError {
     #[error("ring: {0}")]
     Port(String),
     /// A message did not come back.
-    #[error("ring: nothing came round within {} s", PATIENCE.as_secs())]
+    #[error("ring: nothing came round within {} s", LAP_TIMEOUT.as_secs())]
     Broken,
 }
 
@@ -75,7 +76,7 @@ impl Ring {
     }
 
     fn lead<L: Link<In = Command, Out = Imu>>(&self, link: &mut L) -> Result<Duration, RingError> {
-        let give_up = Instant::now() + PATIENCE;
+        let give_up = Instant::now() + LAP_TIMEOUT;
         let at = |step: u64| {
             let mut imu = Imu::zeroed();
             imu.head.step = step;
@@ -83,7 +84,7 @@ impl Ring {
         };
         loop {
             link.send(&at(0))?;
-            if link.receive(Instant::now() + KNOCK)?.is_some() {
+            if link.receive(Instant::now() + OPENING_PERIOD)?.is_some() {
                 break;
             }
             if Instant::now() > give_up {
@@ -98,7 +99,7 @@ impl Ring {
             }
             link.send(&at(lap))?;
             // Answers to knocks may still come in between.
-            while link.receive(Instant::now() + PATIENCE)?.ok_or(RingError::Broken)?.head.step != lap {}
+            while link.receive(Instant::now() + LAP_TIMEOUT)?.ok_or(RingError::Broken)?.head.step != lap {}
         }
         let elapsed = start.elapsed();
         link.send(&at(END))?;
@@ -117,7 +118,7 @@ impl Ring {
             ServiceName::new(&text).map_err(|e| failed(format!("{e:?}")))
         };
         // As iceoryx2 comes, but for where its files lie.
-        let mut config = shared_memory::config(&self.bus.bench)?;
+        let mut config = config(&self.bus.bench)?;
         config.defaults = Config::default().defaults;
         let node = NodeBuilder::new()
             .config(&config)
@@ -135,7 +136,7 @@ impl Ring {
 
 fn follow<L: Link>(link: &mut L) -> Result<(), RingError> {
     loop {
-        let step = link.receive(Instant::now() + PATIENCE)?.ok_or(RingError::Broken)?.head().step;
+        let step = link.receive(Instant::now() + LAP_TIMEOUT)?.ok_or(RingError::Broken)?.head().step;
         let mut answer = L::Out::zeroed();
         answer.head_mut().step = step;
         link.send(&answer)?;

@@ -5,17 +5,15 @@
 //! what killed processes leave can be removed by name. A foreign program joins by setting the same prefix and root
 //! path in its iceoryx2 configuration; `docs/wire-format.md` gives the service's settings.
 
-use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
 use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::{
-    AttributeVerifier, CallbackProgression, FileName, LogLevel, NodeName, Path, SemanticString, Service,
-    ServiceName, SignalHandlingMode, ZeroCopySend, ipc, set_log_level_from_env_or,
+    AttributeVerifier, CallbackProgression, LogLevel, NodeName, Service, ServiceName, SignalHandlingMode,
+    ZeroCopySend, ipc, set_log_level_from_env_or,
 };
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
@@ -28,10 +26,9 @@ use whirlstand_msgs::Message;
 use crate::lost::LostCounter;
 use crate::park::Region;
 use crate::presence::Presence;
+use crate::shared_memory_config::{MAX_PUBLISHERS, config};
 use crate::{BusConfig, OpenError, RecvError, SendError, Transport};
 
-/// Publishers a topic can have; every node publishes `health`.
-pub const MAX_PUBLISHERS: usize = 8;
 /// Subscribers a topic can have.
 pub const MAX_SUBSCRIBERS: usize = 8;
 /// Nodes a bench can have.
@@ -59,35 +56,9 @@ unsafe impl<M: Message> ZeroCopySend for Shared<M> {
 
 type Factory<M> = PortFactory<ipc::Service, Shared<M>, ()>;
 
-/// File name prefix of all that belongs to the bench. No bench name contains `~`, so no prefix begins another.
-pub(crate) fn prefix(bench: &str) -> String {
-    format!("whirlstand.{bench}~")
-}
-
-/// Folder of the bench's iceoryx2 files that are not shared memory.
-pub(crate) fn root_path(bench: &str) -> PathBuf {
-    format!("/tmp/whirlstand.{bench}").into()
-}
-
 /// iceoryx2's name of a topic.
 pub fn service_name(bench: &str, topic: &str) -> String {
     format!("whirlstand/{bench}/{topic}")
-}
-
-/// The iceoryx2 configuration that joins a bench.
-pub(crate) fn config(bench: &str) -> Result<Config, OpenError> {
-    let refused = |reason: String| OpenError::Name { what: "bench", name: bench.into(), reason };
-    let mut config = Config::default();
-    config.global.prefix =
-        FileName::new(prefix(bench).as_bytes()).map_err(|e| refused(format!("iceoryx2: {e:?}")))?;
-    let root = format!("{}/", root_path(bench).display());
-    config
-        .global
-        .set_root_path(&Path::new(root.as_bytes()).map_err(|e| refused(format!("iceoryx2: {e:?}")))?);
-    // Every look for a message walks over these places as well; iceoryx2's default of 128 costs more than all the rest
-    // of the look. They hold what a publisher sent before it went, and as many publishers as a topic has can go at once.
-    config.defaults.publish_subscribe.subscriber_expired_connection_buffer = MAX_PUBLISHERS;
-    Ok(config)
 }
 
 /// A node's membership in a bench.

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use nalgebra::DMatrix;
 use whirlstand_control::{
-    Controller, Design, Estimator, EstimatorOptions, InputLimits, LawOptions, Plant, Sensors,
+    Controller, Design, Estimator, EstimatorOptions, InputLimits, LawOptions, SampledPlant, Sensors,
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     ]);
     let b = DMatrix::from_row_slice(4, 2, &[0.0, 0.0, -1.1045, 0.0, 0.0, 0.0, -4.5267, -14.4146]) * degree;
     let limits = InputLimits { lower: -20.0, upper: 20.0, rate: f64::INFINITY };
-    let plant = Plant::new(a, b, 0.005)?.with_limits(vec![limits; 2])?;
+    let plant = SampledPlant::new(a, b, 0.005)?.with_limits(vec![limits; 2])?;
     let sensors = Sensors {
         c: DMatrix::identity(4, 4),
         d: DMatrix::zeros(4, 2),

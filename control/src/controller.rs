@@ -31,9 +31,9 @@ pub struct Outcome {
 ///
 /// ```
 /// use nalgebra::dmatrix;
-/// use whirlstand_control::{Controller, Design, LawOptions, Plant};
+/// use whirlstand_control::{Controller, Design, LawOptions, SampledPlant};
 ///
-/// let plant = Plant::new(dmatrix![0.0, 1.0; 0.0, 0.0], dmatrix![0.0; 1.0], 0.005).unwrap();
+/// let plant = SampledPlant::new(dmatrix![0.0, 1.0; 0.0, 0.0], dmatrix![0.0; 1.0], 0.005).unwrap();
 /// let design = Design::new(&plant, &LawOptions::named("lqr").unwrap()).unwrap();
 /// let mut controller = Controller::new(&design);
 /// let mut command = [0.0];

@@ -1,6 +1,6 @@
 //! What steers: Riccati, LQR, pole placement, sliding mode and Kalman filters.
 //!
-//! The room knows matrices, not vehicle files: a [`Plant`] is made from A, B, the period, limits and names. A
+//! The room knows matrices, not vehicle files; of the vehicle's room it uses the discretisation. A [`SampledPlant`] is made from A, B, the period, limits and names. A
 //! [`Design`] is computed from a plant and [`LawOptions`], and tells gains, poles and margins; a [`Controller`]
 //! runs it. An [`Estimator`] turns measurements into the state that the controller feeds back.
 
@@ -13,9 +13,9 @@ pub mod lqr;
 pub mod margins;
 pub mod options;
 pub mod place;
-mod plant;
 pub mod riccati;
 mod rows;
+mod sampled_plant;
 pub mod smc;
 mod target;
 
@@ -23,4 +23,4 @@ pub use controller::{Controller, Outcome};
 pub use design::{Design, DesignError};
 pub use kalman::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, KalmanFilter, Sensors};
 pub use options::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selector, SmcOptions, Weights};
-pub use plant::{InputLimits, Plant, PlantError};
+pub use sampled_plant::{InputLimits, SampledPlant, SampledPlantError};

@@ -1,8 +1,8 @@
 //! The linear-quadratic regulator, continuous, discrete and sampled.
 
 use nalgebra::DMatrix;
+use whirlstand_vehicle::{DiscretiseError, finite_horizon_gramian};
 
-use crate::linalg::{expm, symmetric_part};
 use crate::riccati::{Riccati, RiccatiError, care, dare};
 
 /// Gain of `u = -K x` that minimises the integral of `x'Qx + u'Ru` along `x' = Ax + Bu`. A is n x n, B n x m, Q
@@ -46,13 +46,16 @@ pub struct SampledCost {
 /// The exact discrete equivalent of the cost rate `x'Qx + u'Ru` along `x' = Ax + Bu` with u held for `dt` s
 /// (Van Loan, IEEE Trans. Autom. Control 23, 1978). The regulator for it does what the continuous one means, at
 /// any sampling period.
+///
+/// # Errors
+/// [`DiscretiseError`] when a mode of the plant is too fast for the period.
 pub fn sampled_cost(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
     q: &DMatrix<f64>,
     r: &DMatrix<f64>,
     dt: f64,
-) -> SampledCost {
+) -> Result<SampledCost, DiscretiseError> {
     let (n, m) = b.shape();
     let size = n + m;
     let mut f = DMatrix::zeros(size, size);
@@ -61,16 +64,10 @@ pub fn sampled_cost(
     let mut weight = DMatrix::zeros(size, size);
     weight.view_mut((0, 0), (n, n)).copy_from(q);
     weight.view_mut((n, n), (m, m)).copy_from(r);
-    let mut block = DMatrix::zeros(2 * size, 2 * size);
-    block.view_mut((0, 0), (size, size)).copy_from(&(-f.transpose() * dt));
-    block.view_mut((0, size), (size, size)).copy_from(&(weight * dt));
-    block.view_mut((size, size), (size, size)).copy_from(&(f * dt));
-    let e = expm(&block);
-    let transition = e.view((size, size), (size, size)).transpose();
-    let cost = symmetric_part(&(transition * e.view((0, size), (size, size))));
-    SampledCost {
+    let cost = finite_horizon_gramian(&f.transpose(), &weight, dt)?;
+    Ok(SampledCost {
         q: cost.view((0, 0), (n, n)).into_owned(),
         r: cost.view((n, n), (m, m)).into_owned(),
         s: cost.view((0, n), (n, m)).into_owned(),
-    }
+    })
 }

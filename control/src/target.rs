@@ -1,6 +1,6 @@
 //! Where a tracked reference leads: the steady state and the input that hold it.
 
-use crate::plant::Plant;
+use crate::sampled_plant::SampledPlant;
 
 /// Finds, for a set of tracked states and their reference r, the state `x_s` and input `u_s` to regulate about.
 ///
@@ -36,7 +36,7 @@ pub struct Target {
 
 impl Target {
     /// Prepared for a plant, nothing tracked.
-    pub fn new(plant: &Plant) -> Self {
+    pub fn new(plant: &SampledPlant) -> Self {
         let (n, m) = (plant.state_count(), plant.input_count());
         let size = n + m;
         let mut scale = plant.scales().to_vec();

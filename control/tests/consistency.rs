@@ -8,13 +8,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use support::{VEHICLES, plant};
-use whirlstand_control::{Estimator, EstimatorKind, EstimatorOptions, Plant, Sensors};
+use whirlstand_control::{Estimator, EstimatorKind, EstimatorOptions, SampledPlant, Sensors};
 
 const TRIALS: u64 = 100;
 const STEPS: usize = 400;
 
 /// All states measured, at the noise that the built-in vehicles declare.
-fn sensors(plant: &Plant) -> Sensors {
+fn sensors(plant: &SampledPlant) -> Sensors {
     let n = plant.state_count();
     let degree = std::f64::consts::PI / 180.0;
     let std = [0.08 * degree, 0.4 * degree, 0.08 * degree, 0.4 * degree, 0.03, 0.03, 0.05, 0.05];
@@ -43,7 +43,12 @@ struct Means {
 
 /// Runs the filter's own model as the truth and averages over trials the NEES and NIS of the last step, at which
 /// trials are independent of each other.
-fn trials(plant: &Plant, options: &EstimatorOptions, steps: usize, pattern: impl Fn(usize) -> u64) -> Means {
+fn trials(
+    plant: &SampledPlant,
+    options: &EstimatorOptions,
+    steps: usize,
+    pattern: impl Fn(usize) -> u64,
+) -> Means {
     let sensors = sensors(plant);
     let mut means = Means { nees: 0.0, nis: 0.0, dof: 0.0, states: 0.0 };
     for seed in 0..TRIALS {

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use support::{VEHICLES, complex, distance, matrix, plant};
 use whirlstand_control::design::LinearLaw;
 use whirlstand_control::{
-    Controller, Design, LawOptions, LqrOptions, Plant, PpcOptions, Selector, SmcOptions, Weights,
+    Controller, Design, LawOptions, LqrOptions, PpcOptions, SampledPlant, Selector, SmcOptions, Weights,
 };
 
 const LAWS: [&str; 3] = ["lqr", "ppc", "smc"];
@@ -63,16 +63,16 @@ fn figures_agree_with_python_control_on_the_four_vehicles() {
     }
 }
 
-/// Plant with the delay of the loop: the command of step k acts from k + 1 on.
+/// SampledPlant with the delay of the loop: the command of step k acts from k + 1 on.
 struct Loop {
-    plant: Plant,
+    plant: SampledPlant,
     controller: Controller,
     x: DVector<f64>,
     u: DVector<f64>,
 }
 
 impl Loop {
-    fn new(plant: &Plant, design: &Design) -> Self {
+    fn new(plant: &SampledPlant, design: &Design) -> Self {
         Self {
             plant: plant.clone(),
             controller: Controller::new(design),
@@ -133,7 +133,7 @@ fn the_delayed_loop_has_the_designed_poles() {
 }
 
 /// Attitude for the quadrotor, position for the helicopters.
-fn tracking_task(plant: &Plant) -> (u64, Vec<f64>) {
+fn tracking_task(plant: &SampledPlant) -> (u64, Vec<f64>) {
     let n = plant.state_count();
     let mut reference = vec![0.0; n];
     if n == 4 {

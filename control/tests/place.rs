@@ -71,3 +71,14 @@ fn two_hundred_random_systems() {
     assert!(o[199] <= 3.0 * t[199] && o[100] <= 3.0 * t[100]);
     assert!(better >= 180, "{better}");
 }
+
+#[test]
+fn a_mode_that_no_input_moves_costs_no_gain_when_its_pole_is_asked_for_within_rounding() {
+    let a = nalgebra::dmatrix![0.9, 0.005, 0.0; -0.005, 0.99, 0.0015; 0.0, 0.0, 0.9965];
+    let b = nalgebra::dmatrix![0.0; 0.005; 0.0];
+    for shift in [0.0, f64::EPSILON, -f64::EPSILON, 1e-12] {
+        let poles = [0.8, 0.9, 0.9965 + shift].map(|p| nalgebra::Complex::new(p, 0.0));
+        let gain = place(&a, &b, &poles).expect("the mode is asked for").gain;
+        assert!(gain.amax() < 1e3, "{shift:e}: {gain}");
+    }
+}

@@ -13,7 +13,7 @@ use whirlstand_vehicle::{Engine, Simulator, Stream, Vehicle};
 const PERIOD_S: f64 = 0.03;
 const STEPS: usize = 1000;
 
-fn trials(default: u64) -> u64 {
+fn alternatives(default: u64) -> u64 {
     std::env::var("WHIRLSTAND_TRIALS").ok().and_then(|v| v.parse().ok()).unwrap_or(default)
 }
 
@@ -61,11 +61,11 @@ fn hidden(seed: u64) -> (Vehicle, Segment) {
 
 #[test]
 fn prediction_error_finds_the_true_optimum() {
-    let trials = trials(40);
+    let alternatives = alternatives(40);
     let structure = Vehicle::builtin("quadrotor-structure").unwrap();
     let mut failed = Vec::new();
     let (mut inside, mut all) = (0, 0);
-    for seed in 1..=trials {
+    for seed in 1..=alternatives {
         let (truth, segment) = hidden(seed);
         let segments = [segment];
         let problem = Problem::new(&structure, &segments, Nuisance::default()).unwrap();
@@ -90,20 +90,20 @@ fn prediction_error_finds_the_true_optimum() {
     }
     let share = 100.0 * inside as f64 / all as f64;
     println!(
-        "pem: {} of {trials} seeds fail {failed:?}; {share:.2} % of {all} parameters within 3 standard errors",
+        "pem: {} of {alternatives} seeds fail {failed:?}; {share:.2} % of {all} parameters within 3 standard errors",
         failed.len()
     );
-    assert!(failed.len() as u64 * 100 <= trials, "{failed:?}");
+    assert!(failed.len() as u64 * 100 <= alternatives, "{failed:?}");
     assert!(share >= 99.0, "{share}");
 }
 
 #[test]
 fn the_genetic_algorithm_finds_the_true_optimum() {
-    let trials = trials(8);
+    let alternatives = alternatives(8);
     let structure = Vehicle::builtin("quadrotor-structure").unwrap();
     let mut failed = Vec::new();
     let mut evaluations = 0;
-    for seed in 1..=trials {
+    for seed in 1..=alternatives {
         let (truth, segment) = hidden(seed);
         let segments = [segment];
         let problem = Problem::new(&structure, &segments, Nuisance::default()).unwrap();
@@ -122,10 +122,10 @@ fn the_genetic_algorithm_finds_the_true_optimum() {
         }
     }
     println!(
-        "ga: {} of {trials} seeds fail {failed:?}; {} simulations a seed",
+        "ga: {} of {alternatives} seeds fail {failed:?}; {} simulations a seed",
         failed.len(),
-        evaluations as u64 / trials
+        evaluations as u64 / alternatives
     );
     // At least 95 %; of the few seeds that are run by default, none may fail.
-    assert!(failed.len() as u64 * 20 <= trials, "{failed:?}");
+    assert!(failed.len() as u64 * 20 <= alternatives, "{failed:?}");
 }

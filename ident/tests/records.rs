@@ -3,7 +3,6 @@
 mod support;
 
 use support::flight;
-use whirlstand_ident::report::comparison_report;
 use whirlstand_ident::{CompareError, CompareOptions, Comparison, compare};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
@@ -112,9 +111,6 @@ fn offset_tone_and_a_late_change_are_each_described() {
     let text = c.text();
     assert!(text.lines().count() <= 15 && text.ends_with('\n'), "{text}");
     println!("{text}");
-    let html = comparison_report(&c).unwrap();
-    assert!(html.len() < 8_000_000, "{}", html.len());
-    std::fs::write(std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("comparison.html"), html).unwrap();
 }
 
 #[test]
@@ -130,7 +126,9 @@ fn an_unstable_vehicle_is_judged_by_its_short_predictions() {
     for t in &time {
         let y = simulator.measure().to_vec();
         let u = [(-12.0 * y[0] - 4.0 * y[1]) / b + 4.0 * support::stick(*t, 0), 0.3 * support::stick(*t, 1)];
-        columns.iter_mut().zip(y.iter().chain(&u)).for_each(|(c, v)| c.push(*v));
+        // A log has so many digits: with every bit of the inputs, a simulation from rest would stay with the flight.
+        let logged = u.map(|u| (1e6 * u).round() / 1e6);
+        columns.iter_mut().zip(y.iter().chain(&logged)).for_each(|(c, v)| c.push(*v));
         simulator.step(&u);
     }
     let mut record = Record::new("unstable.csv", time).unwrap();
@@ -148,7 +146,6 @@ fn an_unstable_vehicle_is_judged_by_its_short_predictions() {
     // What is left is the noise of the sensor, and a little of that in the state that was fitted to 0.5 s.
     let left = c.outputs["roll"].horizon_rmse.unwrap() / c.outputs["roll"].declared_noise;
     assert!((0.95..1.2).contains(&left), "{left}");
-    assert!(comparison_report(&c).is_ok());
 }
 
 #[test]

@@ -12,12 +12,13 @@
 //! | `disturbance.NAME` | `Disturbance`, held from message to message |
 
 use whirlstand_msgs::units::Unit;
-use whirlstand_msgs::{Command, Disturbance, Estimate, Imu, Message, Odometry, Setpoint, Truth, valid};
+use whirlstand_msgs::{Imu, Message, Odometry};
 
 use crate::bench_info::{BenchInfo, SignalInfo};
+use crate::bench_log::{BenchMessage, SensorField, wanted};
 use crate::log::Log;
+use crate::read_error::ReadError;
 use crate::record::{Record, RecordError};
-use crate::stream::{RawMessage, ReadError};
 
 /// Why a log cannot be made a record.
 #[derive(Debug, thiserror::Error)]
@@ -34,41 +35,6 @@ pub enum BenchRecordError {
     /// The signals do not fit together.
     #[error(transparent)]
     Record(#[from] RecordError),
-}
-
-/// Where an output of the vehicle stands in a message.
-struct Place {
-    topic: &'static str,
-    /// Offset of the value in the message, bytes.
-    offset: usize,
-    /// Offset of `valid`, bytes.
-    valid_offset: usize,
-    valid_bit: u32,
-}
-
-/// Finds an output by its name among the fields of the sensor messages.
-fn place(output: &str) -> Option<Place> {
-    fn within<M: Message>(output: &str) -> Option<Place> {
-        let values: Vec<_> = M::FIELDS.iter().filter(|f| f.kind == "f64").collect();
-        let index = values.iter().position(|f| f.name == output)?;
-        let valid_offset = M::FIELDS.iter().find(|f| f.name == "valid")?.offset;
-        // Both sensor messages have two groups of equal size.
-        let valid_bit = if 2 * index < values.len() { valid::FIRST } else { valid::SECOND };
-        Some(Place { topic: M::TOPIC, offset: values[index].offset, valid_offset, valid_bit })
-    }
-    within::<Imu>(output).or_else(|| within::<Odometry>(output))
-}
-
-impl Place {
-    /// The value in a message, NaN when it is not fresh.
-    fn read<M: Message>(&self, message: &M) -> f64 {
-        let bytes = bytemuck::bytes_of(message);
-        let valid: u32 = bytemuck::pod_read_unaligned(&bytes[self.valid_offset..self.valid_offset + 4]);
-        if valid & self.valid_bit == 0 {
-            return f64::NAN;
-        }
-        bytemuck::pod_read_unaligned(&bytes[self.offset..self.offset + 8])
-    }
 }
 
 /// Columns that one topic fills together.
@@ -112,7 +78,7 @@ impl Group {
 
 /// All groups of a bench.
 struct Groups {
-    sensors: Vec<(Group, Vec<Place>)>,
+    sensors: Vec<(Group, Vec<SensorField>)>,
     applied: Group,
     truth: Group,
     estimate: Group,
@@ -126,13 +92,13 @@ struct Groups {
 impl Groups {
     fn new(info: &BenchInfo) -> Self {
         let sensors = [Imu::TOPIC, Odometry::TOPIC].map(|topic| {
-            let (signals, places): (Vec<_>, Vec<_>) = info
+            let (signals, fields): (Vec<_>, Vec<_>) = info
                 .outputs
                 .iter()
-                .filter_map(|o| Some((o.clone(), place(&o.name)?)))
-                .filter(|(_, place)| place.topic == topic)
+                .filter_map(|o| Some((o.clone(), SensorField::of(&o.name)?)))
+                .filter(|(_, field)| field.topic == topic)
                 .unzip();
-            (Group::new("", &signals), places)
+            (Group::new("", &signals), fields)
         });
         let rates: Vec<_> =
             info.states.iter().map(|s| SignalInfo::new(&s.name, per_second(&s.unit))).collect();
@@ -149,47 +115,31 @@ impl Groups {
         }
     }
 
-    fn take(&mut self, message: &RawMessage<'_>) -> Result<(), ReadError> {
-        let Some(topic) = message.topic.name.strip_prefix('/') else {
-            return Ok(());
-        };
-        match topic {
-            Imu::TOPIC => self.sensor(0, &message.decode::<Imu>()?),
-            Odometry::TOPIC => self.sensor(1, &message.decode::<Odometry>()?),
-            Truth::TOPIC => {
-                let m: Truth = message.decode()?;
+    fn take(&mut self, message: &BenchMessage) {
+        match message {
+            BenchMessage::Imu(m) => self.sensor(0, m),
+            BenchMessage::Odometry(m) => self.sensor(1, m),
+            BenchMessage::Truth(m) => {
                 self.truth.push(m.head.stamp_ns, &m.x);
                 self.applied.push(m.head.stamp_ns, &m.u);
             }
-            Estimate::TOPIC => {
-                let m: Estimate = message.decode()?;
+            BenchMessage::Estimate(m) => {
                 self.estimate.push(m.head.stamp_ns, &m.x);
                 self.deviation.push(m.head.stamp_ns, &m.std);
             }
-            Setpoint::TOPIC => {
-                let m: Setpoint = message.decode()?;
-                let tracked = |i: usize| i < 64 && m.tracked >> i & 1 == 1;
-                let wanted: Vec<f64> =
-                    m.x.iter().enumerate().map(|(i, x)| if tracked(i) { *x } else { f64::NAN }).collect();
-                self.setpoint.push(m.head.stamp_ns, &wanted);
+            BenchMessage::Setpoint(m) => {
+                self.setpoint.push(m.head.stamp_ns, &wanted(m));
                 self.stick.push(m.head.stamp_ns, &m.stick);
             }
-            Command::TOPIC => {
-                let m: Command = message.decode()?;
-                self.command.push(m.head.stamp_ns, &m.u);
-            }
-            Disturbance::TOPIC => {
-                let m: Disturbance = message.decode()?;
-                self.disturbance.push(m.head.stamp_ns, &m.dx);
-            }
-            _ => {}
+            BenchMessage::Command(m) => self.command.push(m.head.stamp_ns, &m.u),
+            BenchMessage::Disturbance(m) => self.disturbance.push(m.head.stamp_ns, &m.dx),
+            BenchMessage::Health(_) => {}
         }
-        Ok(())
     }
 
     fn sensor<M: Message>(&mut self, index: usize, message: &M) {
-        let (group, places) = &mut self.sensors[index];
-        let values: Vec<f64> = places.iter().map(|p| p.read(message)).collect();
+        let (group, fields) = &mut self.sensors[index];
+        let values: Vec<f64> = fields.iter().map(|f| f.read(message)).collect();
         group.push(message.head().stamp_ns, &values);
     }
 
@@ -250,9 +200,8 @@ pub fn bench_record(log: &Log) -> Result<Record, BenchRecordError> {
     let origin = log.path().display().to_string();
     let info = log.info().ok_or_else(|| BenchRecordError::NotABench { path: origin.clone() })?;
     let mut groups = Groups::new(info);
-    let mut stream = log.stream()?;
-    while let Some(message) = stream.next()? {
-        groups.take(&message)?;
+    for message in log.bench_messages()? {
+        groups.take(&message?);
     }
     Ok(groups.into_record(origin, info.period_ns)?)
 }

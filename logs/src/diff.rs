@@ -9,14 +9,14 @@ use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-use whirlstand_msgs::{Health, Message, Progress};
-
 use crate::fields::{first_difference, step};
 use crate::log::Log;
-use crate::segment::{Damage, Ending};
-use crate::stream::{LogStream, ReadError};
+use crate::log_file::{Damage, Ending};
+use crate::read_error::ReadError;
+use crate::stream::LogStream;
+use crate::wall_clock::carries_wall_clock;
 use crate::writer::CDR_HEADER;
+use serde::Serialize;
 
 /// What two logs have in common and what not.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -169,8 +169,7 @@ fn read_one(side: &mut Side, which: usize, topics: &mut BTreeMap<String, Pairing
     side.at = message.log_time;
     let name = message.topic.name.as_str();
     if !topics.contains_key(name) {
-        let bare = name.trim_start_matches('/');
-        let set_aside = [Health::TOPIC, Progress::TOPIC].contains(&bare);
+        let set_aside = carries_wall_clock(name);
         topics.insert(name.to_string(), Pairing { set_aside, ..Pairing::default() });
     }
     let Some(pairing) = topics.get_mut(name) else { return Ok(()) };

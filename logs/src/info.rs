@@ -4,18 +4,23 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use whirlstand_msgs::{Disturbance, Health, Message, Progress};
 
 use crate::bench_info::BenchInfo;
+use crate::blackbox::blackbox_topics;
 use crate::csv_file::read_csv;
+use crate::dataflash::dataflash_topics;
 use crate::diff::remarks;
 use crate::fields::sequence;
 use crate::foreign::{Catalogue, catalogue};
 use crate::log::Log;
+use crate::log_file::{Damage, Ending};
 use crate::read::{AnyReadError, Kind, kind};
 use crate::record::Record;
 use crate::sampling::{Gap, Sampling};
-use crate::segment::{Damage, Ending};
-use crate::ulog::{UlogCatalogue, ulog_catalogue};
+use crate::topics::Topics;
+use crate::ulog::ulog_topics;
+use crate::wall_clock::carries_wall_clock;
 
 /// What a log holds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -24,7 +29,7 @@ pub struct LogInfo {
     pub schema: &'static str,
     /// The log.
     pub path: PathBuf,
-    /// `mcap`, `ulog` or `csv`.
+    /// `mcap`, `ulog`, `dataflash`, `blackbox` or `csv`.
     pub kind: &'static str,
     /// Time from the first sample to the last, s (samples for a record that does not know its clock).
     pub duration: f64,
@@ -34,7 +39,7 @@ pub struct LogInfo {
     pub bench: Option<BenchInfo>,
     /// Files inside it: name and size in bytes.
     pub attached: Vec<(String, u64)>,
-    /// Topics of an MCAP log, by name.
+    /// Topics of a log of many topics, by name.
     pub topics: Vec<TopicInfo>,
     /// Signals of any other log, in file order.
     pub signals: Vec<SignalSummary>,
@@ -57,7 +62,7 @@ pub struct FileInfo {
     pub ending: Ending,
 }
 
-/// A topic of an MCAP log.
+/// A topic of a log of many topics.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TopicInfo {
     /// Its name.
@@ -68,9 +73,9 @@ pub struct TopicInfo {
     pub encoding: String,
     /// How many there are.
     pub messages: u64,
-    /// Log time of the first, s.
+    /// Time of the first, s.
     pub from: f64,
-    /// Log time of the last, s.
+    /// Time of the last, s.
     pub to: f64,
     /// Messages per second, from the median interval.
     pub rate_hz: Option<f64>,
@@ -80,11 +85,11 @@ pub struct TopicInfo {
     pub gaps: usize,
     /// The longest of them.
     pub longest_gap: Option<Gap>,
-    /// Signals of a topic that is not of this program, as `--map` calls them.
+    /// Signals of a topic that is not of this program, as `--map` calls them, with the units that the log states.
     pub signals: Vec<String>,
 }
 
-/// A signal of a CSV or a ULog.
+/// A signal of a CSV.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SignalSummary {
     /// Its name.
@@ -113,7 +118,9 @@ pub fn info(path: impl AsRef<Path>) -> Result<LogInfo, AnyReadError> {
     let path = path.as_ref();
     match kind(path).map_err(|source| AnyReadError::Io { path: path.into(), source })? {
         Kind::Mcap => mcap_info(path),
-        Kind::Ulog => ulog_info(path),
+        Kind::Ulog => Ok(topics_info(path, "ulog", ulog_topics(path)?)),
+        Kind::Dataflash => Ok(topics_info(path, "dataflash", dataflash_topics(path)?)),
+        Kind::Blackbox => Ok(topics_info(path, "blackbox", blackbox_topics(path)?)),
         Kind::Csv => Ok(record_info(path, &read_csv(path, &[])?)),
     }
 }
@@ -164,7 +171,7 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
             // publishers share a topic, as all nodes share /health.
             if let Some(last) = counting.last_sequence
                 && sequence > last + 1
-                && message.topic.name != "/health"
+                && !carries_wall_clock(&message.topic.name)
             {
                 counting.lost += sequence - last - 1;
             }
@@ -211,8 +218,7 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
 }
 
 /// Types of the bench whose messages have no rate.
-const IRREGULAR: [&str; 3] =
-    ["whirlstand/msg/Health", "whirlstand/msg/Disturbance", "whirlstand/msg/Progress"];
+const IRREGULAR: [&str; 3] = [Health::TYPE_NAME, Disturbance::TYPE_NAME, Progress::TYPE_NAME];
 
 impl Counting {
     fn result(mut self, name: String) -> TopicInfo {
@@ -237,23 +243,24 @@ impl Counting {
     }
 }
 
-fn ulog_info(path: &Path) -> Result<LogInfo, AnyReadError> {
-    let UlogCatalogue { topics, remark } = ulog_catalogue(path)?;
-    let topics: Vec<TopicInfo> = topics
+/// What a log of many topics has; `kind` is also how its messages are written.
+fn topics_info(path: &Path, kind: &'static str, log: Topics) -> LogInfo {
+    let topics: Vec<TopicInfo> = log
+        .by_name
         .into_iter()
         .map(|(name, topic)| {
-            let counting = Counting { encoding: "ulog".into(), times: topic.times_ns, ..Counting::default() };
-            TopicInfo { signals: topic.signals, ..counting.result(name) }
+            let counting = Counting { encoding: kind.into(), times: topic.times_ns, ..Counting::default() };
+            let signals = topic.signals.into_iter().map(|source| match source.unit {
+                Some(unit) => format!("{}[{unit}]", source.name),
+                None => source.name,
+            });
+            TopicInfo { signals: signals.collect(), ..counting.result(name) }
         })
         .collect();
-    let from = topics.iter().map(|t| t.from).fold(f64::INFINITY, f64::min);
-    let to = topics.iter().map(|t| t.to).fold(f64::NEG_INFINITY, f64::max);
-    Ok(LogInfo {
-        duration: (to - from).max(0.0),
-        topics,
-        remarks: remark.into_iter().collect(),
-        ..empty(path, "ulog")
-    })
+    let sampled = || topics.iter().filter(|t| t.messages > 0);
+    let from = sampled().map(|t| t.from).fold(f64::INFINITY, f64::min);
+    let to = sampled().map(|t| t.to).fold(f64::NEG_INFINITY, f64::max);
+    LogInfo { duration: (to - from).max(0.0), topics, remarks: log.remarks, ..empty(path, kind) }
 }
 
 fn record_info(path: &Path, record: &Record) -> LogInfo {

@@ -1,45 +1,61 @@
-//! What is remembered: MCAP, CSV and ULog records with units.
+//! What is remembered: MCAP, CSV, ULog, DataFlash and blackbox records with units.
 //!
 //! - [`writer::LogWriter`] writes the messages of a bench to MCAP.
 //! - [`record::Record`] is what every reader ends in: one time axis and named signals in SI units.
 
 pub mod bench_info;
+pub mod bench_log;
 pub mod bench_record;
+pub mod blackbox;
 pub mod csv_file;
+pub mod dataflash;
 pub mod diff;
 mod fields;
 pub mod foreign;
 pub mod info;
 pub mod log;
+mod log_file;
 pub mod mapping;
 mod multi;
 pub mod offset;
 pub mod read;
+mod read_error;
 pub mod record;
 pub mod resample;
 pub mod sampling;
-mod segment;
 pub mod series;
+pub mod shown;
+pub mod spectrum;
+pub mod stats;
 pub mod stream;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
+pub mod topics;
 pub mod ulog;
+mod wall_clock;
 pub mod writer;
 
 pub use bench_info::{BenchInfo, SignalInfo};
+pub use bench_log::{BenchMessage, BenchMessages, SensorField};
 pub use bench_record::{BenchRecordError, bench_record};
+pub use blackbox::{BlackboxError, blackbox_topics, read_blackbox};
 pub use csv_file::{CsvError, read_csv, write_csv};
+pub use dataflash::{DataflashError, dataflash_topics, read_dataflash};
 pub use diff::{BenchDifference, Diff, Difference, TopicDiff, diff};
 pub use foreign::{Catalogue, ForeignError, catalogue, read_foreign};
 pub use info::{FileInfo, LogInfo, SignalSummary, TopicInfo, info};
 pub use log::{Log, Messages};
+pub use log_file::{AttachedFile, Damage, Ending, Topic};
 pub use mapping::{MapError, Mapping, MissingSource, Source};
 pub use multi::MultiError;
 pub use offset::{OffsetError, TimeOffset, time_offset};
 pub use read::{AnyReadError, Exported, Kind, export, kind, read};
+pub use read_error::ReadError;
 pub use record::{MissingSignal, Record, RecordError, Signal};
 pub use resample::{Clock, ClockError, resample};
-pub use sampling::{Gap, Sampling, pauses, unbroken};
-pub use segment::{AttachedFile, Damage, Ending, Topic};
+pub use sampling::{Gap, LONGEST_BRIDGED, Sampling, even_period, median_interval, pauses, unbroken};
 pub use series::Series;
-pub use stream::{LogStream, RawMessage, ReadError, segments};
-pub use ulog::{UlogCatalogue, UlogError, read_ulog, ulog_catalogue};
+pub use stream::{LogStream, RawMessage, log_files};
+pub use topics::{TopicSamples, Topics};
+pub use ulog::{UlogError, read_ulog, ulog_topics};
 pub use writer::{Channel, LogWriter, WriteError, Written};

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use whirlstand_msgs::Message;
 
 use crate::bench_info::{BenchInfo, LAUNCH_ATTACHMENT, METADATA_NAME, VEHICLE_ATTACHMENT};
-use crate::segment::AttachedFile;
-use crate::stream::{LogStream, ReadError, check_schema, decode_unchecked};
+use crate::log_file::AttachedFile;
+use crate::read_error::ReadError;
+use crate::stream::{LogStream, check_schema, decode_unchecked};
 
 /// An MCAP log whose beginning has been read.
 #[derive(Debug, Clone)]

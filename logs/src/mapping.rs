@@ -4,13 +4,13 @@ use std::str::FromStr;
 
 use whirlstand_msgs::units::{Unit, UnitError};
 
-use crate::record::{list, nearest, nearest_hint};
+use whirlstand_msgs::names::did_you_mean;
 
 /// One renaming: the log's `source` is the vehicle's `name`.
 ///
 /// Written `name=SOURCE`, `name=SOURCE[unit]` when the log states no unit or a wrong one, and `name=-SOURCE` when
 /// the log counts the other way. SOURCE is a column of a CSV, `/topic.field.path` of an MCAP log, `topic.field`
-/// of a ULog. `t=SOURCE[ms]` says which column of a CSV is the time.
+/// of a ULog, a DataFlash or a blackbox log. `t=SOURCE[ms]` says which column of a CSV is the time.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mapping {
     /// The vehicle's name for it.
@@ -30,11 +30,23 @@ pub struct Source {
     pub unit: Option<String>,
 }
 
+impl Source {
+    /// A signal of a log that states no units.
+    pub(crate) fn without_unit(name: String) -> Self {
+        Self { name, unit: None }
+    }
+}
+
+/// `a, b, c`, or `nothing`.
+pub(crate) fn list(names: &[String]) -> String {
+    if names.is_empty() { "nothing".into() } else { names.join(", ") }
+}
+
 /// A mapping names a source that the log does not have.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{origin} has no signal '{source_name}' to be '{name}'{}. It has: {}",
-    nearest_hint(nearest.as_deref()),
+    did_you_mean(source_name, available.iter().map(String::as_str)),
     list(available)
 )]
 pub struct MissingSource {
@@ -46,8 +58,6 @@ pub struct MissingSource {
     pub source_name: String,
     /// What the log has.
     pub available: Vec<String>,
-    /// The most similar of them, when one is similar.
-    pub nearest: Option<String>,
 }
 
 /// Why a mapping cannot be used.
@@ -147,7 +157,6 @@ impl Mapping {
                 name: self.name.clone(),
                 source_name: bare.into(),
                 available: sources.iter().map(|s| s.name.clone()).collect(),
-                nearest: nearest(bare, sources.iter().map(|s| s.name.as_str())),
             }))
         })
     }

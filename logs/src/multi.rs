@@ -62,6 +62,7 @@ fn unreadable_hint(topics: &[String]) -> String {
 /// Collects the samples of the signals that are wanted.
 pub(crate) struct Collector {
     path: PathBuf,
+    origin: String,
     sources: Vec<String>,
     selected: Vec<Selected>,
     /// Signals that one source feeds.
@@ -73,28 +74,38 @@ impl Collector {
     /// Chooses from what the log has.
     pub fn new(
         path: &Path,
-        sources: Vec<String>,
+        offered: &[Source],
         unreadable: &[String],
         mappings: &[Mapping],
     ) -> Result<Self, MultiError> {
+        let sources: Vec<String> = offered.iter().map(|source| source.name.clone()).collect();
         if mappings.is_empty() {
             return Err(MultiError::Unmapped { path: path.into(), available: sources });
         }
-        let offered: Vec<Source> =
-            sources.iter().map(|name| Source { name: name.clone(), unit: None }).collect();
-        let selected = resolve(&offered, mappings, false, &path.display().to_string())
+        let origin = path.display().to_string();
+        let selected = resolve(offered, mappings, false, &origin)
             .map_err(|error| MultiError::Map { error: Box::new(error), unreadable: unreadable.to_vec() })?;
         let mut fed: HashMap<String, Vec<usize>> = HashMap::new();
         for (signal, chosen) in selected.iter().enumerate() {
             fed.entry(sources[chosen.source].clone()).or_default().push(signal);
         }
         let samples = vec![Vec::new(); selected.len()];
-        Ok(Self { path: path.into(), sources, selected, fed, samples })
+        Ok(Self { path: path.into(), origin, sources, selected, fed, samples })
+    }
+
+    /// Says more of where the record is from than the name of the file.
+    pub fn call(&mut self, origin: String) {
+        self.origin = origin;
     }
 
     /// Whether any signal comes from the topic.
     pub fn wants(&self, topic: &str) -> bool {
         self.fed.keys().any(|source| source.strip_prefix(topic).is_some_and(|rest| rest.starts_with('.')))
+    }
+
+    /// Whether a signal comes from the source.
+    pub fn wants_source(&self, source: &str) -> bool {
+        self.fed.contains_key(source)
     }
 
     /// Takes a sample, if its source is wanted.
@@ -121,11 +132,10 @@ impl Collector {
             let seconds = samples.into_iter().map(|(t, v)| ((t - start) as f64 / 1e9, v)).collect();
             series.push(Series::new(&chosen.name, chosen.unit.si_symbol(), seconds));
         }
-        let origin = self.path.display().to_string();
         // By the project's convention inputs are called u_...; a control signal holds until the next.
         let held = |name: &str| name.starts_with("u_");
         Clock::common(&series, None)
-            .and_then(|clock| resample(&origin, &series, &clock, held))
+            .and_then(|clock| resample(&self.origin, &series, &clock, held))
             .map_err(|error| MultiError::Clock { path: self.path, error })
     }
 }

@@ -6,7 +6,7 @@ use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 use crate::resample::{Clock, onto};
-use crate::sampling::Sampling;
+use crate::sampling::median_interval;
 use crate::series::Series;
 
 /// Another peak this high, relative to the highest, makes the answer ambiguous.
@@ -55,7 +55,7 @@ pub fn time_offset(a: &Series, b: &Series, max_lag_s: f64) -> Result<TimeOffset,
     const FEWEST: usize = 16;
     let too_short =
         |points, needed| OffsetError::TooShort { a: a.name.clone(), b: b.name.clone(), points, needed };
-    let period = [a, b].iter().filter_map(|s| Sampling::of(s.time()).period).fold(f64::INFINITY, f64::min);
+    let period = [a, b].iter().filter_map(|s| median_interval(s.time())).fold(f64::INFINITY, f64::min);
     let ends = |s: &Series| Some((*s.time().first()?, *s.time().last()?));
     let (Some((a0, a1)), Some((b0, b1))) = (ends(a), ends(b)) else { return Err(too_short(0, FEWEST)) };
     let clock = Clock::over(a0.max(b0), a1.min(b1), period).map_err(|_| too_short(0, FEWEST))?;

@@ -7,12 +7,15 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::bench_record::{BenchRecordError, bench_record};
+use crate::blackbox::{self, BlackboxError, read_blackbox};
 use crate::csv_file::{CsvError, read_csv, write_csv};
+use crate::dataflash::{self, DataflashError, read_dataflash};
 use crate::foreign::{ForeignError, read_foreign};
 use crate::log::Log;
-use crate::mapping::{MapError, Mapping};
+use crate::mapping::{MapError, Mapping, MissingSource};
+use crate::multi::MultiError;
+use crate::read_error::ReadError;
 use crate::record::{MissingSignal, Record};
-use crate::stream::ReadError;
 use crate::ulog::{UlogError, read_ulog};
 
 /// Why a log cannot be read.
@@ -41,12 +44,36 @@ pub enum AnyReadError {
     /// As ULog.
     #[error(transparent)]
     Ulog(#[from] UlogError),
+    /// As DataFlash.
+    #[error(transparent)]
+    Dataflash(#[from] DataflashError),
+    /// As blackbox.
+    #[error(transparent)]
+    Blackbox(#[from] BlackboxError),
     /// A mapping does not fit.
     #[error(transparent)]
     Map(#[from] MapError),
     /// A signal was asked for that the log does not have.
     #[error(transparent)]
     Missing(#[from] MissingSignal),
+}
+
+impl AnyReadError {
+    /// The source that a mapping names and the log does not have, if that is what is wrong.
+    pub fn missing_source(&self) -> Option<&MissingSource> {
+        let map = match self {
+            Self::Csv(CsvError::Map(error)) | Self::Map(error) => error,
+            Self::Foreign(ForeignError::Multi(MultiError::Map { error, .. }))
+            | Self::Ulog(UlogError::Multi(MultiError::Map { error, .. }))
+            | Self::Dataflash(DataflashError::Multi(MultiError::Map { error, .. }))
+            | Self::Blackbox(BlackboxError::Multi(MultiError::Map { error, .. })) => error,
+            _ => return None,
+        };
+        match map {
+            MapError::Missing(missing) => Some(missing),
+            _ => None,
+        }
+    }
 }
 
 /// The kinds of log, told by how the file begins.
@@ -56,11 +83,16 @@ pub enum Kind {
     Mcap,
     /// PX4 ULog.
     Ulog,
+    /// ArduPilot DataFlash.
+    Dataflash,
+    /// Blackbox of Betaflight, INAV or Cleanflight.
+    Blackbox,
     /// Anything else.
     Csv,
 }
 
-/// Tells the kind of a log from its first bytes, whatever the file is called.
+/// Tells the kind of a log from its first bytes, whatever the file is called. Only where they tell nothing, as when the
+/// beginning is damaged, does the ending of the name: `.bin`, `.bbl`, `.bfl`.
 ///
 /// # Errors
 /// What the system says.
@@ -69,14 +101,23 @@ pub fn kind(path: &Path) -> std::io::Result<Kind> {
         return Ok(Kind::Mcap);
     }
     let mut start = Vec::new();
-    File::open(path)?.take(8).read_to_end(&mut start)?;
+    File::open(path)?.take(32).read_to_end(&mut start)?;
+    let ending = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     Ok(if start.starts_with(&mcap::MAGIC[..5]) {
         Kind::Mcap
     } else if start.starts_with(b"ULog\x01\x12\x35") {
         Kind::Ulog
-    } else if start.is_empty() && path.extension().is_some_and(|e| e == "mcap") {
+    } else if start.starts_with(&dataflash::MAGIC) {
+        Kind::Dataflash
+    } else if start.starts_with(blackbox::MAGIC) {
+        Kind::Blackbox
+    } else if start.is_empty() && ending("mcap") {
         // A recorder that was killed before its first write.
         Kind::Mcap
+    } else if ending("bin") {
+        Kind::Dataflash
+    } else if ending("bbl") || ending("bfl") {
+        Kind::Blackbox
     } else {
         Kind::Csv
     })
@@ -84,9 +125,9 @@ pub fn kind(path: &Path) -> std::io::Result<Kind> {
 
 /// Reads a log of any known kind into SI units.
 ///
-/// In CSV and in logs of this program, mapped signals get their new names and the others keep theirs. ULog and MCAP
-/// logs of other programs have signals on many clocks: the mapped ones are read, onto the clock of the fastest,
-/// inputs (`u_...`) held from sample to sample, others interpolated.
+/// In CSV and in logs of this program, mapped signals get their new names and the others keep theirs. ULog, DataFlash,
+/// blackbox and MCAP logs of other programs have signals on many clocks: the mapped ones are read, onto the clock of the
+/// fastest, inputs (`u_...`) held from sample to sample, others interpolated.
 ///
 /// # Errors
 /// [`AnyReadError`].
@@ -96,6 +137,8 @@ pub fn read(path: impl AsRef<Path>, mappings: &[Mapping]) -> Result<Record, AnyR
     match kind {
         Kind::Csv => Ok(read_csv(path, mappings)?),
         Kind::Ulog => Ok(read_ulog(path, mappings)?),
+        Kind::Dataflash => Ok(read_dataflash(path, mappings)?),
+        Kind::Blackbox => Ok(read_blackbox(path, mappings)?),
         Kind::Mcap => {
             let log = Log::open(path)?;
             match log.info() {

@@ -1,8 +1,9 @@
 //! One time axis and named signals in SI units: what every reader ends in, and all that analysis sees.
 
 use serde::Serialize;
+use whirlstand_msgs::names::did_you_mean;
 
-use crate::mapping::{MapError, Mapping, Source, resolve};
+use crate::mapping::{MapError, Mapping, Source, list, resolve};
 
 /// A named signal over the time axis of its [`Record`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -31,7 +32,7 @@ pub struct Record {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{origin} has no signal '{wanted}'{}. It has: {}. Use --map {wanted}=NAME[unit] to say which one it is.",
-    nearest_hint(nearest.as_deref()),
+    did_you_mean(wanted, available.iter().map(String::as_str)),
     list(available)
 )]
 pub struct MissingSignal {
@@ -41,8 +42,6 @@ pub struct MissingSignal {
     pub wanted: String,
     /// What the record has.
     pub available: Vec<String>,
-    /// The most similar of them, when one is similar.
-    pub nearest: Option<String>,
 }
 
 /// Why signals do not make a record.
@@ -76,31 +75,6 @@ pub enum RecordError {
         /// Last point before the one that is not later.
         index: usize,
     },
-}
-
-pub(crate) fn list(names: &[String]) -> String {
-    if names.is_empty() { "nothing".into() } else { names.join(", ") }
-}
-
-pub(crate) fn nearest_hint(nearest: Option<&str>) -> String {
-    nearest.map(|n| format!(" (did you mean '{n}'?)")).unwrap_or_default()
-}
-
-/// The most similar name, when it is similar enough to be a slip of the pen.
-pub(crate) fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {
-    let lower = wanted.to_lowercase();
-    let similarity = |name: &str| {
-        let name = name.to_lowercase();
-        // A path such as /imu.roll ends in the name that was meant.
-        let end = name.rsplit(['.', '/']).next().unwrap_or("");
-        strsim::jaro_winkler(&lower, &name).max(strsim::jaro_winkler(&lower, end))
-    };
-    names
-        .into_iter()
-        .map(|name| (similarity(name), name))
-        .filter(|(s, _)| *s > 0.8)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, name)| name.to_string())
 }
 
 impl Record {
@@ -165,7 +139,6 @@ impl Record {
             origin: self.origin.clone(),
             wanted: name.into(),
             available: self.names(),
-            nearest: nearest(name, self.signals.iter().map(|s| s.name.as_str())),
         })
     }
 
@@ -287,8 +260,8 @@ mod tests {
             text,
             "test.csv has no signal 'rol' (did you mean 'roll'?). It has: roll, /imu.pitch. Use --map rol=NAME[unit] to say which one it is."
         );
-        assert_eq!(record().signal("pitch").unwrap_err().nearest.as_deref(), Some("/imu.pitch"));
-        assert_eq!(record().signal("u_thrust").unwrap_err().nearest, None);
+        assert!(record().signal("pitch").unwrap_err().to_string().contains("mean '/imu.pitch'?"));
+        assert!(!record().signal("u_thrust").unwrap_err().to_string().contains("did you mean"));
     }
 
     #[test]

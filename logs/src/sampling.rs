@@ -5,15 +5,21 @@ use std::ops::Range;
 use serde::Serialize;
 
 use crate::record::{MissingSignal, Record};
+use crate::stats::median;
 
-/// An interval longer than this many median intervals is a gap.
+/// An interval longer than this many median intervals has a sample missing: it is nearer to two than to one.
 const GAP: f64 = 1.5;
+
+/// Longest pause across which a signal is taken to go on, in median intervals: two samples may be missing and the clock
+/// jitter by half an interval. Two samples lost in a row are common on a radio or a busy bus; a longer pause hides
+/// motion, and is cut.
+pub const LONGEST_BRIDGED: f64 = 3.5;
 
 /// Intervals that deviate from the median by more than this share make sampling uneven.
 const UNEVEN: f64 = 0.01;
 
 /// How a time axis is sampled.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Sampling {
     /// Number of points.
     pub points: usize,
@@ -47,19 +53,10 @@ pub struct Gap {
 impl Sampling {
     /// Looks at an increasing time axis.
     pub fn of(time: &[f64]) -> Self {
-        let intervals: Vec<f64> = time.windows(2).map(|t| t[1] - t[0]).collect();
-        let Some(median) = median(&intervals) else {
-            let none = None;
-            return Self {
-                points: time.len(),
-                period: none,
-                shortest: none,
-                longest: none,
-                jitter: none,
-                uneven: false,
-                gaps: Vec::new(),
-            };
+        let Some(median) = median_interval(time) else {
+            return Self { points: time.len(), ..Self::default() };
         };
+        let intervals: Vec<f64> = time.windows(2).map(|t| t[1] - t[0]).collect();
         let regular: Vec<f64> = intervals.iter().copied().filter(|dt| *dt <= GAP * median).collect();
         let variance =
             regular.iter().map(|dt| (dt - median).powi(2)).sum::<f64>() / regular.len().max(1) as f64;
@@ -91,23 +88,42 @@ impl Sampling {
     }
 }
 
-/// Median; of an even number the upper of the two in the middle.
-fn median(values: &[f64]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    let middle = sorted.len() / 2;
-    (!sorted.is_empty()).then(|| *sorted.select_nth_unstable_by(middle, f64::total_cmp).1)
+/// Median interval of a time axis, in its unit; `None` for fewer than two points.
+pub fn median_interval(time: &[f64]) -> Option<f64> {
+    let intervals: Vec<f64> = time.windows(2).map(|t| t[1] - t[0]).collect();
+    (!intervals.is_empty()).then(|| median(&intervals))
 }
 
-/// Pauses of a signal that is otherwise regular: from the last time before to the first after. A signal of which fewer
-/// than nine in ten intervals are usual has events, not samples, and no pauses.
-pub fn pauses(time: &[f64], longest: f64) -> Vec<(f64, f64)> {
-    let intervals: Vec<f64> = time.windows(2).map(|t| t[1] - t[0]).collect();
-    let Some(median) = median(&intervals) else { return Vec::new() };
-    let usual = intervals.iter().filter(|dt| **dt <= GAP * median).count();
-    if 10 * usual < 9 * intervals.len() {
+/// The period of a clock whose stamps are even but for rounding; `None` when there are gaps or jitter.
+pub fn even_period(time: &[f64]) -> Option<f64> {
+    let (first, last) = (time.first()?, time.last()?);
+    let mean = (last - first) / (time.len().checked_sub(1).filter(|n| *n > 0)? as f64);
+    // A clock is given with some six digits: 0.0016384 s, not 0.00163840001.
+    let digits = 10f64.powi(7 - mean.log10().ceil() as i32);
+    let rounded = (mean * digits).round() / digits;
+    let tolerance = 0.25 * mean;
+    let even =
+        |period: f64| time.iter().enumerate().all(|(k, t)| (t - first - k as f64 * period).abs() < tolerance);
+    [rounded, mean].into_iter().find(|p| even(*p))
+}
+
+impl Record {
+    /// The period of the record's clock, in the unit of its time axis: that of an even clock, else the median interval;
+    /// `None` for fewer than two points.
+    pub fn period(&self) -> Option<f64> {
+        even_period(&self.time).or_else(|| median_interval(&self.time))
+    }
+}
+
+/// Pauses of a signal that is otherwise regular, longer than [`LONGEST_BRIDGED`]: from the last time before to the first
+/// after. A signal of which fewer than nine in ten intervals are usual has events, not samples, and no pauses.
+pub fn pauses(time: &[f64]) -> Vec<(f64, f64)> {
+    let Some(median) = median_interval(time) else { return Vec::new() };
+    let intervals = || time.windows(2).map(|t| t[1] - t[0]);
+    if 10 * intervals().filter(|dt| *dt <= GAP * median).count() < 9 * intervals().count() {
         return Vec::new();
     }
-    time.windows(2).filter(|t| t[1] - t[0] > longest * median).map(|t| (t[0], t[1])).collect()
+    time.windows(2).filter(|t| t[1] - t[0] > LONGEST_BRIDGED * median).map(|t| (t[0], t[1])).collect()
 }
 
 /// The parts of a record in which all of `signals` have values and time has no gap, as ranges of its points.
@@ -162,9 +178,20 @@ mod tests {
     fn a_regular_signal_pauses_and_events_do_not() {
         let mut time: Vec<f64> = (0..100).map(|k| f64::from(k) * 0.01).collect();
         time.extend((0..100).map(|k| 3.0 + f64::from(k) * 0.01));
-        assert_eq!(pauses(&time, 3.5), [(0.99, 3.0)]);
+        assert_eq!(pauses(&time), [(0.99, 3.0)]);
         let events: Vec<f64> = (0..40).map(|k| f64::from(k * k) * 0.1).collect();
-        assert!(pauses(&events, 3.5).is_empty() && pauses(&[1.0], 3.5).is_empty());
+        assert!(pauses(&events).is_empty() && pauses(&[1.0]).is_empty());
+    }
+
+    #[test]
+    fn a_clock_that_was_rounded_is_even_and_one_with_a_gap_is_not() {
+        let rounded: Vec<f64> = (0..2000).map(|k| (f64::from(k) * 0.001_638_4 * 1e4).round() / 1e4).collect();
+        assert!((even_period(&rounded).unwrap() - 0.001_638_4).abs() < 1e-7);
+        let mut gap = rounded.clone();
+        gap[1000..].iter_mut().for_each(|t| *t += 0.1);
+        assert_eq!(even_period(&gap), None);
+        assert!((Record::new("x", rounded).unwrap().period().unwrap() - 0.001_638_4).abs() < 1e-7);
+        assert!((Record::new("x", gap).unwrap().period().unwrap() - 0.001_6).abs() < 1e-9);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The messages of an MCAP log in file order, over all its segments.
+//! The messages of an MCAP log in file order, over all its files.
 //!
 //! A recorder that was restarted goes on in another file: `log.mcap`, `log.2.mcap`, `log.3.mcap` are one log.
 
@@ -8,66 +8,9 @@ use std::sync::Arc;
 
 use whirlstand_msgs::Message;
 
-use crate::segment::{AttachedFile, Damage, Ending, Segment, Step, Topic};
+use crate::log_file::{AttachedFile, Damage, Ending, LogFile, Step, Topic};
+use crate::read_error::ReadError;
 use crate::writer::CDR_HEADER;
-
-/// Why an MCAP log cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// A file cannot be opened or read.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
-    /// The file is not MCAP.
-    #[error("{path} is not an MCAP file: it does not begin with the MCAP magic")]
-    NotMcap {
-        /// The file.
-        path: PathBuf,
-    },
-    /// Messages of another version of the program, or of another program.
-    #[error(
-        "{topic} holds {found}, expected {expected} of message version {}; a log of another version is read with the program that wrote it",
-        whirlstand_msgs::VERSION
-    )]
-    Schema {
-        /// The topic.
-        topic: String,
-        /// Type in the log, and what is different about it.
-        found: String,
-        /// Type in this program.
-        expected: &'static str,
-    },
-    /// A message is not as long as its type.
-    #[error("{topic}: a message of {found} bytes cannot be {expected}, which has {length} bytes")]
-    Length {
-        /// The topic.
-        topic: String,
-        /// Its length, bytes.
-        found: usize,
-        /// Type in this program.
-        expected: &'static str,
-        /// Length of the type, bytes.
-        length: usize,
-    },
-    /// The log says something about its bench that cannot be understood.
-    #[error("{path}: the bench's description is damaged: {reason}")]
-    BenchInfo {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        reason: String,
-    },
-    /// There is nothing to read.
-    #[error("{path} is a folder without a log.mcap in it")]
-    NoLog {
-        /// The folder.
-        path: PathBuf,
-    },
-}
 
 /// A message as it stands in the log.
 #[derive(Debug, Clone, Copy)]
@@ -123,10 +66,10 @@ pub(crate) fn check_schema<M: Message>(topic: &Topic) -> Result<(), ReadError> {
 /// Reads a log from its first file's start to its last file's end.
 pub struct LogStream {
     waiting: VecDeque<PathBuf>,
-    current: Segment,
+    current: LogFile,
     current_path: PathBuf,
-    /// The message handed out last; its bytes are in the current segment.
-    entry: Option<crate::segment::Entry>,
+    /// The message handed out last; its bytes are in the current file.
+    entry: Option<crate::log_file::Entry>,
     metadata: Vec<(String, BTreeMap<String, String>)>,
     attached: Vec<AttachedFile>,
     damage: Vec<Damage>,
@@ -134,12 +77,12 @@ pub struct LogStream {
     ended: bool,
 }
 
-/// The files of the log that begins at `path`: the file itself and its later segments. A folder stands for the
+/// The files of the log that begins at `path`: the file itself and its later ones. A folder stands for the
 /// `log.mcap` in it.
 ///
 /// # Errors
 /// [`ReadError::NoLog`] for a folder without one.
-pub fn segments(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, ReadError> {
+pub fn log_files(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, ReadError> {
     let path = path.as_ref();
     let first = if path.is_dir() { path.join("log.mcap") } else { path.to_path_buf() };
     if path.is_dir() && !first.is_file() {
@@ -161,17 +104,17 @@ pub fn segments(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, ReadError> {
 }
 
 impl LogStream {
-    /// Opens a log, and its later segments if there are any.
+    /// Opens a log, and its later files if there are any.
     ///
     /// # Errors
     /// [`ReadError::Io`], [`ReadError::NotMcap`] and [`ReadError::NoLog`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, ReadError> {
-        let mut waiting = VecDeque::from(segments(path)?);
-        // `segments` always names the first file.
+        let mut waiting = VecDeque::from(log_files(path)?);
+        // `log_files` always names the first file.
         let current_path = waiting.pop_front().unwrap_or_default();
         Ok(Self {
             waiting,
-            current: Segment::open(&current_path)?,
+            current: LogFile::open(&current_path)?,
             current_path,
             entry: None,
             metadata: Vec::new(),
@@ -182,11 +125,11 @@ impl LogStream {
         })
     }
 
-    /// The next message, or `None` at the end of the last segment. Damaged records and cut-off ends are passed
+    /// The next message, or `None` at the end of the last file. Damaged records and cut-off ends are passed
     /// over and told by [`Self::damage`] and [`Self::endings`].
     ///
     /// # Errors
-    /// [`ReadError::Io`], and [`ReadError::NotMcap`] for a later segment.
+    /// [`ReadError::Io`], and [`ReadError::NotMcap`] for a later file.
     #[expect(clippy::should_implement_trait, reason = "the message borrows from the stream")]
     pub fn next(&mut self) -> Result<Option<RawMessage<'_>>, ReadError> {
         while !self.ended {
@@ -215,7 +158,7 @@ impl LogStream {
                 self.damage.append(&mut self.current.damage);
                 match self.waiting.pop_front() {
                     Some(path) => {
-                        self.current = Segment::open(&path)?;
+                        self.current = LogFile::open(&path)?;
                         self.current_path = path;
                     }
                     None => {
@@ -238,12 +181,12 @@ impl LogStream {
         &self.attached
     }
 
-    /// What could not be read in the segments that have been finished.
+    /// What could not be read in the files that have been finished.
     pub fn damage(&self) -> &[Damage] {
         &self.damage
     }
 
-    /// The segments that have been finished, and how each ended.
+    /// The files that have been finished, and how each ended.
     pub fn endings(&self) -> &[(PathBuf, Ending)] {
         &self.endings
     }

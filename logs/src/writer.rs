@@ -29,9 +29,10 @@ use std::time::{Duration, Instant};
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions};
-use whirlstand_msgs::{Health, Message, Progress};
+use whirlstand_msgs::Message;
 
 use crate::bench_info::{BenchInfo, METADATA_NAME};
+use crate::wall_clock::carries_wall_clock;
 
 /// CDR, plain, in this machine's byte order (OMG DDS-RTPS 2.5, section 10.2.1.2): 0 is big-endian, 1 little-endian.
 pub(crate) const CDR_HEADER: [u8; 4] = [0, cfg!(target_endian = "little") as u8, 0, 0];
@@ -163,14 +164,14 @@ impl LogWriter {
 
     /// Adds a message; it reaches the file with its chunk.
     ///
-    /// Its log time is its bench time. [`Health`] and [`Progress`] carry wall-clock time: they stand at the
+    /// Its log time is its bench time. Health and progress carry wall-clock time: they stand at the
     /// latest bench time in the log, so that the log has one time axis; their own stamp is the publish time.
     ///
     /// # Errors
     /// [`WriteError::Write`].
     pub fn write<M: Message>(&mut self, channel: &Channel<M>, message: &M) -> Result<(), WriteError> {
         let head = message.head();
-        let log_time = if M::TOPIC == Health::TOPIC || M::TOPIC == Progress::TOPIC {
+        let log_time = if carries_wall_clock(M::TOPIC) {
             self.bench_ns
         } else {
             self.bench_ns = self.bench_ns.max(head.stamp_ns);

@@ -241,6 +241,32 @@ fn a_length_that_leads_outside_its_message_is_damage() {
     fs::write(&path, bytes).unwrap();
     let error = info(&path).unwrap_err().to_string();
     assert!(error.contains("lengths.ulg") && error.contains("leads outside it"), "{error}");
+    // A subscription that ends before its name.
+    let mut bytes = ulog();
+    bytes.extend([1, 0, b'A', 0]);
+    fs::write(&path, bytes).unwrap();
+    let error = info(&path).unwrap_err().to_string();
+    assert!(error.contains("lengths.ulg") && error.contains("leads outside it"), "{error}");
+}
+
+#[test]
+fn data_appended_after_a_crash_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("crash.ulg");
+    let whole = ulog();
+    // The first section is cut inside a message; the flags say where the appended one, with the last sample, begins.
+    const CUT: usize = 4000;
+    const LAST_SAMPLE: usize = 3 + 2 + 8 + 4 * 4 + 1;
+    const FLAGS: usize = 16 + 3;
+    let cut = folder.path().join("cut.ulg");
+    fs::write(&cut, &whole[..CUT]).unwrap();
+    let mut bytes = [&whole[..CUT], &whole[whole.len() - LAST_SAMPLE..]].concat();
+    bytes[FLAGS + 8] = 1;
+    bytes[FLAGS + 16..][..8].copy_from_slice(&(CUT as u64).to_le_bytes());
+    fs::write(&path, bytes).unwrap();
+    let count = |path: &Path| info(path).unwrap().topics.iter().map(|t| t.messages).sum::<u64>();
+    assert_eq!(count(&path), count(&cut) + 1);
+    assert_eq!(info(&path).unwrap().remarks, Vec::<String>::new());
 }
 
 proptest! {

@@ -3,11 +3,12 @@
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Command as Process, Stdio};
+use std::process::{Command as Process, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 use whirlstand_logs::{BenchInfo, Ending, Log, LogWriter, SignalInfo};
 use whirlstand_msgs::{Head, Health, Imu, MAX_STATES, Message, Truth};
+use whirlstand_test_harness::{Outcome, Test, python, run};
 
 /// Where the process that will be killed writes.
 const LOG_OF_THE_CHILD: &str = "WHIRLSTAND_TEST_LOG_OF_THE_CHILD";
@@ -38,11 +39,9 @@ fn messages(step: u64) -> (Imu, Truth, Health) {
     (imu, Truth { head, x, ..Truth::zeroed() }, health)
 }
 
-/// Not a test of its own: the process that the next test kills.
-#[test]
-fn child_that_writes_until_it_is_killed() {
-    let Some(path) = std::env::var_os(LOG_OF_THE_CHILD) else { return };
-    let mut log = start(Path::new(&path));
+/// The process that is killed.
+fn write_until_killed(path: &Path) {
+    let mut log = start(path);
     let channel = log.channel::<Imu>().unwrap();
     let begin = Instant::now();
     let mut out = std::io::stdout().lock();
@@ -58,13 +57,10 @@ fn child_that_writes_until_it_is_killed() {
     }
 }
 
-#[test]
-fn a_killed_recorder_loses_less_than_a_second() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("log.mcap");
+/// Lets a process write a log and kills it. Returns the step that it must not have lost.
+fn kill_a_recorder(path: &Path) -> u64 {
     let mut child = Process::new(std::env::current_exe().unwrap())
-        .args(["--exact", "child_that_writes_until_it_is_killed", "--nocapture"])
-        .env(LOG_OF_THE_CHILD, &path)
+        .env(LOG_OF_THE_CHILD, path)
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
@@ -89,7 +85,13 @@ fn a_killed_recorder_loses_less_than_a_second() {
     // What was in the pipe when the child died is read too; the last line but one is surely whole.
     let (_, last) = told[told.len() - 2];
     let (due, _) = *told.iter().rev().find(|(_, t)| *t + Duration::from_secs(1) <= last).unwrap();
+    due
+}
 
+fn a_killed_recorder_loses_less_than_a_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log.mcap");
+    let due = kill_a_recorder(&path);
     let log = Log::open(&path).unwrap();
     assert_eq!(log.launch_text(), Some("name = \"killed\""));
     let read: Vec<Imu> = log.messages().unwrap().map(Result::unwrap).collect();
@@ -98,17 +100,23 @@ fn a_killed_recorder_loses_less_than_a_second() {
     let mut stream = log.stream().unwrap();
     while stream.next().unwrap().is_some() {}
     assert_eq!(stream.endings()[0].1, Ending::Truncated);
-
-    if let Some(found) = check_with_python(&path, &["--truncated"]) {
-        let imu = &found["topics"]["/imu"];
-        assert_eq!(imu["count"].as_u64().unwrap(), read.len() as u64);
-        assert_eq!(found["metadata"]["seed"], "3");
-        assert_eq!(found["attached"]["launch.toml"], 15);
-    }
 }
 
-#[test]
-fn the_public_packages_read_a_finished_log() {
+fn the_public_packages_read_a_killed_recorders_log() -> Outcome {
+    let python = python()?;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log.mcap");
+    kill_a_recorder(&path);
+    let read = Log::open(&path).unwrap().messages::<Imu>().unwrap().count();
+    let found = check_with_python(&python, &path, &["--truncated"]);
+    assert_eq!(found["topics"]["/imu"]["count"].as_u64().unwrap(), read as u64);
+    assert_eq!(found["metadata"]["seed"], "3");
+    assert_eq!(found["attached"]["launch.toml"], 15);
+    Ok(())
+}
+
+fn the_public_packages_read_a_finished_log() -> Outcome {
+    let python = python()?;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("log.mcap");
     let mut log = start(&path);
@@ -126,7 +134,7 @@ fn the_public_packages_read_a_finished_log() {
         }
     }
     log.finish().unwrap();
-    let Some(found) = check_with_python(&path, &[]) else { return };
+    let found = check_with_python(&python, &path, &[]);
     let topics = &found["topics"];
     assert_eq!(topics["/imu"]["count"], 5000);
     assert_eq!(topics["/imu"]["last_step"], 4999);
@@ -134,18 +142,31 @@ fn the_public_packages_read_a_finished_log() {
     assert_eq!(topics["/truth"]["sum"], 1250.0);
     assert_eq!(topics["/health"]["count"], 50);
     assert_eq!(found["attached"]["vehicle.toml"], 18);
+    Ok(())
 }
 
-/// What `reference/check_mcap.py` found; `None` without a Python that has the packages.
-fn check_with_python(path: &Path, options: &[&str]) -> Option<serde_json::Value> {
-    let Some(python) = std::env::var_os("WHIRLSTAND_PYTHON") else {
-        println!("skipped: no WHIRLSTAND_PYTHON");
-        return None;
-    };
+/// What `reference/check_mcap.py` found.
+fn check_with_python(python: &Path, path: &Path, options: &[&str]) -> serde_json::Value {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("reference/check_mcap.py");
     assert!(fs::metadata(path).is_ok());
     let output = Process::new(python).arg(script).arg(path).args(options).output().unwrap();
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{errors}");
-    Some(serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{e}: {errors}")))
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{e}: {errors}"))
+}
+
+/// This program is also the process that its tests kill.
+fn main() -> ExitCode {
+    if let Some(path) = std::env::var_os(LOG_OF_THE_CHILD) {
+        write_until_killed(Path::new(&path));
+        return ExitCode::FAILURE;
+    }
+    run(vec![
+        Test::new("a_killed_recorder_loses_less_than_a_second", a_killed_recorder_loses_less_than_a_second),
+        Test::new(
+            "the_public_packages_read_a_killed_recorders_log",
+            the_public_packages_read_a_killed_recorders_log,
+        ),
+        Test::new("the_public_packages_read_a_finished_log", the_public_packages_read_a_finished_log),
+    ])
 }

@@ -166,7 +166,7 @@ fn without_truth_the_input_is_the_command_of_the_step_before() {
 }
 
 #[test]
-fn segments_of_a_restarted_recorder_are_one_log() {
+fn files_of_a_restarted_recorder_are_one_log() {
     let folder = tempfile::tempdir().unwrap();
     // The first recorder was killed: no footer.
     std::mem::forget(write(&folder.path().join("log.mcap"), 0, 100, 100));

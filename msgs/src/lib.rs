@@ -1,4 +1,5 @@
-//! What travels on a Whirlstand bench: message types, units and wire layout. No logic, no I/O.
+//! What travels on a Whirlstand bench: message types, units and wire layout, and what mistyped names were meant to be.
+//! No logic, no I/O.
 //!
 //! Every message is `repr(C)`, of fixed size and without padding (checked at compile time by
 //! [`bytemuck::Pod`]), begins with a [`Head`], and is in SI units. Shared memory carries the type itself;
@@ -16,16 +17,17 @@
 //! ```
 
 mod define;
+mod head;
 mod health;
+pub mod names;
 mod types;
 pub mod units;
 mod wire;
 
 pub use define::{Field, Message};
+pub use head::Head;
 pub use health::{Health, LATENCY_BUCKETS, NodeState, latency_bucket, latency_bucket_upper_ns};
-pub use types::{
-    Command, Disturbance, Estimate, Head, Imu, Odometry, Progress, Setpoint, Truth, flags, valid,
-};
+pub use types::{Command, Disturbance, Estimate, Imu, Odometry, Progress, Setpoint, Truth, flags, valid};
 pub use wire::{DecodeError, SCHEMA_HASH_BYTES, decode, encode};
 
 /// Largest number of states a vehicle can have on the bus (a vehicle file alone has no limit).

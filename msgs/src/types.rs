@@ -1,22 +1,7 @@
 //! The messages of the control loop.
 
-use bytemuck::{Pod, Zeroable};
-use serde::{Deserialize, Serialize};
-
 use crate::define::message;
 use crate::{MAX_INPUTS, MAX_STATES};
-
-/// What every message begins with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Pod, Zeroable)]
-#[repr(C)]
-pub struct Head {
-    /// Counts the messages of one publisher since it started, from 0; a gap is a lost message.
-    pub seq: u64,
-    /// Step k of the loop that the message belongs to.
-    pub step: u64,
-    /// Bench time of that step, t_k = k times the period, ns; wall-clock time for [`crate::Health`].
-    pub stamp_ns: u64,
-}
 
 /// Bits of `valid` in [`Imu`], [`Odometry`] and [`Estimate`]: which values are fresh at this step.
 pub mod valid {

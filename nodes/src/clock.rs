@@ -12,12 +12,12 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Always exact.
+    /// A clock that is read on every call.
     pub fn exact() -> Self {
         Self::sampled(1)
     }
 
-    /// Looks at the clock on every `every`th call; the other calls repeat the last time.
+    /// A clock that is read on every `every`th call; other calls repeat the last time.
     pub fn sampled(every: u32) -> Self {
         Self { every: every.max(1), left: every.max(1), last: Instant::now() }
     }
@@ -27,12 +27,12 @@ impl Clock {
         self.every == 1
     }
 
-    /// The time of the last look.
+    /// The time of the last reading.
     pub fn last(&self) -> Instant {
         self.last
     }
 
-    /// The time.
+    /// The present time; for a sampled clock the last reading.
     #[inline]
     pub fn now(&mut self) -> Instant {
         self.left -= 1;
@@ -44,12 +44,12 @@ impl Clock {
     }
 }
 
-/// What a node's turn did.
+/// Result of a node's turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Turn {
-    /// Nothing to do until a message comes or time passes.
+    /// There is nothing to do until a message comes or time passes.
     Idle,
-    /// Something.
+    /// The node did some work.
     Worked,
     /// The node has reached its end.
     Ended,

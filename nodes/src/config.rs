@@ -1,4 +1,4 @@
-//! What a node is told when it starts: one [`NodeConfig`] for all nodes of a bench, as JSON.
+//! Configuration of the nodes: one [`NodeConfig`] for all nodes of a bench, as JSON.
 //!
 //! The launcher makes it from a launch file and hands every child the same text; a node by hand on another
 //! host reads it from a file. All numbers are SI. Unknown keys are refused.
@@ -29,7 +29,7 @@ pub struct NodeConfig {
     /// Effects of the launch file, appended to the vehicle's own; only the plant knows them.
     #[serde(default)]
     pub effects: Vec<Effect>,
-    /// Who sets the pace.
+    /// What sets the pace of the loop.
     pub mode: Mode,
     /// Period of the loop, ns of bench time.
     pub period_ns: u64,
@@ -83,7 +83,7 @@ pub struct VehicleSource {
     pub text: String,
 }
 
-/// Who sets the pace of the loop.
+/// What sets the pace of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {

@@ -57,9 +57,9 @@ pub enum NodeError {
         missing.iter().map(|r| r.name()).collect::<Vec<_>>().join(" and ")
     )]
     PeersAbsent {
-        /// Who is missing.
+        /// Roles that were not heard.
         missing: Vec<Role>,
-        /// How long it waited, s.
+        /// How long the plant waited, s.
         waited_s: f64,
     },
     /// Nobody answered the first measurement.
@@ -68,7 +68,7 @@ pub enum NodeError {
          estimate to command is broken"
     )]
     NoAnswer {
-        /// How long it waited, s.
+        /// How long the plant waited, s.
         waited_s: f64,
         /// Commands that came but were refused.
         rejected: u64,
@@ -79,7 +79,7 @@ pub enum NodeError {
          it is powered, whether the link, its baud rate and its direction are right, and whether it sends its attitude"
     )]
     NoVehicle {
-        /// How long it was waited for, s.
+        /// How long the bridge waited, s.
         waited_s: f64,
         /// Bytes that came.
         bytes: u64,
@@ -92,9 +92,9 @@ pub enum NodeError {
          host, port or baud rate are right, and whether nothing else has the port"
     )]
     NoAutopilot {
-        /// Its name.
+        /// Name of the autopilot.
         name: &'static str,
-        /// How long it was waited for, s.
+        /// How long the bridge waited, s.
         waited_s: f64,
         /// Bytes or packets that are not of its protocol.
         malformed: u64,
@@ -105,7 +105,7 @@ pub enum NodeError {
     /// The launcher cannot be told, or signals cannot be caught.
     #[error("cannot {action}: {source}")]
     System {
-        /// What was tried.
+        /// What the node tried to do.
         action: &'static str,
         /// The system's answer.
         source: std::io::Error,

@@ -1,4 +1,4 @@
-//! Which command is in force: the one rule that the plant obeys and the estimator follows.
+//! Decides which command is in force. The plant obeys this rule, and the estimator follows it.
 //!
 //! Over `[t_j, t_j+1)` command j-1 is in force. When it is not there in time, the last one is held; after a
 //! number of consecutive misses (one, when the caller says so) the inputs go to neutral, until the first
@@ -7,19 +7,19 @@
 
 use whirlstand_msgs::{Command, MAX_INPUTS, flags};
 
-/// Limits of the inputs, by index.
+/// Limits of the inputs, in the vehicle's order, SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InputLimits {
     /// Number of inputs in use.
     pub count: usize,
-    /// Least value.
+    /// Least value of every input.
     pub lower: [f64; MAX_INPUTS],
-    /// Greatest value.
+    /// Greatest value of every input.
     pub upper: [f64; MAX_INPUTS],
 }
 
 impl InputLimits {
-    /// What the inputs do without a command: zero, or the limit nearest to it.
+    /// Inputs without a command: zero, or the limit nearest to zero.
     pub fn neutral(&self) -> [f64; MAX_INPUTS] {
         let mut u = [0.0; MAX_INPUTS];
         self.limit(&mut u);
@@ -44,11 +44,11 @@ impl InputLimits {
 pub enum Fault {
     /// A value is NaN or infinite; refused.
     NotFinite,
-    /// It has another number of inputs than the vehicle; refused.
+    /// The command has another number of inputs than the vehicle; refused.
     WrongCount,
-    /// It belongs to a step before the awaited one; refused.
+    /// The command belongs to a step before the awaited one; refused.
     Stale,
-    /// It belongs to a step that the plant has not reached; refused.
+    /// The command belongs to a step that the plant has not reached; refused.
     Early,
     /// The step has its command already; refused.
     Repeated,
@@ -56,10 +56,10 @@ pub enum Fault {
     OutOfRange,
 }
 
-/// What goes to the inputs over one period.
+/// Inputs in force over one period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Applied {
-    /// Inputs in the vehicle's order; unused ones are zero.
+    /// Inputs in the vehicle's order, SI; unused ones are zero.
     pub u: [f64; MAX_INPUTS],
     /// [`flags::HELD`], [`flags::FAILSAFE`], [`flags::SATURATED`].
     pub flags: u32,
@@ -97,13 +97,13 @@ impl Gate {
     /// The [`Fault`]; all but [`Fault::OutOfRange`] leave the gate as it was.
     #[inline]
     pub fn offer(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
-        let result = self.judge(command, awaited);
+        let result = self.check(command, awaited);
         self.rejected += u64::from(result.is_err());
         result
     }
 
     #[inline]
-    fn judge(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
+    fn check(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
         let count = self.limits.count;
         match command.head.step.cmp(&awaited) {
             std::cmp::Ordering::Less => return Err(Fault::Stale),
@@ -161,7 +161,7 @@ impl Gate {
         self.last
     }
 
-    /// What is in force now.
+    /// The inputs that are in force now.
     #[inline]
     pub fn applied(&self) -> Applied {
         self.last
@@ -172,12 +172,12 @@ impl Gate {
         self.last.flags & flags::FAILSAFE != 0
     }
 
-    /// Steps without a usable command in time.
+    /// Number of steps without a usable command in time.
     pub fn misses(&self) -> u64 {
         self.misses
     }
 
-    /// Commands with a [`Fault`].
+    /// Number of commands with a [`Fault`].
     pub fn rejected(&self) -> u64 {
         self.rejected
     }

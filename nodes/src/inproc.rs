@@ -10,20 +10,20 @@ use crate::config::{Mode, NodeConfig, Role};
 use crate::controller::Controller;
 use crate::error::NodeError;
 use crate::estimator::Estimator;
+use crate::follower::Follower;
 use crate::os::{StopFlag, sleep_until};
 use crate::plant::Plant;
-use crate::process::Follower;
 use crate::recorder::Recorder;
 use crate::setup::Setup;
 
 /// Rounds between two looks at what is not the loop. Well below the recorder's window, so that the plant never
 /// has to wait for it.
-const ROUNDS_PER_LOOK: u32 = 128;
+const ROUNDS_PER_POLL: u32 = 128;
 
-/// What a bench in one thread leaves behind.
+/// Result of a bench in one thread.
 #[derive(Debug, Clone)]
 pub struct Ended {
-    /// Steps done.
+    /// Number of steps done.
     pub steps: u64,
     /// Wall-clock time of the loop, without opening and closing.
     pub wall: Duration,
@@ -76,9 +76,9 @@ impl Bench {
         let controller = self.controller.turn(&mut self.clock)?;
         self.rounds += 1;
         let idle = [plant, estimator, controller].iter().all(|t| *t == Turn::Idle);
-        if idle || self.rounds >= ROUNDS_PER_LOOK {
+        if idle || self.rounds >= ROUNDS_PER_POLL {
             self.rounds = 0;
-            self.look_around()?;
+            self.poll_others()?;
             if let Some(deadline) = self.plant.deadline().filter(|_| idle && self.realtime) {
                 sleep_until(deadline, || true);
                 self.plant.tick(&mut self.clock)?;
@@ -118,7 +118,7 @@ impl Bench {
         Ok(Ended { steps: self.plant.steps_done(), wall, reports })
     }
 
-    fn look_around(&mut self) -> Result<(), NodeError> {
+    fn poll_others(&mut self) -> Result<(), NodeError> {
         let now = Instant::now();
         self.estimator.housekeeping(now)?;
         self.controller.housekeeping(now)?;

@@ -1,4 +1,4 @@
-//! Who is on the bench: publishes this node's `Health` and hears that of the others.
+//! The nodes of a bench: publishes this node's `Health` and receives that of the others.
 //!
 //! The handshake before step 0 rests on one rule: a node opens its `Health` subscription last. Having heard
 //! the health of X therefore means that X knows all subscriptions of this node, so that nothing X publishes
@@ -19,22 +19,22 @@ pub const HEALTH_PERIOD: Duration = Duration::from_millis(100);
 /// Queue for health: four nodes speak ten times a second, and more often while the bench starts.
 const HEALTH_DEPTH: usize = 64;
 
-/// What was last heard of a peer.
+/// The newest health message of a peer.
 #[derive(Debug, Clone, Copy)]
-pub struct Heard {
-    /// State that it reported.
+pub struct PeerHealth {
+    /// State that the peer reported.
     pub state: Option<NodeState>,
-    /// Last step that it did.
+    /// Last step that the peer did.
     pub step: u64,
     pid: u32,
 }
 
-/// Publishes and hears `Health`.
+/// Publishes and receives `Health`.
 pub struct Peers {
     role: Role,
     publisher: Publisher<Health>,
     subscriber: Subscriber<Health>,
-    heard: [Option<Heard>; Role::ALL.len()],
+    heard: [Option<PeerHealth>; Role::ALL.len()],
     listens_to: Vec<Role>,
     due: Instant,
     /// What the next report says; the owner keeps its counters up to date before each report.
@@ -42,7 +42,7 @@ pub struct Peers {
 }
 
 impl Peers {
-    /// Joins the talk of `health`. Open every other port before.
+    /// Joins the topic `health`. Open every other port before.
     ///
     /// # Errors
     /// The ports cannot be opened.
@@ -72,7 +72,7 @@ impl Peers {
         now >= self.due
     }
 
-    /// Hears what waits, and reports when a report is due or somebody new has come.
+    /// Receives the reports that wait, and publishes one when it is due or a new peer has come.
     ///
     /// # Errors
     /// The transport fails.
@@ -99,7 +99,7 @@ impl Peers {
         }
     }
 
-    /// Takes note of a report.
+    /// Takes a report of a peer in.
     pub fn hear(&mut self, health: &Health) {
         let Some(role) = Role::ALL.into_iter().find(|r| r.name() == health.node_name()) else { return };
         if role == self.role {
@@ -110,8 +110,11 @@ impl Peers {
             // Somebody new waits to hear this node.
             self.due = Instant::now();
         }
-        *heard =
-            Some(Heard { state: NodeState::from_u32(health.state), step: health.head.step, pid: health.pid });
+        *heard = Some(PeerHealth {
+            state: NodeState::from_u32(health.state),
+            step: health.head.step,
+            pid: health.pid,
+        });
     }
 
     /// Goes from `Starting` to `Running` once everybody listened to was heard. The plant decides for itself.
@@ -121,7 +124,7 @@ impl Peers {
         }
     }
 
-    /// Whether somebody listened to was not heard yet.
+    /// Whether a peer that this node listens to was not heard yet.
     pub fn is_starting(&self) -> bool {
         self.report.state == NodeState::Starting as u32
     }
@@ -152,8 +155,8 @@ impl Peers {
         Ok(self.publisher.send(&self.report)?)
     }
 
-    /// What was last heard of a peer.
-    pub fn heard(&self, role: Role) -> Option<Heard> {
+    /// The newest health message of a peer.
+    pub fn heard(&self, role: Role) -> Option<PeerHealth> {
         self.heard[role as usize]
     }
 
@@ -162,7 +165,7 @@ impl Peers {
         self.listens_to.iter().copied().filter(|&r| {
             !matches!(
                 self.heard(r),
-                Some(Heard { state: Some(NodeState::Running | NodeState::Failsafe), .. })
+                Some(PeerHealth { state: Some(NodeState::Running | NodeState::Failsafe), .. })
             )
         })
     }

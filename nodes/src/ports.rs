@@ -1,4 +1,4 @@
-//! Receiving without dying of a bad message.
+//! Receiving messages, with damaged ones skipped.
 
 use whirlstand_bus::{RecvError, Subscriber};
 use whirlstand_msgs::Message;

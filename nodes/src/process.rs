@@ -13,9 +13,11 @@ use crate::config::{Mode, NodeConfig, Role};
 use crate::controller::Controller;
 use crate::error::NodeError;
 use crate::estimator::Estimator;
-use crate::os::{MonotonicTime, StopFlag, apply_realtime, notify_ready, sleep_until};
+use crate::follower::Follower;
+use crate::os::{MonotonicTime, StopFlag, sleep_until};
 use crate::plant::Plant;
-use crate::recorder::{LOOK_PERIOD, LOOK_PERIOD_REALTIME, Recorder};
+use crate::ready::get_ready;
+use crate::recorder::{POLL_PERIOD, POLL_PERIOD_REALTIME, Recorder};
 use crate::setup::Setup;
 
 /// Runs a node until its end: the plant until the last step, the others until `SIGTERM`.
@@ -65,57 +67,12 @@ pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Resul
             let node = Recorder::open(&bus, config, &setup)?;
             get_ready(role, config, &bus, &[])?;
             let pause = match config.mode {
-                Mode::Lockstep => LOOK_PERIOD,
-                Mode::Realtime => LOOK_PERIOD_REALTIME,
+                Mode::Lockstep => POLL_PERIOD,
+                Mode::Realtime => POLL_PERIOD_REALTIME,
             };
             run_recorder(node, pause, stop)
         }
     }
-}
-
-/// A node that answers messages: the estimator and the controller.
-pub trait Follower {
-    /// Answers the next message, if one waits.
-    ///
-    /// # Errors
-    /// The transport fails.
-    fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError>;
-
-    /// Hears the others, and reports when a report is due.
-    ///
-    /// # Errors
-    /// The transport fails.
-    fn housekeeping(&mut self, now: Instant) -> Result<(), NodeError>;
-
-    /// Whether it still waits to hear its peers.
-    fn is_starting(&self) -> bool;
-
-    /// Whether a report is due.
-    fn is_due(&self, now: Instant) -> bool;
-
-    /// When to take a turn even if no message comes.
-    fn wake_at(&self) -> Instant;
-
-    /// Says good-bye; returns the last report.
-    ///
-    /// # Errors
-    /// The transport fails.
-    fn stop(&mut self) -> Result<Health, NodeError>;
-}
-
-/// After the ports are open, because threads of the transport must not run at the node's priority. `more` are
-/// locators beside those of `bus`.
-pub(crate) fn get_ready(
-    role: Role,
-    config: &NodeConfig,
-    bus: &Bus,
-    more: &[String],
-) -> Result<(), NodeError> {
-    if let Some(options) = config.realtime.get(&role) {
-        apply_realtime(options)?;
-    }
-    notify_ready(&[bus.locators(), more].concat())
-        .map_err(|source| NodeError::System { action: "tell NOTIFY_SOCKET", source })
 }
 
 pub(crate) fn run_plant(bus: &Bus, plant: &mut Plant, stop: &StopFlag) -> Result<Health, NodeError> {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use whirlstand_bus::{BusConfig, WaitStrategy};
-use whirlstand_control::Plant;
+use whirlstand_control::SampledPlant;
 use whirlstand_vehicle::Vehicle;
 
 use crate::config::{Mode, NodeConfig, Role, SignalChange};
@@ -42,7 +42,7 @@ impl Setup {
     ///
     /// # Errors
     /// [`NodeError::Design`] for a vehicle that cannot be controlled at this period.
-    pub fn control_plant(&self, config: &NodeConfig) -> Result<Plant, NodeError> {
+    pub fn control_plant(&self, config: &NodeConfig) -> Result<SampledPlant, NodeError> {
         Self::plant_of(&self.vehicle, Self::period_s(config))
     }
 
@@ -50,7 +50,7 @@ impl Setup {
     ///
     /// # Errors
     /// [`NodeError::Design`] for a vehicle that cannot be controlled at this period.
-    pub fn plant_of(v: &Vehicle, period_s: f64) -> Result<Plant, NodeError> {
+    pub fn plant_of(v: &Vehicle, period_s: f64) -> Result<SampledPlant, NodeError> {
         let limits = v
             .inputs
             .iter()
@@ -58,7 +58,7 @@ impl Setup {
             .collect();
         let states = v.states.iter().map(|s| s.name.clone()).collect();
         let inputs = v.inputs.iter().map(|i| i.name.clone()).collect();
-        Plant::new(v.a.clone(), v.b.clone(), period_s)
+        SampledPlant::new(v.a.clone(), v.b.clone(), period_s)
             .and_then(|p| p.with_limits(limits))
             .and_then(|p| p.with_names(states, inputs))
             .map_err(|e| NodeError::Design {

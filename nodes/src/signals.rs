@@ -16,7 +16,7 @@ const GROUP: usize = 3;
 /// The validity bit of each group, within its message.
 const GROUP_BITS: [u32; FIELDS.len() / GROUP] = [valid::FIRST, valid::SECOND, valid::FIRST, valid::SECOND];
 
-/// Where each output of a vehicle travels.
+/// The message field in which each output of a vehicle travels.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OutputMap {
     /// Field of output i, an index into [`FIELDS`].
@@ -25,7 +25,7 @@ pub struct OutputMap {
 }
 
 impl OutputMap {
-    /// Most outputs that a vehicle on the bus can have.
+    /// Greatest number of outputs that a vehicle on the bus can have.
     pub const MAX_OUTPUTS: usize = FIELDS.len();
 
     /// The map for a vehicle.
@@ -61,12 +61,12 @@ impl OutputMap {
         Ok(Self { fields, odometry })
     }
 
-    /// Whether anything travels in `Odometry`.
+    /// Whether any output travels in `Odometry`.
     pub fn has_odometry(&self) -> bool {
         self.odometry
     }
 
-    /// Puts measured outputs into the two messages; heads are the caller's.
+    /// Puts measured outputs, SI, into the two messages. The caller fills in the heads.
     pub fn fill(&self, y: &[f64], fresh: &[bool], imu: &mut Imu, odometry: &mut Odometry) {
         let mut values = [0.0; FIELDS.len()];
         let mut bits = [0; GROUP_BITS.len()];

@@ -10,19 +10,19 @@ use whirlstand_nodes::clock::{Clock, Turn};
 use whirlstand_nodes::config::{EstimatorKind, LawKind, Mode, NodeConfig};
 use whirlstand_nodes::controller::Controller;
 use whirlstand_nodes::estimator::Estimator;
+use whirlstand_nodes::follower::Follower;
 use whirlstand_nodes::inproc::Bench;
 use whirlstand_nodes::os::StopFlag;
 use whirlstand_nodes::plant::Plant;
-use whirlstand_nodes::process::Follower;
 use whirlstand_nodes::setup::Setup;
 
 /// Everything that a run published on one topic, as bytes.
-struct Tape<M: Message> {
+struct RecordedTopic<M: Message> {
     subscriber: Subscriber<M>,
     bytes: Vec<u8>,
 }
 
-impl<M: Message> Tape<M> {
+impl<M: Message> RecordedTopic<M> {
     fn new(bus: &Bus) -> Self {
         Self { subscriber: bus.subscriber(512).unwrap(), bytes: Vec::new() }
     }
@@ -45,11 +45,11 @@ impl<M: Message> Tape<M> {
 
 fn record(config: &NodeConfig) -> Vec<Vec<u8>> {
     let bus = Bus::open(&BusConfig::new(&config.bench, "tape", config.transport)).unwrap();
-    let mut imu = Tape::<Imu>::new(&bus);
-    let mut estimate = Tape::<Estimate>::new(&bus);
-    let mut command = Tape::<Command>::new(&bus);
-    let mut setpoint = Tape::<Setpoint>::new(&bus);
-    let mut truth = Tape::<Truth>::new(&bus);
+    let mut imu = RecordedTopic::<Imu>::new(&bus);
+    let mut estimate = RecordedTopic::<Estimate>::new(&bus);
+    let mut command = RecordedTopic::<Command>::new(&bus);
+    let mut setpoint = RecordedTopic::<Setpoint>::new(&bus);
+    let mut truth = RecordedTopic::<Truth>::new(&bus);
     let mut config = config.clone();
     if config.transport == Transport::Zenoh {
         config.zenoh.connect = bus.locators().to_vec();
@@ -214,7 +214,7 @@ fn each_node_can_leave_and_come_back() {
 #[test]
 fn a_stop_ends_in_order() {
     let config = common::config("stop", u64::MAX);
-    let bus = Bus::open(&BusConfig::new(&config.bench, "witness", Transport::Inproc)).unwrap();
+    let bus = Bus::open(&BusConfig::new(&config.bench, "observer", Transport::Inproc)).unwrap();
     let mut truths = bus.subscriber::<Truth>(16).unwrap();
     let stop = StopFlag::default();
     let flag = stop.clone();

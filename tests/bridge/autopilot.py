@@ -3,7 +3,7 @@
 
 As a node of a bench (`--bench` or the environment of the launcher, over Zenoh) the bench's own plant is the vehicle:
 its `Imu` goes out as ATTITUDE, and the override that comes back is the `Command`. Without a bench the attitude is a
-slow wave, and `--events` injures the stream when the override is as an event awaits it. At its end it writes what it saw to `--report`, and it is strict: what
+slow wave, and `--events` damages the stream when the override is as an event awaits it. At its end it writes what it saw to `--report`, and it is strict: what
 the protocol does not allow is listed under `faults`.
 """
 
@@ -307,6 +307,10 @@ def main():
             fly_bench(autopilot, lambda: bool(asked))
         else:
             fly_alone(autopilot, lambda: bool(asked))
+        # What arrived before the signal is part of what was seen and heard.
+        autopilot.listen()
+        if autopilot.hand:
+            autopilot.hand.listen()
     finally:
         autopilot.report()
     return 0

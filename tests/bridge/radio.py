@@ -164,6 +164,8 @@ def main():
         while not ended:
             hand.listen()
             radio.turn({}, hand.step(PERIOD)[0])
+        # The last words may have come with the signal.
+        hand.listen()
         notes["said"] = hand.said
     else:
         notes["phases"] = [radio.phase(awaited, sticks) for awaited, sticks in json.loads(script)]

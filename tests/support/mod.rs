@@ -8,7 +8,7 @@ pub mod relay;
 
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -184,26 +184,4 @@ pub fn said(report: &Path) -> Vec<String> {
     let report = json(report);
     let lines = report["said"].as_array().unwrap_or_else(|| panic!("nothing heard: {report}"));
     lines.iter().filter_map(|l| l.as_str().map(String::from)).collect()
-}
-
-/// The Python that has the packages of the requirements files; `None`, with a word on why, where there is none.
-pub fn python() -> Option<PathBuf> {
-    match std::env::var_os("WHIRLSTAND_PYTHON") {
-        Some(path) if !path.is_empty() => Some(PathBuf::from(path)),
-        _ => {
-            eprintln!("skipped: no WHIRLSTAND_PYTHON");
-            None
-        }
-    }
-}
-
-/// The folder of measured data; `None`, with a word on why, where there is none.
-pub fn data() -> Option<PathBuf> {
-    match std::env::var_os("WHIRLSTAND_DATA") {
-        Some(path) if !path.is_empty() => Some(PathBuf::from(path)),
-        _ => {
-            eprintln!("skipped: no WHIRLSTAND_DATA");
-            None
-        }
-    }
 }

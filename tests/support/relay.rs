@@ -16,7 +16,7 @@ pub fn udp(server: SocketAddr, delay: Duration, loss: f64) -> SocketAddr {
     let client = Arc::new(Mutex::new(None));
 
     let (known, to_server) = (client.clone(), late(back.clone(), delay));
-    let (inbound, mut dice) = (front.clone(), Dice(1));
+    let (inbound, mut dice) = (front.clone(), PseudoRandom(1));
     thread::spawn(move || {
         let mut buffer = vec![0; 65_536];
         while let Ok((n, from)) = inbound.recv_from(&mut buffer) {
@@ -29,7 +29,7 @@ pub fn udp(server: SocketAddr, delay: Duration, loss: f64) -> SocketAddr {
         }
     });
     let to_client = late(front, delay);
-    let mut dice = Dice(2);
+    let mut dice = PseudoRandom(2);
     thread::spawn(move || {
         let mut buffer = vec![0; 65_536];
         while let Ok((n, _)) = back.recv_from(&mut buffer) {
@@ -64,9 +64,9 @@ fn late(socket: Arc<UdpSocket>, delay: Duration) -> Sender<Datagram> {
 }
 
 /// Numerical Recipes' 32-bit linear congruential generator: enough to lose one datagram in a hundred.
-struct Dice(u32);
+struct PseudoRandom(u32);
 
-impl Dice {
+impl PseudoRandom {
     fn keeps(&mut self, loss: f64) -> bool {
         self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         f64::from(self.0) / f64::from(u32::MAX) >= loss

@@ -1,6 +1,8 @@
 //! The vehicles that are part of the program.
 
-use crate::error::{VehicleError, list, nearest};
+use whirlstand_msgs::names::did_you_mean;
+
+use crate::error::{VehicleError, list};
 use crate::model::Vehicle;
 
 const FILES: &[(&str, &str)] = &[
@@ -39,7 +41,7 @@ impl Vehicle {
     pub fn builtin(name: &str) -> Result<Self, VehicleError> {
         let text = text(name).ok_or_else(|| VehicleError::Unknown {
             name: name.into(),
-            nearest: nearest(name, builtin_names().chain(template_names())),
+            nearest: did_you_mean(name, builtin_names().chain(template_names())),
             known: list(builtin_names().chain(template_names())),
         })?;
         Ok(Self::parse(text, name)?)

@@ -103,19 +103,6 @@ pub enum SimulatorError {
     Effect(#[from] EffectError),
 }
 
-/// `; did you mean 'x'?`, or nothing when no candidate is near.
-pub(crate) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> String {
-    let best = candidates
-        .map(|c| (strsim::damerau_levenshtein(&name.to_lowercase(), &c.to_lowercase()), c))
-        .min_by_key(|(distance, _)| *distance);
-    match best {
-        Some((distance, candidate)) if distance <= 1 + name.chars().count().max(candidate.len()) / 3 => {
-            format!(" (did you mean '{candidate}'?)")
-        }
-        _ => String::new(),
-    }
-}
-
 /// `a, b, c`.
 pub(crate) fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
     names.collect::<Vec<_>>().join(", ")

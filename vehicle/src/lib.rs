@@ -20,17 +20,24 @@ mod builtin;
 mod discretise;
 mod effects;
 mod error;
+mod extend;
 mod file;
+mod find;
 mod free;
+mod free_values;
+mod kinematics;
 mod model;
 mod random;
 mod simulator;
 
 pub use builtin::{builtin_names, template_names};
-pub use discretise::{DiscretiseError, discretise, matrix_exponential};
-pub use effects::{Effect, FieldValue, Kind, Matrix, Need, Parameter, Place, PlaceKind, SPECS, Scale, Spec};
+pub use discretise::{DiscretiseError, discretise, finite_horizon_gramian, matrix_exponential};
+pub use effects::{
+    Effect, FieldValue, Kind, Matrix, Parameter, Place, PlaceKind, Requirement, SPECS, Scale, Spec,
+};
 pub use error::{EffectError, FileError, SimulatorError, VehicleError};
 pub use free::{Free, Provenance, Target};
+pub use kinematics::kinematic_row;
 pub use model::{Engine, Input, Output, SignalUnit, State, Vehicle, Vibration};
 pub use random::Stream;
 pub use simulator::Simulator;

@@ -1,14 +1,13 @@
 //! The vehicle: signals, matrices and effects, in SI.
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use nalgebra::DMatrix;
 use whirlstand_msgs::units::{Dimension, Unit, UnitError};
 
-use crate::effects::{Effect, Place};
-use crate::error::{EffectError, VehicleError};
+use crate::effects::Effect;
 
 /// A unit with the text it was declared by.
 #[derive(Debug, Clone, PartialEq)]
@@ -183,6 +182,8 @@ pub struct Vehicle {
     pub free: Vec<crate::free::Free>,
     /// Outputs that identification fits, with their weights; all with weight 1 when empty.
     pub fit: Vec<(String, f64)>,
+    /// What logs call the signals, where that is not the vehicle's own name: signal and `NAME` or `NAME[unit]` of the log.
+    pub map: Vec<(String, String)>,
     /// Where a fitted vehicle comes from.
     pub provenance: crate::free::Provenance,
     /// The file's text as it was read; empty for a vehicle that was not read.
@@ -192,38 +193,6 @@ pub struct Vehicle {
 }
 
 impl Vehicle {
-    /// Reads a vehicle file.
-    ///
-    /// # Errors
-    /// When the file cannot be read or is not a valid vehicle file; the message names line, field and reason.
-    pub fn load(path: impl AsRef<Path>) -> Result<Self, VehicleError> {
-        let path = path.as_ref();
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| VehicleError::Read { file: path.into(), source })?;
-        Ok(Self::parse(&text, &path.display().to_string())?)
-    }
-
-    /// A vehicle by built-in name, or by path (anything that ends in `.toml` or contains a path separator).
-    ///
-    /// # Errors
-    /// As [`Vehicle::load`]; [`VehicleError::Unknown`] for a name that is not built in and no file.
-    pub fn find(name_or_path: &str) -> Result<Self, VehicleError> {
-        Self::find_from(name_or_path, None)
-    }
-
-    /// As [`Vehicle::find`], with relative paths taken from `folder`.
-    ///
-    /// # Errors
-    /// As [`Vehicle::find`].
-    pub fn find_from(name_or_path: &str, folder: Option<&Path>) -> Result<Self, VehicleError> {
-        let path = folder.unwrap_or(Path::new("")).join(name_or_path);
-        let is_path = name_or_path.ends_with(".toml") || name_or_path.contains(std::path::MAIN_SEPARATOR);
-        if is_path || path.is_file() && crate::builtin::text(name_or_path).is_none() {
-            return Self::load(path);
-        }
-        Self::builtin(name_or_path)
-    }
-
     /// Index of the state of that name.
     pub fn state_index(&self, name: &str) -> Option<usize> {
         self.states.iter().position(|s| s.name == name)
@@ -237,64 +206,5 @@ impl Vehicle {
     /// Index of the output of that name.
     pub fn output_index(&self, name: &str) -> Option<usize> {
         self.outputs.iter().position(|s| s.name == name)
-    }
-
-    /// Adds an effect.
-    ///
-    /// # Errors
-    /// When its place does not exist here, its units do not fit, or the vehicle of a mode transition cannot be
-    /// found or has other states or inputs.
-    pub fn add_effect(&mut self, effect: Effect) -> Result<(), EffectError> {
-        self.check_effect(&effect)?;
-        self.effects.push(effect.confirmed());
-        Ok(())
-    }
-
-    pub(crate) fn check_effect(&self, effect: &Effect) -> Result<Place, EffectError> {
-        let place = effect.resolve(self)?;
-        if effect.kind() == crate::effects::Kind::ModeTransition {
-            self.successor(effect)?;
-        }
-        Ok(place)
-    }
-
-    /// A and B of the vehicle that a mode transition leads to, in the order of this vehicle's states and inputs.
-    ///
-    /// # Errors
-    /// When the vehicle cannot be found, or lacks one of the states or inputs, or has more.
-    pub(crate) fn successor(&self, effect: &Effect) -> Result<(DMatrix<f64>, DMatrix<f64>), EffectError> {
-        let fail = |reason: String| EffectError {
-            effect: effect.kind().name().into(),
-            place: effect.place().into(),
-            field: Some("to".into()),
-            reason,
-        };
-        let to = effect.text().unwrap_or_default();
-        let next = Self::find_from(to, self.folder.as_deref()).map_err(|e| fail(format!("is wrong: {e}")))?;
-        let order = |what: &str, own: Vec<&str>, other: Vec<&str>| {
-            if own.len() != other.len() {
-                let list = |names: &[&str]| crate::error::list(names.iter().copied());
-                let (own, other) = (list(&own), list(&other));
-                return Err(fail(format!("'{to}' has other {what}s: it has {other}, but {own} are needed")));
-            }
-            own.iter()
-                .map(|name| {
-                    other
-                        .iter()
-                        .position(|n| n == name)
-                        .ok_or_else(|| fail(format!("'{to}' has no {what} '{name}', which this vehicle has")))
-                })
-                .collect::<Result<Vec<_>, _>>()
-        };
-        let names = |v: &'_ Self| v.states.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
-        let input_names = |v: &'_ Self| v.inputs.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
-        fn refs(names: &[String]) -> Vec<&str> {
-            names.iter().map(String::as_str).collect()
-        }
-        let states = order("state", refs(&names(self)), refs(&names(&next)))?;
-        let inputs = order("input", refs(&input_names(self)), refs(&input_names(&next)))?;
-        let a = DMatrix::from_fn(states.len(), states.len(), |i, j| next.a[(states[i], states[j])]);
-        let b = DMatrix::from_fn(states.len(), inputs.len(), |i, j| next.b[(states[i], inputs[j])]);
-        Ok((a, b))
     }
 }

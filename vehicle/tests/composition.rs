@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use whirlstand_vehicle::{
-    Effect, FieldValue, Kind, Need, PlaceKind, SPECS, Scale, Simulator, Spec, Vehicle, builtin_names,
+    Effect, FieldValue, Kind, PlaceKind, Requirement, SPECS, Scale, Simulator, Spec, Vehicle, builtin_names,
 };
 
 /// A place of the right kind in `vehicle`, chosen by a number.
@@ -41,7 +41,7 @@ fn value(name: &str, scale: Scale, lower: f64, upper: f64, x: f64) -> f64 {
 fn effect(vehicle: &Vehicle, spec: &Spec, pick: usize, x: &[f64]) -> Effect {
     let mut fields: Vec<(&str, FieldValue)> = Vec::new();
     for (p, x) in spec.parameters.iter().zip(x) {
-        if p.need != Need::OneOf || fields.is_empty() {
+        if p.requirement != Requirement::OneOf || fields.is_empty() {
             fields.push((p.name, FieldValue::Number(value(p.name, p.scale, p.lower, p.upper, *x))));
         }
     }

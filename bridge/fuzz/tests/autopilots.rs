@@ -4,6 +4,7 @@
 
 use std::time::Duration;
 
+use whirlstand_bridge::attitude_receiver::{AttitudeReceiver, TelemetryProtocol};
 use whirlstand_bridge::autopilot::ardupilot::{Ardupilot, ArdupilotOptions};
 use whirlstand_bridge::autopilot::betaflight::{Betaflight, BetaflightOptions, MOTORS, Packets, RAW};
 use whirlstand_bridge::autopilot::px4::{Px4, Px4Options};
@@ -13,7 +14,6 @@ use whirlstand_bridge::mavlink::dialect::{
 };
 use whirlstand_bridge::mavlink::{Encoder, MavMessage};
 use whirlstand_bridge::sensors::{Errors, Motion, SensorModel, SensorOptions};
-use whirlstand_bridge::witness::{Language, Witness};
 use whirlstand_bridge_fuzz::{mavlink_frame, msp_frame, pieces};
 
 const PERIOD_NS: u64 = 4_000_000;
@@ -114,21 +114,24 @@ fn betaflight() {
 
 /// What an autopilot tells of its attitude, in both languages: a number within a turn, or nothing.
 #[test]
-fn witness() {
+fn attitude_receiver() {
     bolero::check!().for_each(|input: &[u8]| {
-        let language =
-            if input.first().is_some_and(|b| b & 1 == 0) { Language::Mavlink } else { Language::Msp };
-        let mut witness = Witness::new(language);
+        let protocol = if input.first().is_some_and(|b| b & 1 == 0) {
+            TelemetryProtocol::Mavlink
+        } else {
+            TelemetryProtocol::Msp
+        };
+        let mut receiver = AttitudeReceiver::new(protocol);
         let now = Duration::from_secs(1);
         for piece in pieces(input) {
-            let wire = match language {
-                Language::Mavlink => piece.wire(mavlink_frame),
-                Language::Msp => piece.wire(msp_frame),
+            let wire = match protocol {
+                TelemetryProtocol::Mavlink => piece.wire(mavlink_frame),
+                TelemetryProtocol::Msp => piece.wire(msp_frame),
             };
-            witness.receive(&wire, now);
-            witness.ask(now, &mut Vec::new());
+            receiver.receive(&wire, now);
+            receiver.ask(now, &mut Vec::new());
         }
-        let attitude = witness.attitude(Duration::ZERO, now);
+        let attitude = receiver.attitude(Duration::ZERO, now);
         assert!(attitude.is_none_or(|a| a.iter().all(|angle| angle.abs() <= 3.15)), "{attitude:?}");
     });
 }

@@ -1,4 +1,4 @@
-//! Who is in charge of the outputs: nobody, the pilot, or the controller; and why not.
+//! Arming: decides whether nobody, the pilot or the controller drives the outputs, and gives the reason.
 //!
 //! - Outputs are neutral until an explicit arm, and arming needs every condition of [`Conditions`].
 //! - The pilot's switch decides between manual and automatic, and always wins.
@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// What arms.
+/// Event that arms the outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ArmBy {
@@ -21,46 +21,46 @@ pub enum ArmBy {
     Start,
 }
 
-/// What the user asked for.
+/// Options of arming from the launch file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Policy {
-    /// What arms.
+    /// Event that arms the outputs.
     pub arm: ArmBy,
-    /// Oldest data that is flown on.
+    /// Greatest age of measurements that may be flown on.
     pub stale: Duration,
     /// With [`ArmBy::Start`]: arms again after the conditions held for so long.
     pub recover_after: Option<Duration>,
 }
 
-/// How things stand.
+/// Conditions for arming, as they are now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Conditions {
     /// The arm switch or the autopilot's report; unused with [`ArmBy::Start`].
     pub arm: bool,
-    /// The vehicle is heard.
+    /// Whether messages come from the vehicle.
     pub link: bool,
     /// Age of the attitude; `None` before the first.
     pub data_age: Option<Duration>,
-    /// The vehicle's own failsafe is not active.
+    /// Whether the vehicle's own failsafe is inactive.
     pub vehicle_well: bool,
-    /// Commands come in time.
+    /// Whether commands come in time.
     pub commands: bool,
-    /// The last command was finite.
+    /// Whether the last command was finite.
     pub finite: bool,
-    /// The estimate follows the measurements.
+    /// Whether the estimate follows the measurements.
     pub estimate: bool,
-    /// The pilot; `None` without one.
+    /// State of the pilot's stick; `None` without a pilot.
     pub pilot: Option<PilotView>,
 }
 
-/// What the pilot does.
+/// State of the pilot's stick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PilotView {
-    /// The stick is heard, and its receiver is not in failsafe.
+    /// Whether the stick is received and its receiver is not in failsafe.
     pub present: bool,
-    /// Roll and pitch stand in the middle.
+    /// Whether roll and pitch stand in the middle.
     pub neutral: bool,
-    /// The switch stands at automatic.
+    /// Whether the mode switch stands at automatic.
     pub automatic: bool,
 }
 
@@ -99,20 +99,20 @@ pub enum Reason {
     Restarted,
 }
 
-/// Who is in charge.
+/// Which source drives the outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Nobody: neutral.
+    /// Nobody drives the outputs, which are neutral.
     Disarmed,
-    /// The pilot.
+    /// The pilot drives the outputs.
     Manual,
-    /// The controller.
+    /// The controller drives the outputs.
     Automatic,
-    /// Nobody: something broke. Neutral, or handed over to the vehicle's own pilot.
+    /// A condition failed in flight: the outputs are neutral, or handed over to the vehicle's own pilot.
     Failed(Reason),
 }
 
-/// Decides who is in charge.
+/// State machine that decides which source drives the outputs.
 #[derive(Debug, Clone)]
 pub struct Arming {
     policy: Policy,
@@ -125,24 +125,24 @@ pub struct Arming {
 }
 
 impl Arming {
-    /// Nobody in charge.
+    /// A state machine that is disarmed.
     pub fn new(policy: Policy) -> Self {
         // An autopilot may be in the air when the bench starts; a switch must be moved.
         let seen_off = policy.arm != ArmBy::Switch;
         Self { policy, mode: Mode::Disarmed, seen_off, refused: None, good_since: None }
     }
 
-    /// Who is in charge.
+    /// The present mode.
     pub fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// What stands in the way of arming now, of those that were looked at last.
+    /// The first condition of the last update that prevents arming; `None` when nothing does.
     pub fn refused(&self) -> Option<Reason> {
         self.refused
     }
 
-    /// Looks at the conditions; returns the new mode when it changed.
+    /// Evaluates the conditions; returns the new mode when it changed.
     pub fn update(&mut self, c: &Conditions, now: Duration) -> Option<Mode> {
         let asked = c.arm || self.policy.arm == ArmBy::Start;
         let broken = self.broken(c);
@@ -161,7 +161,7 @@ impl Arming {
         changed.then_some(next)
     }
 
-    /// The vehicle began anew: what was armed is not.
+    /// Disarms because the vehicle restarted; returns the new mode when it changed.
     pub fn restarted(&mut self) -> Option<Mode> {
         if self.mode == Mode::Disarmed {
             return None;
@@ -171,7 +171,7 @@ impl Arming {
         Some(self.mode)
     }
 
-    /// Nobody is in charge any more; returns the new mode when it changed.
+    /// Disarms at the end of the run; returns the new mode when it changed.
     pub fn end(&mut self) -> Option<Mode> {
         let changed = self.mode != Mode::Disarmed;
         self.mode = self.put_down();

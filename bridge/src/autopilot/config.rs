@@ -1,10 +1,10 @@
-//! What a launch file can say of an autopilot that flies the bench.
+//! Launch-file options of an autopilot that flies the bench.
 
-use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Vehicle;
 
 use super::ardupilot::{self, Ardupilot, ArdupilotOptions};
 use super::betaflight::{self, Betaflight, BetaflightOptions};
+use super::flight::FlightOptions;
 use super::px4::{self, Px4, Px4Options};
 use super::{Autopilot, Rc, RcOptions};
 use crate::config::{BridgeConfig, BridgeKind, ConfigError};
@@ -22,54 +22,24 @@ pub enum AutopilotKind {
     BetaflightSitl,
 }
 
-/// When the run begins.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Begin {
-    /// When the autopilot's motors turn. Until then it sees the vehicle stand still where it starts.
-    #[default]
-    Armed,
-    /// With the autopilot's first outputs.
-    Linked,
-}
-
-/// How an autopilot flies the bench.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct FlightOptions {
-    /// When the run begins.
-    pub begin: Begin,
-    /// Oldest outputs that are obeyed, s of wall-clock time; older ones are a lost link.
-    pub stale_s: f64,
-    /// How long an autopilot that waits for its sensors may take to answer them, s of wall-clock time; after that the
-    /// outputs before are held.
-    pub answer_timeout_s: f64,
-}
-
-impl Default for FlightOptions {
-    fn default() -> Self {
-        Self { begin: Begin::Armed, stale_s: 0.25, answer_timeout_s: 0.1 }
-    }
-}
-
 /// Slowest loop that Betaflight's clock follows, Hz: it takes steps of 20 ms and more for a pause.
 const BETAFLIGHT_SLOWEST_HZ: f64 = 60.0;
 
-/// What flies one vehicle.
+/// The parts that connect an autopilot to one vehicle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
-    /// Where its motion is.
+    /// Indices of the vehicle's motion among its states.
     pub states: StateMap,
-    /// From outputs to its inputs.
+    /// Mixer from the outputs of the autopilot to the inputs of the vehicle.
     pub mixer: Mixer,
     /// The pilot's channels.
     pub rc: Rc,
 }
 
-/// Everything about an autopilot in a bench.
+/// All options of an autopilot in a bench.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AutopilotConfig {
-    /// Which one.
+    /// Which autopilot.
     pub kind: AutopilotKind,
     /// `[bridge.flight]`.
     pub flight: FlightOptions,
@@ -88,7 +58,7 @@ pub struct AutopilotConfig {
 }
 
 impl AutopilotConfig {
-    /// What a bridge says of its autopilot; `None` for a bridge that takes the plant's place.
+    /// The autopilot of a bridge; `None` for a bridge that takes the plant's place.
     pub fn of(bridge: &BridgeConfig) -> Option<Self> {
         let kind = match bridge.kind {
             BridgeKind::Px4Hil => AutopilotKind::Px4Hil,
@@ -109,7 +79,7 @@ impl AutopilotConfig {
         })
     }
 
-    /// The conversation with this autopilot, at one step a `period_ns`.
+    /// The protocol of this autopilot, for steps of `period_ns` nanoseconds.
     pub fn autopilot(&self, period_ns: u64) -> Box<dyn Autopilot> {
         let motors = self.mixer.frame != FrameKind::Ccpm;
         let period = std::time::Duration::from_nanos(period_ns);

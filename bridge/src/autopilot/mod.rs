@@ -12,6 +12,7 @@
 pub mod ardupilot;
 pub mod betaflight;
 mod config;
+mod flight;
 pub mod px4;
 mod rc;
 
@@ -20,13 +21,14 @@ use std::time::Duration;
 use crate::mixer::MAX_OUTPUTS;
 use crate::sensors::Sensors;
 
-pub use config::{AutopilotConfig, AutopilotKind, Begin, FlightOptions, Parts};
+pub use config::{AutopilotConfig, AutopilotKind, Parts};
+pub use flight::{Begin, FlightOptions};
 pub use rc::{RC_CHANNELS, Rc, RcOptions, Stage};
 
 /// Takes what is to be sent: the port, and the bytes of one datagram or the next bytes of a stream.
 pub type Send<'s> = dyn FnMut(usize, &[u8]) + 's;
 
-/// What the autopilot wants its actuators to do.
+/// Actuator outputs of an autopilot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outputs {
     /// Each output: 0 to 1 for a motor, -1 to 1 for a servo. Outputs that the autopilot does not have are zero; one that
@@ -45,11 +47,11 @@ pub struct Outputs {
 pub enum Event {
     /// New actuator outputs.
     Outputs(Outputs),
-    /// The autopilot began anew: it knows nothing of what was before.
+    /// The autopilot restarted and has lost its state.
     Restarted,
 }
 
-/// What was exchanged. Nothing that comes in is given up without being counted.
+/// Counts of exchanged packets. Every packet that is discarded is counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Packets sent.
@@ -80,11 +82,11 @@ pub trait Autopilot {
     /// Takes in a datagram, or the next bytes of a stream, that came through `port`; may answer at once.
     fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>);
 
-    /// What the received bytes were; `None` until more come.
+    /// The next event from the received bytes; `None` until more bytes come.
     fn next(&mut self) -> Option<Event>;
 
-    /// Whether sensors that are sent now would come in a burst that it does not stand: then they are left out, which is
-    /// counted, and the next ones are of all the time since the last.
+    /// Whether sensors that are sent now would come in a burst that the autopilot does not tolerate. They are then
+    /// skipped and counted, and the next sensors cover the whole time since the last ones that were sent.
     fn hold_back(&mut self, _now: Duration) -> bool {
         false
     }
@@ -95,12 +97,12 @@ pub trait Autopilot {
     /// Whether the outputs that answer the last sensors are here.
     fn is_answered(&self) -> bool;
 
-    /// Whether it waits for its sensors, so that its answer is worth waiting for.
+    /// Whether the autopilot waits for its sensors (lockstep), so that its answer can be waited for.
     fn is_lockstep(&self) -> bool;
 
-    /// The link through `port` is gone; what comes next is a new conversation.
+    /// Resets the protocol after the link through `port` was lost.
     fn disconnected(&mut self, port: usize);
 
-    /// What was exchanged so far.
+    /// Counts of packets exchanged so far.
     fn counts(&self) -> Counts;
 }

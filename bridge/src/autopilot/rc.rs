@@ -55,7 +55,7 @@ impl Default for RcOptions {
     }
 }
 
-/// How far arming has come.
+/// Stage of the arming sequence.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Stage {
     /// Nobody wants to arm, or there is no autopilot yet.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct MavlinkConfig {
     /// Where the autopilot is, for example `serial:///dev/ttyACM0:921600` or `udpin://0.0.0.0:14550`.
     pub link: String,
-    /// What is sent.
+    /// Kind of message that carries the outputs.
     #[serde(default)]
     pub output: Output,
     /// Where `crsf` or `sbus` channels go: a serial port.
@@ -84,7 +84,7 @@ pub enum AttitudeMessage {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RatesMessage {
-    /// That of the attitude.
+    /// The message that carries the attitude.
     #[default]
     Attitude,
     /// `HIGHRES_IMU`, or `SCALED_IMU` with its numbers 2 and 3.

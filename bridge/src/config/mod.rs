@@ -1,5 +1,6 @@
 //! The `[bridge]` table of a launch file: what each bridge can be told. `docs/bridges.md` is its manual.
 
+mod error;
 mod link;
 
 use std::collections::BTreeMap;
@@ -13,6 +14,7 @@ use crate::autopilot::px4::Px4Options;
 use crate::autopilot::{FlightOptions, RcOptions};
 use crate::mixer::MixerOptions;
 use crate::sensors::SensorOptions;
+pub use error::ConfigError;
 pub use link::{
     AttitudeMessage, AttitudeTarget, CrsfConfig, MavlinkConfig, Output, Pace, RatesMessage, TargetKind,
 };
@@ -65,7 +67,7 @@ impl std::fmt::Display for BridgeKind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BridgeConfig {
-    /// Which bridge.
+    /// Kind of bridge.
     pub kind: BridgeKind,
     /// The `[bridge]` table.
     #[serde(default)]
@@ -109,7 +111,7 @@ pub struct BridgeOptions {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SafetyConfig {
-    /// What arms.
+    /// Event that arms the outputs.
     pub arm: ArmBy,
     /// What the outputs do when something breaks.
     pub on_failure: OnFailure,
@@ -143,7 +145,7 @@ impl Default for SafetyConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum OnFailure {
-    /// Neutral.
+    /// The outputs go to neutral.
     Neutral,
     /// Handed over to the vehicle's own pilot or failsafe: nothing more is sent, an override is taken back.
     Release,
@@ -306,21 +308,4 @@ fn five() -> usize {
 
 fn six() -> usize {
     6
-}
-
-/// What is wrong in a `[bridge]` table.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("bridge.{}: {message}", path.join("."))]
-pub struct ConfigError {
-    /// Keys from `bridge` on; elements of lists are numbered from 0.
-    pub path: Vec<String>,
-    /// What is wrong, what was expected, what to do.
-    pub message: String,
-}
-
-impl ConfigError {
-    /// An error at a path.
-    pub fn new(path: &[&str], message: impl Into<String>) -> Self {
-        Self { path: path.iter().map(ToString::to_string).collect(), message: message.into() }
-    }
 }

@@ -1,4 +1,4 @@
-//! The content of the frames.
+//! Contents of CRSF frames.
 
 use super::{SYNC, crc8, kind};
 
@@ -33,7 +33,7 @@ pub struct Battery {
     pub current_a: f64,
     /// Charge drawn, mAh.
     pub used_mah: u32,
-    /// What is left, percent.
+    /// Remaining charge, percent.
     pub remaining_percent: u8,
 }
 

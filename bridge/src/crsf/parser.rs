@@ -1,4 +1,4 @@
-//! Bytes to frames.
+//! Decodes CRSF frames from bytes.
 
 use super::frames::{Attitude, Battery, CHANNEL_BYTES, Channels, LinkStatistics, unpack_channels};
 use super::{HANDSET, LONGEST_FRAME, SYNC, TRANSMITTER, crc8, kind};
@@ -21,7 +21,7 @@ pub enum Event {
     Checksum,
     /// A frame too short for its type, given up.
     Malformed(u8),
-    /// So many bytes outside of frames.
+    /// Bytes outside of frames (their number).
     Noise(usize),
 }
 
@@ -53,7 +53,7 @@ impl Parser {
         Self::default()
     }
 
-    /// What came in so far.
+    /// Counts of everything received so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }

@@ -1,11 +1,11 @@
-//! What did not arrive, and why.
+//! Counts of messages and bytes that did not arrive, by reason.
 
 use super::signing::SignatureFault;
 
-/// Why bytes were given up.
+/// Why bytes were discarded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Drop {
-    /// So many bytes belong to no frame: line noise, another protocol, or a wrong baud rate.
+    /// Bytes (their number) that belong to no frame: line noise, another protocol, or a wrong baud rate.
     Noise(usize),
     /// The checksum is wrong.
     Checksum,
@@ -13,13 +13,14 @@ pub enum Drop {
     Unknown(u32),
     /// The frame has incompatibility flags that this program does not know.
     Flags(u8),
-    /// The checksum is right but the content cannot be read: an enumeration has a value that it does not have.
+    /// The checksum is right but the content cannot be read, because a value of an enumeration is unknown; number of
+    /// the message.
     Malformed(u32),
     /// The frame is not signed as it must be.
     Signature(SignatureFault),
 }
 
-/// Counts of everything that came in. Nothing is given up without being counted here.
+/// Counts of everything received. Everything that is discarded is counted here.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Bytes that came in.
@@ -45,7 +46,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Everything that was given up, in frames; noise counts as one for each run of it.
+    /// Number of discarded frames; each run of noise counts as one.
     pub fn dropped(&self) -> u64 {
         self.checksum + self.unknown + self.flags + self.malformed + self.signature
     }

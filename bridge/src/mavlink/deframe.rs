@@ -1,4 +1,4 @@
-//! Bytes to messages.
+//! Decodes MAVLink messages from bytes.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use crate::stream::Stream;
 /// Senders whose sequence numbers are followed at most.
 const SENDERS: usize = 64;
 
-/// Who sent a message.
+/// Sender of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
     /// System: the vehicle or the ground station.
@@ -76,7 +76,7 @@ impl Deframer {
         Self { signing: Some(signing), ..Self::default() }
     }
 
-    /// What came in so far.
+    /// Counts of everything received so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }

@@ -1,4 +1,4 @@
-//! Messages to bytes.
+//! Encodes MAVLink messages as bytes.
 
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ impl Encoder {
         Self { system, component, sequence: 0, signing: None }
     }
 
-    /// The same, signing every frame.
+    /// An encoder that signs every frame.
     #[must_use]
     pub fn with_signing(mut self, signing: Signing) -> Self {
         self.signing = Some(signing);

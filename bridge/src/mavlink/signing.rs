@@ -53,13 +53,13 @@ impl Key {
 /// Why a frame was refused for its signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SignatureFault {
-    /// It has none.
+    /// The frame has no signature.
     Missing,
-    /// It was made with another key, or the frame was changed.
+    /// The signature was made with another key, or the frame was changed.
     Wrong,
-    /// Its time is not after that of the frame before: it is played again.
+    /// The time of the frame is not after that of the frame before: the frame was replayed.
     Replayed,
-    /// Its stream begins more than a minute in the past.
+    /// The stream of the frame begins more than a minute in the past.
     Old,
 }
 

@@ -1,11 +1,13 @@
-//! Where actuators are, and what each of them does.
+//! Geometry of the actuators, and the effect of each on every axis.
 
 use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use super::MAX_OUTPUTS;
 use crate::config::ConfigError;
+
+/// Most actuator outputs of an autopilot.
+pub const MAX_OUTPUTS: usize = 32;
 
 /// The arrangement of the actuators.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,7 +24,7 @@ pub enum FrameKind {
     Ccpm,
 }
 
-/// What actuators can ask for.
+/// Quantities that actuators can demand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Demand {
     /// About the longitudinal axis.
@@ -36,7 +38,7 @@ pub enum Demand {
 }
 
 impl Demand {
-    /// Its name in configurations.
+    /// Name of the demand in configurations.
     pub fn name(self) -> &'static str {
         match self {
             Self::Roll => "roll",
@@ -100,7 +102,7 @@ impl Frame {
         self.motors
     }
 
-    /// What a full actuator adds to a demand.
+    /// Share of a demand that a fully deflected actuator adds.
     pub fn share(&self, demand: Demand, actuator: usize) -> f64 {
         self.shares.get(actuator).map_or(0.0, |s| s[demand as usize])
     }

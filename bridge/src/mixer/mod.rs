@@ -1,4 +1,4 @@
-//! From the outputs of an autopilot to the inputs of the vehicle.
+//! Mixer from the outputs of an autopilot to the inputs of the vehicle.
 //!
 //! An autopilot drives motors or swashplate servos; the model of the vehicle is driven by `u_roll` and `u_pitch`. The
 //! mixer undoes the autopilot's own mixer: what the actuators together ask for about each axis, as a share of the most
@@ -17,15 +17,12 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Vehicle;
 
-pub use frame::{Demand, Frame, FrameKind};
+pub use frame::{Demand, Frame, FrameKind, MAX_OUTPUTS};
 
 use crate::config::ConfigError;
 use crate::quantity;
 
-/// Most actuator outputs of an autopilot.
-pub const MAX_OUTPUTS: usize = 32;
-
-/// How outputs become inputs.
+/// Options of the mixer.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MixerOptions {
@@ -160,7 +157,7 @@ impl Mixer {
         self.outputs.iter().filter_map(|o| outputs.get(o - 1).copied())
     }
 
-    /// What the outputs ask for about an axis, as a share of the most that they can.
+    /// The demand that the outputs make about an axis, as a share of the greatest possible one.
     pub fn demand(&self, demand: Demand, outputs: &[f64]) -> f64 {
         let value = |i: usize| {
             let value = self.outputs.get(i).and_then(|o| outputs.get(o - 1)).copied().unwrap_or(0.0);

@@ -1,4 +1,4 @@
-//! Where on earth the bench stands: the origin of positions, and the magnetic field.
+//! Location of the bench on earth: the origin of positions, and the magnetic field.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};

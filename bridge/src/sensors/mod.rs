@@ -36,7 +36,7 @@ pub use air::{STANDARD_GRAVITY, density, pressure, temperature};
 pub use earth::{Field, Origin};
 pub use motion::{Axis, MissingState, Motion, StateMap};
 
-/// What the sensors are like. White noise has standard deviations; zero is a perfect sensor.
+/// Options of the simulated sensors. Noise is white and given by its standard deviation; zero is a perfect sensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorOptions {
@@ -75,7 +75,7 @@ impl Default for SensorOptions {
     }
 }
 
-/// What all sensors say at one moment.
+/// Readings of all sensors at one moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensors {
     /// Time since the first step, ns; grows by one period each step.
@@ -112,7 +112,7 @@ pub struct Sensors {
     pub velocity: Vector3<f64>,
     /// Acceleration over ground, m/s^2, NED.
     pub acceleration: Vector3<f64>,
-    /// What the satellite receiver says.
+    /// Position fix of the satellite receiver.
     pub gps: Fix,
     /// Whether `gps` is new at this step.
     pub gps_fresh: bool,
@@ -131,20 +131,20 @@ pub struct Fix {
     pub velocity: Vector3<f64>,
 }
 
-/// Differences between what the bus's sensors said and what is true, by the names of the bus.
+/// Errors (measured minus true) of the sensors of the bus, by the names of the bus.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Errors {
-    /// Of roll, pitch, yaw, rad.
+    /// Errors of roll, pitch, yaw, rad.
     pub angles: [f64; 3],
-    /// Of the rates of roll, pitch, yaw, rad/s.
+    /// Errors of the rates of roll, pitch, yaw, rad/s.
     pub rates: [f64; 3],
-    /// Of longitudinal position, lateral position, height, m.
+    /// Errors of longitudinal position, lateral position, height, m.
     pub position: [f64; 3],
-    /// Of longitudinal, lateral, vertical speed, m/s.
+    /// Errors of longitudinal, lateral, vertical speed, m/s.
     pub speed: [f64; 3],
 }
 
-/// Derives the sensors step by step.
+/// Computes the sensors step by step.
 #[derive(Debug, Clone)]
 pub struct SensorModel {
     options: SensorOptions,
@@ -190,7 +190,7 @@ impl SensorModel {
         }
     }
 
-    /// Forgets where the vehicle was: the next step is the first of a new run, and time goes on.
+    /// Forgets the motion of the vehicle: the next step is the first of a new run, while time goes on.
     pub fn rewind(&mut self) {
         self.last = None;
     }
@@ -201,7 +201,7 @@ impl SensorModel {
         self.step_after(1, motion, errors)
     }
 
-    /// The sensors so many periods after the last call, when what was between is not known.
+    /// The sensors `periods` periods after the last call, when the motion in between is not known.
     pub fn step_after(&mut self, periods: u64, motion: &Motion, errors: &Errors) -> Sensors {
         let period = self.period * periods.max(1) as f64;
         // The first step is at time zero; after a rewind time goes on.

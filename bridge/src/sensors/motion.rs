@@ -34,7 +34,7 @@ pub struct Motion {
     pub axes: [Axis; 3],
 }
 
-/// Where the motion is among the states.
+/// Indices of the motion among the states.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StateMap {
     angles: [Option<usize>; 3],

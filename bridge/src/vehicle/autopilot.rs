@@ -19,8 +19,8 @@ const TIMESYNC: Duration = Duration::from_secs(1);
 const TIMESYNC_FIRST: Duration = Duration::from_millis(100);
 /// How many come first.
 const FIRST_EXCHANGES: u32 = 16;
-/// Bytes that should have held a message.
-const BAUD_DOUBT: u64 = 600;
+/// After so many bytes without a message the baud rate is said to be wrong.
+const BAUD_WARNING_BYTES: u64 = 600;
 /// Message numbers.
 const HIGHRES_IMU: u32 = 105;
 const SCALED_IMU: u32 = 26;
@@ -45,7 +45,7 @@ pub(super) struct Autopilot {
     next_heartbeat: Duration,
     next_timesync: Duration,
     exchanges: u32,
-    doubted: bool,
+    warned: bool,
 }
 
 impl Autopilot {
@@ -92,7 +92,7 @@ impl Autopilot {
             next_heartbeat: Duration::ZERO,
             next_timesync: Duration::ZERO,
             exchanges: 0,
-            doubted: false,
+            warned: false,
         }
     }
 
@@ -143,20 +143,20 @@ impl Autopilot {
     }
 
     /// Takes in bytes; `end` says that no frame goes on behind them.
-    pub(super) fn receive(&mut self, bytes: &[u8], end: bool, now: Duration, heard: &mut Heard<'_>) {
+    pub(super) fn receive(&mut self, bytes: &[u8], end: bool, now: Duration, receivers: &mut Receivers<'_>) {
         self.deframer.push(bytes);
         while let Some(event) = self.deframer.next(now) {
             if let Event::Message(header, message) = event {
-                self.hear(header, &message, now, heard);
+                self.hear(header, &message, now, receivers);
             }
         }
         if end {
             let _ = self.deframer.end();
         }
         let counts = self.deframer.counts();
-        if !self.doubted && counts.messages == 0 && counts.bytes > BAUD_DOUBT {
-            self.doubted = true;
-            heard.notes.warn(format!(
+        if !self.warned && counts.messages == 0 && counts.bytes > BAUD_WARNING_BYTES {
+            self.warned = true;
+            receivers.notes.warn(format!(
                 "{} bytes came in on {}, and none of them is MAVLink: is the baud rate right, and is this the telemetry \
                  port?",
                 counts.bytes, self.config.link
@@ -164,9 +164,9 @@ impl Autopilot {
         }
     }
 
-    fn hear(&mut self, header: Header, message: &MavMessage, now: Duration, heard: &mut Heard<'_>) {
+    fn hear(&mut self, header: Header, message: &MavMessage, now: Duration, receivers: &mut Receivers<'_>) {
         if let MavMessage::HEARTBEAT(beat) = message {
-            self.heartbeat(header, beat, now, heard.notes);
+            self.heartbeat(header, beat, now, receivers.notes);
         }
         if self.target != Some((header.system, header.component)) {
             return;
@@ -174,47 +174,47 @@ impl Autopilot {
         match message {
             MavMessage::ATTITUDE(m) if self.config.attitude == AttitudeMessage::Euler => {
                 let stamp = Some(i64::from(m.time_boot_ms) * 1_000_000);
-                let taken = heard.take(Group::Attitude, [m.roll, m.pitch, m.yaw], stamp, now);
+                let taken = receivers.take(Group::Attitude, [m.roll, m.pitch, m.yaw], stamp, now);
                 if taken && self.config.rates == RatesMessage::Attitude {
-                    heard.take(Group::Rates, [m.rollspeed, m.pitchspeed, m.yawspeed], stamp, now);
+                    receivers.take(Group::Rates, [m.rollspeed, m.pitchspeed, m.yawspeed], stamp, now);
                 }
             }
             MavMessage::ATTITUDE_QUATERNION(m) if self.config.attitude == AttitudeMessage::Quaternion => {
                 let stamp = Some(i64::from(m.time_boot_ms) * 1_000_000);
                 let angles = euler([m.q1, m.q2, m.q3, m.q4].map(f64::from)).unwrap_or([f64::NAN; 3]);
-                let taken = heard.telemetry.take(Group::Attitude, angles, stamp, now).is_ok();
+                let taken = receivers.telemetry.take(Group::Attitude, angles, stamp, now).is_ok();
                 if taken && self.config.rates == RatesMessage::Attitude {
-                    heard.take(Group::Rates, [m.rollspeed, m.pitchspeed, m.yawspeed], stamp, now);
+                    receivers.take(Group::Rates, [m.rollspeed, m.pitchspeed, m.yawspeed], stamp, now);
                 }
             }
             MavMessage::HIGHRES_IMU(m) if self.config.rates == RatesMessage::Imu && m.id == 0 => {
                 let stamp = i64::try_from(m.time_usec).ok().and_then(|us| us.checked_mul(1000));
                 // Some autopilots stamp this message with the time of day.
                 let same = |newest: i64| stamp.is_some_and(|s| s.abs_diff(newest) < OTHER_CLOCK_NS as u64);
-                let stamp = stamp.filter(|_| heard.telemetry.newest_ns().is_some_and(same));
-                heard.take(Group::Rates, [m.xgyro, m.ygyro, m.zgyro], stamp, now);
+                let stamp = stamp.filter(|_| receivers.telemetry.newest_ns().is_some_and(same));
+                receivers.take(Group::Rates, [m.xgyro, m.ygyro, m.zgyro], stamp, now);
             }
             MavMessage::SCALED_IMU(m) => {
-                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, heard)
+                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, receivers)
             }
             MavMessage::SCALED_IMU2(m) => {
-                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, heard)
+                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, receivers)
             }
             MavMessage::SCALED_IMU3(m) => {
-                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, heard)
+                self.scaled_imu([m.xgyro, m.ygyro, m.zgyro], m.time_boot_ms, now, receivers)
             }
-            MavMessage::LOCAL_POSITION_NED(m) => self.position(m, now, heard),
+            MavMessage::LOCAL_POSITION_NED(m) => self.position(m, now, receivers),
             MavMessage::RC_CHANNELS(m) => {
                 let us = rc_channels(m);
-                if let Some(pilot) = &mut heard.pilot {
+                if let Some(pilot) = &mut receivers.pilot {
                     pilot.hear(&us, false, now);
                 }
                 self.told_rc = Some((us, now));
             }
-            MavMessage::TIMESYNC(m) => self.timesync(m, now, heard),
+            MavMessage::TIMESYNC(m) => self.timesync(m, now, receivers),
             MavMessage::COMMAND_ACK(ack) => match self.requests.hear(ack) {
                 Some(Answer::Refused(id, _)) => {
-                    self.refused(id, "refuses to send message", heard.notes);
+                    self.refused(id, "refuses to send message", receivers.notes);
                 }
                 Some(Answer::Accepted(_)) | None => {}
             },
@@ -256,16 +256,21 @@ impl Autopilot {
         );
     }
 
-    fn scaled_imu(&self, gyro: [i16; 3], boot_ms: u32, now: Duration, heard: &mut Heard<'_>) {
+    fn scaled_imu(&self, gyro: [i16; 3], boot_ms: u32, now: Duration, receivers: &mut Receivers<'_>) {
         if self.config.rates == RatesMessage::Imu {
             let stamp = Some(i64::from(boot_ms) * 1_000_000);
-            heard.take(Group::Rates, gyro.map(|mrad| f32::from(mrad) * 1e-3), stamp, now);
+            receivers.take(Group::Rates, gyro.map(|mrad| f32::from(mrad) * 1e-3), stamp, now);
         }
     }
 
     /// North, east, down becomes forward, right, up, from where and whither the vehicle stood at first.
-    fn position(&mut self, m: &dialect::LOCAL_POSITION_NED_DATA, now: Duration, heard: &mut Heard<'_>) {
-        let yaw = heard.telemetry.values(Group::Attitude).map(|[_, _, yaw]| yaw);
+    fn position(
+        &mut self,
+        m: &dialect::LOCAL_POSITION_NED_DATA,
+        now: Duration,
+        receivers: &mut Receivers<'_>,
+    ) {
+        let yaw = receivers.telemetry.values(Group::Attitude).map(|[_, _, yaw]| yaw);
         let Some(heading) = self.heading.or(yaw) else { return };
         let stamp = Some(i64::from(m.time_boot_ms) * 1_000_000);
         let (sin, cos) = heading.sin_cos();
@@ -273,24 +278,24 @@ impl Autopilot {
         let (place, speed) = ([m.x, m.y, m.z].map(f64::from), [m.vx, m.vy, m.vz].map(f64::from));
         if !place.iter().all(|v| v.is_finite()) {
             // Counted as what it is; it must not become the origin.
-            let _ = heard.telemetry.take(Group::Position, place, stamp, now);
+            let _ = receivers.telemetry.take(Group::Position, place, stamp, now);
             return;
         }
         self.heading = Some(heading);
         let origin = *self.origin.get_or_insert(place);
         let moved = [place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]];
-        let _ = heard.telemetry.take(Group::Position, turn(moved), stamp, now);
-        let _ = heard.telemetry.take(Group::Speed, turn(speed), stamp, now);
+        let _ = receivers.telemetry.take(Group::Position, turn(moved), stamp, now);
+        let _ = receivers.telemetry.take(Group::Speed, turn(speed), stamp, now);
     }
 
-    fn timesync(&mut self, m: &dialect::TIMESYNC_DATA, now: Duration, heard: &mut Heard<'_>) {
+    fn timesync(&mut self, m: &dialect::TIMESYNC_DATA, now: Duration, receivers: &mut Receivers<'_>) {
         if m.tc1 == 0 {
             let answer = dialect::TIMESYNC_DATA { tc1: ns(now), ts1: m.ts1, ..Default::default() };
-            self.encoder.encode(&MavMessage::TIMESYNC(answer), now, heard.reply);
+            self.encoder.encode(&MavMessage::TIMESYNC(answer), now, receivers.reply);
         } else if let Ok(sent) = u64::try_from(m.ts1) {
             let sent = Duration::from_nanos(sent);
             if sent <= now && now - sent < TIMESYNC {
-                heard.telemetry.clock().exchange(sent, m.tc1, now);
+                receivers.telemetry.clock().exchange(sent, m.tc1, now);
                 self.exchanges += 1;
             }
         }
@@ -337,15 +342,15 @@ impl Autopilot {
     }
 }
 
-/// Where what was heard goes.
-pub(super) struct Heard<'a> {
+/// Where the contents of a received message go.
+pub(super) struct Receivers<'a> {
     pub(super) telemetry: &'a mut Telemetry,
     pub(super) pilot: Option<&'a mut Pilot>,
     pub(super) notes: &'a mut Notes,
     pub(super) reply: &'a mut Vec<u8>,
 }
 
-impl Heard<'_> {
+impl Receivers<'_> {
     fn take(&mut self, group: Group, values: [f32; 3], stamp: Option<i64>, now: Duration) -> bool {
         self.telemetry.take(group, values.map(f64::from), stamp, now).is_ok()
     }

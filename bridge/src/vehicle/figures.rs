@@ -1,4 +1,4 @@
-//! What a bridge counted.
+//! Counts and figures of a bridge.
 
 use super::{Source, Vehicle};
 

@@ -1,16 +1,16 @@
-//! Bytes from the ports.
+//! Handles bytes from the ports.
 
 use std::time::Duration;
 
-use super::autopilot::Heard;
+use super::autopilot::Receivers;
 use super::{Group, Port, SBUS_PAUSE, Source, Vehicle};
 use crate::config::PilotSource;
 use crate::crsf;
 use crate::mavlink::{Event, MavMessage};
 use crate::sbus;
 
-/// Bytes that should have held a frame of CRSF.
-const BAUD_DOUBT: u64 = 300;
+/// After so many bytes without a frame of CRSF the baud rate is said to be wrong.
+const BAUD_WARNING_BYTES: u64 = 300;
 
 impl Vehicle {
     /// A ground station may ask and set, but not steer: what moves the vehicle passes the gate of the bridge alone.
@@ -45,10 +45,10 @@ impl Vehicle {
                 };
                 let reply = &mut self.out[Port::Link as usize];
                 let mut heard =
-                    Heard { telemetry: &mut self.telemetry, pilot, notes: &mut self.notes, reply };
+                    Receivers { telemetry: &mut self.telemetry, pilot, notes: &mut self.notes, reply };
                 autopilot.receive(bytes, end, now, &mut heard);
             }
-            Source::Crsf { parser, quality, linked_at, doubted, .. } => {
+            Source::Crsf { parser, quality, linked_at, warned, .. } => {
                 parser.push(bytes);
                 while let Some(event) = parser.next_event() {
                     match event {
@@ -68,8 +68,8 @@ impl Vehicle {
                     }
                 }
                 let counts = parser.counts();
-                if !*doubted && counts.frames == 0 && counts.bytes > BAUD_DOUBT {
-                    *doubted = true;
+                if !*warned && counts.frames == 0 && counts.bytes > BAUD_WARNING_BYTES {
+                    *warned = true;
                     self.notes.warn(format!(
                         "{} bytes came in, and none of them is CRSF: is the baud rate right (416666 or 420000)?",
                         counts.bytes

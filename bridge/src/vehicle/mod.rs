@@ -42,27 +42,27 @@ const KEEP_ALIVE: Duration = Duration::from_millis(50);
 /// A pause that no frame of SBUS has.
 const SBUS_PAUSE: Duration = Duration::from_millis(3);
 
-/// Where bytes come from and go to.
+/// Ports of the bridge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Port {
-    /// The vehicle.
+    /// The link to the vehicle.
     Link = 0,
-    /// The channels, where they have a line of their own.
+    /// The output for channels, where it is separate from the link.
     Output = 1,
     /// The pilot's receiver.
     Pilot = 2,
-    /// The ground station that listens.
+    /// The link to a ground station that listens.
     Ground = 3,
 }
 
-/// What the bench says of itself.
+/// Properties of the bench that the bridge needs.
 #[derive(Debug, Clone)]
 pub struct Bench {
     /// The inputs, in the vehicle's order.
     pub inputs: Vec<Input>,
     /// Rate of the loop, Hz.
     pub rate_hz: f64,
-    /// The vehicle file has positions or speeds.
+    /// Whether the vehicle file has positions or speeds.
     pub wants_odometry: bool,
     /// The secret of a signed link, and the Unix time at the origin of `now`.
     pub signing: Option<Signing>,
@@ -75,7 +75,7 @@ enum Source {
         quality: Option<u8>,
         linked_at: Option<Duration>,
         timeout: Duration,
-        doubted: bool,
+        warned: bool,
     },
 }
 
@@ -109,8 +109,18 @@ pub struct Vehicle {
     notes: Notes,
 }
 
+/// The time between two outputs at a greatest rate, Hz; zero without one.
+fn least_interval(kind: BridgeKind, rate_hz: Option<f64>) -> Result<Duration, ConfigError> {
+    let Some(rate_hz) = rate_hz else { return Ok(Duration::ZERO) };
+    if rate_hz > 0.0 && rate_hz.is_finite() {
+        return Ok(Duration::from_secs_f64(1.0 / rate_hz));
+    }
+    let message = "a rate above 0 is expected; leave it out for one output a command";
+    Err(ConfigError::new(&[kind.name(), "output_rate_hz"], message))
+}
+
 impl Vehicle {
-    /// A vehicle that was not heard yet.
+    /// A bridge that has not received anything yet.
     ///
     /// # Errors
     /// [`ConfigError`] for options that cannot be.
@@ -139,7 +149,7 @@ impl Vehicle {
             BridgeKind::Crsf => {
                 let own = options.crsf.as_ref().ok_or_else(|| missing(config.kind))?;
                 let parser = crsf::Parser::new();
-                let source = Source::Crsf { parser, quality: None, linked_at: None, timeout, doubted: false };
+                let source = Source::Crsf { parser, quality: None, linked_at: None, timeout, warned: false };
                 (source, Output::Crsf, own.output_rate_hz, None)
             }
             other => {
@@ -147,10 +157,7 @@ impl Vehicle {
                 return Err(ConfigError::new(&[other.name()], message));
             }
         };
-        if rate.is_some_and(|hz| !(hz > 0.0 && hz.is_finite())) {
-            let message = "a rate above 0 is expected; leave it out for one output a command";
-            return Err(ConfigError::new(&[config.kind.name(), "output_rate_hz"], message));
-        }
+        let least_interval = least_interval(config.kind, rate)?;
         let policy = Policy {
             arm: safety.arm,
             stale: Duration::from_secs_f64(safety.stale_s),
@@ -179,7 +186,7 @@ impl Vehicle {
             finite: true,
             out: Default::default(),
             sent_at: None,
-            least_interval: rate.map_or(Duration::ZERO, |hz| Duration::from_secs_f64(1.0 / hz)),
+            least_interval,
             released: false,
             outputs: 0,
             notes: Notes::default(),
@@ -215,7 +222,7 @@ impl Vehicle {
         }
     }
 
-    /// A port was connected anew: what was half received is gone.
+    /// Discards what was half received, because a port was connected anew.
     pub fn connected(&mut self, port: Port) {
         match (port, &mut self.source) {
             (Port::Link, Source::Mavlink(autopilot)) => autopilot.begin_anew(),
@@ -248,12 +255,12 @@ impl Vehicle {
         self.watch.hear(states, nis, dof, now);
     }
 
-    /// Whether something broke, and nobody has armed again.
+    /// Whether a condition failed in flight and nobody has armed again.
     pub fn has_failed(&self) -> bool {
         matches!(self.arming.mode(), Mode::Failed(_))
     }
 
-    /// The bench ends: nobody is in charge any more, and an override is taken back.
+    /// Ends the run: disarms, and takes an override back.
     pub fn end(&mut self, now: Duration) {
         if let Some(mode) = self.arming.end() {
             self.announce(mode);
@@ -268,8 +275,8 @@ impl Vehicle {
         }
     }
 
-    /// Does what time alone asks for: notices silence, keeps the outputs alive, says heartbeats. To be called at
-    /// least every [`Vehicle::wake_at`].
+    /// Does what is due by time: notices silence, repeats outputs, sends heartbeats. To be called by
+    /// [`Vehicle::wake_at`] at the latest.
     pub fn poll(&mut self, now: Duration) {
         self.decide(now);
         if let Source::Mavlink(autopilot) = &mut self.source {
@@ -289,7 +296,7 @@ impl Vehicle {
         }
     }
 
-    /// The messages of a step; heads are the caller's.
+    /// The messages of a step. The caller fills in the heads.
     pub fn measure(&mut self) -> (Imu, Odometry) {
         self.telemetry.measure()
     }
@@ -309,7 +316,7 @@ impl Vehicle {
         self.notes.take()
     }
 
-    /// Who is in charge.
+    /// Which source drives the outputs.
     pub fn mode(&self) -> Mode {
         self.arming.mode()
     }
@@ -342,7 +349,7 @@ impl Vehicle {
         }
     }
 
-    /// What was measured last.
+    /// The newest measurements.
     pub fn telemetry(&self) -> &Telemetry {
         &self.telemetry
     }

@@ -1,16 +1,16 @@
-//! What a bridge has to tell its user.
+//! Messages of a bridge to its user.
 
 use std::collections::VecDeque;
 
 /// Notes that wait at most; a bridge that nobody asks forgets the oldest.
 const WAITING: usize = 64;
 
-/// Something that happened.
+/// One message to the user.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
     /// The user should look at it.
     pub warn: bool,
-    /// One sentence.
+    /// Text of the message, one sentence.
     pub text: String,
 }
 

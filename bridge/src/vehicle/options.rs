@@ -1,4 +1,4 @@
-//! Options of a bridge to a vehicle that cannot be.
+//! Errors for impossible options of a bridge to a vehicle.
 
 use crate::arming::ArmBy;
 use crate::config::{BridgeConfig, BridgeKind, ConfigError, MavlinkConfig, Output, SafetyConfig};

@@ -1,4 +1,4 @@
-//! What goes to the vehicle, and what is told to the user.
+//! Sends outputs to the vehicle and messages to the user.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Channels to the messages of each output.
+//! Encodes channels as the messages of each kind of output.
 
 use std::time::Duration;
 

@@ -13,9 +13,10 @@ const TRIES: u32 = 10;
 /// How an autopilot answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Answer {
-    /// It will send the message.
+    /// The autopilot will send the message with this number.
     Accepted(u32),
-    /// It will not; the flag says whether it said so or kept silent.
+    /// The autopilot will not send the message with this number; the flag is true when it refused and false when it did
+    /// not answer.
     Refused(u32, bool),
 }
 

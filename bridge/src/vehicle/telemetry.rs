@@ -1,4 +1,4 @@
-//! What the vehicle measures, in the fields and signs of the bus.
+//! Measurements of a vehicle, in the fields and signs of the bus.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -8,8 +8,8 @@ use whirlstand_msgs::{Imu, Message, Odometry, valid};
 use super::clock::PeerClock;
 use crate::config::{ConfigError, Trim};
 
-/// What the bus can carry of a vehicle: six fields of `Imu`, then six of `Odometry`. Three neighbours form a group and
-/// share one validity bit.
+/// Names of the fields that the bus can carry of a vehicle: six of `Imu`, then six of `Odometry`. Three neighbours form
+/// a group and share one validity bit.
 pub const FIELDS: [&str; 12] = [
     "roll",
     "pitch",
@@ -25,10 +25,10 @@ pub const FIELDS: [&str; 12] = [
     "vertical_speed",
 ];
 
-/// A vehicle's clock that goes back by more than this began anew, ns, ...
+/// A vehicle's clock that goes back by more than this was restarted, ns, unless newer stamps came within [`SILENCE`].
 const RESTART_NS: i64 = 1_000_000_000;
 
-/// ... unless newer stamps came within this time: then it is an old message that was held back on the way.
+/// A message with an older stamp that comes within this time after newer ones was only held back on its way.
 const SILENCE: Duration = Duration::from_millis(200);
 
 /// Measurements that come together.
@@ -44,12 +44,12 @@ pub enum Group {
     Speed = 3,
 }
 
-/// Why a measurement was not taken.
+/// Why a measurement was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refused {
     /// A value is NaN or infinite.
     NotFinite,
-    /// Its stamp is not after that of the last: repeated, or overtaken on the way.
+    /// The time stamp is not after that of the last measurement: repeated, or overtaken on the way.
     Old,
 }
 
@@ -62,7 +62,7 @@ struct Held {
     fresh: bool,
 }
 
-/// Counts of what was not taken.
+/// Counts of refused measurements.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Refusals {
     /// Measurements with a value that is not finite.
@@ -123,7 +123,7 @@ impl Telemetry {
         self.newest.map(|(stamp, _)| stamp)
     }
 
-    /// What was not taken.
+    /// Counts of refused measurements.
     pub fn refusals(&self) -> Refusals {
         self.refusals
     }
@@ -169,7 +169,7 @@ impl Telemetry {
         Ok(())
     }
 
-    /// The vehicle began anew; what it measured before is not its state.
+    /// Forgets all measurements because the vehicle restarted.
     pub fn restart(&mut self) {
         self.held = [Held::default(); 4];
         self.clock.reset();
@@ -188,7 +188,7 @@ impl Telemetry {
         self.held[group as usize].at.map(|at| now.saturating_sub(at))
     }
 
-    /// The values of a group as they were last, trimmed.
+    /// The newest values of a group, with trims, in the units of [`Group`].
     pub fn values(&self, group: Group) -> Option<[f64; 3]> {
         let held = &self.held[group as usize];
         held.at.map(|_| held.values)
@@ -199,7 +199,8 @@ impl Telemetry {
         self.held[group as usize].fresh
     }
 
-    /// The messages of a step; what came since the last call is marked as fresh. Heads are the caller's.
+    /// The messages of a step, in which measurements since the last call are marked as fresh. The caller fills in the
+    /// heads.
     pub fn measure(&mut self) -> (Imu, Odometry) {
         let (mut imu, mut odometry) = (Imu::zeroed(), Odometry::zeroed());
         let [attitude, rates, position, speed] = self.held.map(|h| h.values);

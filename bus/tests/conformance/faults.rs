@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bus::{Bus, BusConfig, RecvError, Transport, WaitStrategy};
 use whirlstand_msgs::{Command, Imu, Progress};
 
-use crate::stage::{PATIENCE, PEER, Stage, at, next, until_heard};
+use crate::stage::{PATIENCE, Stage, at, next, until_heard};
 
 /// Publishes `Imu` as fast as somebody takes them, until it dies.
 pub fn sensor(config: &BusConfig, stop: &AtomicBool) {
@@ -31,12 +31,11 @@ pub fn sleeper(config: &BusConfig, stop: &AtomicBool) {
     }
 }
 
-/// What this program does as a peer; returns at once when it is none.
-pub fn run_peer() {
-    let Ok(role) = std::env::var(PEER) else { return };
+/// What this program does as a peer.
+pub fn run_peer(role: &str) {
     let config = serde_json::from_str(&std::env::var("WHIRLSTAND_TEST_CONFIG").unwrap()).unwrap();
     let never = AtomicBool::new(false);
-    match role.as_str() {
+    match role {
         "sensor" => sensor(&config, &never),
         "sleeper" => sleeper(&config, &never),
         other => panic!("no peer is called {other}"),

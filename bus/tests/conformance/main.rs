@@ -9,26 +9,24 @@ mod schema;
 mod stage;
 mod zenoh_settings;
 
-/// One test for each body and transport.
-macro_rules! conformance {
-    ($($suite:ident::$test:ident),+ $(,)?) => {
-        conformance!(@on iceoryx2 Iceoryx2 $($suite::$test)+);
-        conformance!(@on zenoh Zenoh $($suite::$test)+);
-        conformance!(@on inproc Inproc $($suite::$test)+);
-    };
-    (@on $module:ident $transport:ident $($suite:ident::$test:ident)+) => {
-        mod $module {
-            $(
-                #[test]
-                fn $test() {
-                    crate::$suite::$test(whirlstand_bus::Transport::$transport);
-                }
-            )+
-        }
-    };
+use std::process::ExitCode;
+
+use whirlstand_bus::Transport;
+use whirlstand_test_harness::{Outcome, Test, run};
+
+/// The body of a test that every transport passes.
+type Body = fn(Transport);
+
+/// The body of a test that needs a Python.
+type PythonBody = fn() -> Outcome;
+
+/// A list of functions with their names.
+macro_rules! named {
+    ($($suite:ident::$test:ident),+ $(,)?) => { [$((stringify!($suite::$test), $suite::$test)),+] };
 }
 
-conformance!(
+/// What every transport passes.
+const CONFORMANCE: &[(&str, Body)] = &named!(
     flow::every_message_arrives_as_it_was_sent,
     flow::messages_keep_their_order,
     flow::several_publishers_share_a_topic,
@@ -46,8 +44,34 @@ conformance!(
     schema::impossible_names_and_depths_are_refused,
 );
 
-/// Not a test: what this program does when a test starts it again as a peer.
-#[test]
-fn peer_process() {
-    faults::run_peer();
+/// What only one transport has.
+const OF_ONE_TRANSPORT: &[(&str, fn())] = &named!(
+    residue::nothing_is_left_of_killed_nodes,
+    residue::what_is_in_use_stays,
+    residue::whoever_leaves_last_clears_up,
+    residue::a_node_killed_while_it_joins_leaves_a_usable_bench,
+    zenoh_settings::access_control_of_the_configuration_file_is_obeyed,
+    zenoh_settings::endpoints_are_told_and_faults_are_named,
+);
+
+/// The examples in Python.
+const PYTHON: &[(&str, PythonBody)] = &named!(python::over_zenoh, python::over_iceoryx2);
+
+/// This program is also the peers that its tests start.
+fn main() -> ExitCode {
+    if let Some(role) = std::env::var_os(stage::PEER) {
+        faults::run_peer(&role.to_string_lossy());
+        return ExitCode::SUCCESS;
+    }
+    let transports = [Transport::Iceoryx2, Transport::Zenoh, Transport::Inproc];
+    let conformance = transports.into_iter().flat_map(|transport| {
+        let named = move |(name, body): &(&str, Body)| {
+            let body = *body;
+            Test::new(&format!("{transport}::{name}"), move || body(transport))
+        };
+        CONFORMANCE.iter().map(named)
+    });
+    let single = OF_ONE_TRANSPORT.iter().map(|(name, body)| Test::new(name, *body));
+    let python = PYTHON.iter().map(|(name, body)| Test::new(name, *body));
+    run(conformance.chain(single).chain(python).collect())
 }

@@ -2,29 +2,14 @@
 
 use std::io::Read;
 use std::os::unix::net::UnixDatagram;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command as Process, Stdio};
 
 use whirlstand_bus::Transport;
 use whirlstand_msgs::{Command, Estimate};
+use whirlstand_test_harness::{Outcome, python_with};
 
 use crate::stage::{PATIENCE, Stage, at, next, until_heard};
-
-/// The interpreter of `WHIRLSTAND_PYTHON`, or `python3`, if it has the package.
-fn interpreter(package: &str) -> Option<PathBuf> {
-    let python: PathBuf = std::env::var_os("WHIRLSTAND_PYTHON").map_or("python3".into(), Into::into);
-    let import = format!("import {package}");
-    let found = Process::new(&python).args(["-c", &import]).stderr(Stdio::null()).status();
-    if found.is_ok_and(|status| status.success()) {
-        return Some(python);
-    }
-    assert!(
-        std::env::var_os("WHIRLSTAND_PYTHON").is_none(),
-        "the interpreter of WHIRLSTAND_PYTHON has no package {package}: install examples/python/requirements.txt"
-    );
-    println!("skipped: python3 has no package {package} (examples/python/requirements.txt)");
-    None
-}
 
 struct Killed(Child);
 
@@ -36,8 +21,8 @@ impl Drop for Killed {
 }
 
 /// Starts an example as the launcher would, and plays plant and estimator to it.
-fn plays_the_controller(transport: Transport, package: &str, script: &str) {
-    let Some(python) = interpreter(package) else { return };
+fn plays_the_controller(transport: Transport, package: &str, script: &str) -> Outcome {
+    let python = python_with(package)?;
     let stage = Stage::new(transport, "python");
     let bus = stage.join("here");
     let mut commands = bus.subscriber::<Command>(64).unwrap();
@@ -87,14 +72,13 @@ fn plays_the_controller(transport: Transport, package: &str, script: &str) {
     child.0.stdout.take().unwrap().read_to_string(&mut output).unwrap();
     assert!(child.0.wait().unwrap().success());
     assert!(output.contains("step 59  t 0.295 s  x +0.05900"), "{output}");
+    Ok(())
 }
 
-#[test]
-fn over_zenoh() {
-    plays_the_controller(Transport::Zenoh, "zenoh", "estimate_zenoh.py");
+pub fn over_zenoh() -> Outcome {
+    plays_the_controller(Transport::Zenoh, "zenoh", "estimate_zenoh.py")
 }
 
-#[test]
-fn over_iceoryx2() {
-    plays_the_controller(Transport::Iceoryx2, "iceoryx2", "estimate_iceoryx2.py");
+pub fn over_iceoryx2() -> Outcome {
+    plays_the_controller(Transport::Iceoryx2, "iceoryx2", "estimate_iceoryx2.py")
 }

@@ -8,8 +8,7 @@ use whirlstand_msgs::{Imu, Progress};
 use crate::faults::{sensor, sleeper};
 use crate::stage::{Stage, at, leftovers, next, until_heard};
 
-#[test]
-fn nothing_is_left_of_killed_nodes() {
+pub fn nothing_is_left_of_killed_nodes() {
     let neighbour = Stage::new(Transport::Iceoryx2, "residue-n");
     let bus = neighbour.join("here");
     let mut publisher = bus.publisher::<Imu>().unwrap();
@@ -37,8 +36,7 @@ fn nothing_is_left_of_killed_nodes() {
     assert_eq!(next(&bus, &mut subscriber).head.step, 3);
 }
 
-#[test]
-fn what_is_in_use_stays() {
+pub fn what_is_in_use_stays() {
     let stage = Stage::new(Transport::Iceoryx2, "in-use");
     let bus = stage.join("here");
     let mut publisher = bus.publisher::<Imu>().unwrap();
@@ -56,8 +54,7 @@ fn what_is_in_use_stays() {
     assert_eq!(next(&bus, &mut subscriber).head.step, 2);
 }
 
-#[test]
-fn whoever_leaves_last_clears_up() {
+pub fn whoever_leaves_last_clears_up() {
     let stage = Stage::new(Transport::Iceoryx2, "last");
     let (first, last) = (stage.join("first"), stage.join("last"));
     let publisher = last.publisher::<Imu>().unwrap();
@@ -69,8 +66,7 @@ fn whoever_leaves_last_clears_up() {
     assert_eq!(leftovers(&stage.name), Vec::<String>::new());
 }
 
-#[test]
-fn a_node_killed_while_it_joins_leaves_a_usable_bench() {
+pub fn a_node_killed_while_it_joins_leaves_a_usable_bench() {
     let stage = Stage::new(Transport::Iceoryx2, "joining");
     for attempt in 0..20 {
         let mut peer = stage.spawn("sensor", sensor);

@@ -15,7 +15,7 @@ use whirlstand_msgs::Message;
 /// Nothing on a bench takes this long; a test that waits longer has failed.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
-/// The environment variable that turns this test program into a peer.
+/// The environment variable that turns this test program into a peer, and names its role.
 pub const PEER: &str = "WHIRLSTAND_TEST_PEER";
 
 /// A bench of its own name; its remains are removed at the end.
@@ -68,7 +68,6 @@ impl Stage {
             return Peer::Thread(Some(std::thread::spawn(move || body(&config, &seen))), stop);
         }
         let child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "peer_process", "--nocapture"])
             .env(PEER, role)
             .env("WHIRLSTAND_TEST_CONFIG", serde_json::to_string(&config).unwrap())
             .stdout(Stdio::null())

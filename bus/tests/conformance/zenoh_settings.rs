@@ -25,8 +25,7 @@ impl Drop for ConfigFile {
     }
 }
 
-#[test]
-fn access_control_of_the_configuration_file_is_obeyed() {
+pub fn access_control_of_the_configuration_file_is_obeyed() {
     let file = ConfigFile::new(
         "access",
         r#"{
@@ -65,8 +64,7 @@ fn access_control_of_the_configuration_file_is_obeyed() {
     }
 }
 
-#[test]
-fn endpoints_are_told_and_faults_are_named() {
+pub fn endpoints_are_told_and_faults_are_named() {
     let mut config = BusConfig::new("settings", "here", Transport::Zenoh);
     config.zenoh.listen = vec!["tcp/127.0.0.1:0".into(), "tcp/[::1]:0#so_sndbuf=65000".into()];
     match Bus::open(&config) {

@@ -5,13 +5,13 @@ use nalgebra::DMatrix;
 use super::DesignError;
 use crate::linalg::{C64, complex};
 use crate::place::uncontrollability;
-use crate::plant::Plant;
+use crate::sampled_plant::SampledPlant;
 
 /// Distance to an uncontrollable pair, see [`uncontrollability`], below which a mode counts as uncontrollable.
 const NEGLIGIBLE: f64 = 1e-12;
 
 /// Checks that the inputs move every mode that does not decay by itself, and that every integral can be held.
-pub fn check(plant: &Plant, integral: &[usize]) -> Result<(), DesignError> {
+pub fn check(plant: &SampledPlant, integral: &[usize]) -> Result<(), DesignError> {
     if let Some((mode, shares)) = lost_mode(plant, &[])? {
         let largest = shares.iter().copied().fold(0.0, f64::max);
         let names = plant.state_names().iter().zip(&shares);
@@ -29,7 +29,7 @@ pub fn check(plant: &Plant, integral: &[usize]) -> Result<(), DesignError> {
 
 /// A mode of the plant and its integrals that does not decay and that no input moves, with the share that each state
 /// has in the combination of states that stays out of reach.
-fn lost_mode(plant: &Plant, integral: &[usize]) -> Result<Option<(C64, Vec<f64>)>, DesignError> {
+fn lost_mode(plant: &SampledPlant, integral: &[usize]) -> Result<Option<(C64, Vec<f64>)>, DesignError> {
     let (n, m, size) = (plant.state_count(), plant.input_count(), plant.state_count() + integral.len());
     // In units of the scales, so that neither units nor weak inputs decide.
     let scale = |i: usize| plant.scales()[if i < n { i } else { integral[i - n] }];
@@ -70,7 +70,7 @@ mod tests {
     fn refusal(a: DMatrix<f64>, b: DMatrix<f64>, law: &str) -> String {
         let names = ["angle", "rate", "lost"].map(String::from).to_vec();
         let inputs = (1..=b.ncols()).map(|i| format!("u{i}")).collect();
-        let plant = Plant::new(a, b, 0.005).and_then(|p| p.with_names(names, inputs)).expect("sound");
+        let plant = SampledPlant::new(a, b, 0.005).and_then(|p| p.with_names(names, inputs)).expect("sound");
         let options = LawOptions::named(law).expect("known");
         Design::new(&plant, &options).expect_err("cannot be stabilised").to_string()
     }
@@ -93,7 +93,7 @@ mod tests {
     #[test]
     fn an_uncontrollable_mode_that_decays_stays_and_the_rest_is_controlled() {
         let a = dmatrix![0.0, 1.0, 0.0; -1.0, -0.4, 0.3; 0.0, 0.0, -0.7];
-        let plant = Plant::new(a, dmatrix![0.0; 1.0; 0.0], 0.005).expect("sound");
+        let plant = SampledPlant::new(a, dmatrix![0.0; 1.0; 0.0], 0.005).expect("sound");
         for law in ["lqr", "ppc", "smc"] {
             let design = Design::new(&plant, &LawOptions::named(law).expect("known"));
             let design = design.unwrap_or_else(|e| panic!("{law}: {e}"));
@@ -107,7 +107,8 @@ mod tests {
 
     #[test]
     fn an_integral_that_nothing_can_hold_is_named() {
-        let plant = Plant::new(dmatrix![0.0, 1.0; -1.0, -0.4], dmatrix![0.0; 1.0], 0.005).expect("sound");
+        let plant =
+            SampledPlant::new(dmatrix![0.0, 1.0; -1.0, -0.4], dmatrix![0.0; 1.0], 0.005).expect("sound");
         // At rest a rate is zero, whatever the input: its integral is the angle once more.
         let integral = vec![Selector::Name("x2".into())];
         let options = LawOptions::Lqr(LqrOptions { integral, ..LqrOptions::default() });

@@ -1,6 +1,7 @@
 //! Why a law cannot be designed.
 
 use thiserror::Error;
+use whirlstand_vehicle::DiscretiseError;
 
 use crate::linalg::{C64, QzError};
 use crate::place::PlaceError;
@@ -95,6 +96,9 @@ pub enum DesignError {
     /// The Riccati equation was not solved.
     #[error("the Riccati equation of this design: {0}")]
     Riccati(#[from] RiccatiError),
+    /// A mode of the plant is too fast for the period.
+    #[error("the cost cannot be sampled: {0}; a mode of the plant is too fast for this period")]
+    Discretise(#[from] DiscretiseError),
     /// Poles were not placed.
     #[error("the pole placement of this design: {0}")]
     Place(#[from] PlaceError),

@@ -9,8 +9,8 @@ use crate::lqr::sampled_cost;
 use crate::margins::ReturnRatio;
 use crate::options::{LqrOptions, PpcOptions, SmcOptions};
 use crate::place::place;
-use crate::plant::Plant;
 use crate::riccati::dare;
+use crate::sampled_plant::SampledPlant;
 use crate::smc::{Shaping, Surface};
 
 /// A linear feedback with memory, around the predicted state p:
@@ -75,7 +75,7 @@ pub struct SlidingLaw {
 }
 
 /// The plant with integrals of the error of some states: `w+ = w + T p_i`.
-fn with_integrals(plant: &Plant, integral: &[usize]) -> (DMatrix<f64>, DMatrix<f64>) {
+fn with_integrals(plant: &SampledPlant, integral: &[usize]) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, m, q) = (plant.state_count(), plant.input_count(), integral.len());
     let mut phi = DMatrix::identity(n + q, n + q);
     phi.view_mut((0, 0), (n, n)).copy_from(plant.phi());
@@ -87,14 +87,14 @@ fn with_integrals(plant: &Plant, integral: &[usize]) -> (DMatrix<f64>, DMatrix<f
     (phi, gamma)
 }
 
-fn integral_input(plant: &Plant, integral: &[usize]) -> DMatrix<f64> {
+fn integral_input(plant: &SampledPlant, integral: &[usize]) -> DMatrix<f64> {
     let mut g = DMatrix::zeros(integral.len(), plant.state_count());
     integral.iter().enumerate().for_each(|(row, &i)| g[(row, i)] = plant.period_s());
     g
 }
 
 /// Splits a gain on the states and their integrals.
-fn split(plant: &Plant, integral: &[usize], gain: &DMatrix<f64>) -> LinearLaw {
+fn split(plant: &SampledPlant, integral: &[usize], gain: &DMatrix<f64>) -> LinearLaw {
     let (n, q) = (plant.state_count(), integral.len());
     LinearLaw {
         gain: gain.columns(0, n).into_owned(),
@@ -105,7 +105,7 @@ fn split(plant: &Plant, integral: &[usize], gain: &DMatrix<f64>) -> LinearLaw {
 }
 
 /// Linear-quadratic regulator for the sampled continuous cost.
-pub fn lqr(plant: &Plant, o: &LqrOptions, integral: &[usize]) -> Result<LinearLaw, DesignError> {
+pub fn lqr(plant: &SampledPlant, o: &LqrOptions, integral: &[usize]) -> Result<LinearLaw, DesignError> {
     let (n, m, dt) = (plant.state_count(), plant.input_count(), plant.period_s());
     let q = resolve::weights("q", o.q.as_ref(), plant.state_names(), resolve::bryson(plant, 0.01), true)?;
     let authority = plant.inputs().iter().map(|i| 1.0 / (i.authority() * i.authority())).collect();
@@ -121,7 +121,7 @@ pub fn lqr(plant: &Plant, o: &LqrOptions, integral: &[usize]) -> Result<LinearLa
         return Err(DesignError::Value { option: "integral_q", value: *value, needed: "positive" });
     }
     let diagonal = |v: &[f64]| DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(v));
-    let cost = sampled_cost(plant.a(), plant.b(), &diagonal(&q), &diagonal(&r), dt);
+    let cost = sampled_cost(plant.a(), plant.b(), &diagonal(&q), &diagonal(&r), dt)?;
     let (phi, gamma) = with_integrals(plant, integral);
     let size = n + integral.len();
     let mut qd = DMatrix::zeros(size, size);
@@ -134,7 +134,7 @@ pub fn lqr(plant: &Plant, o: &LqrOptions, integral: &[usize]) -> Result<LinearLa
 }
 
 /// Robust pole placement.
-pub fn ppc(plant: &Plant, o: &PpcOptions, integral: &[usize]) -> Result<LinearLaw, DesignError> {
+pub fn ppc(plant: &SampledPlant, o: &PpcOptions, integral: &[usize]) -> Result<LinearLaw, DesignError> {
     let (phi, gamma) = with_integrals(plant, integral);
     let poles: Vec<_> = match &o.poles {
         Some(list) => {
@@ -161,37 +161,43 @@ pub fn ppc(plant: &Plant, o: &PpcOptions, integral: &[usize]) -> Result<LinearLa
 }
 
 /// Sizes of the states with their integrals (over one second), and of the inputs.
-fn scaling(plant: &Plant, integral: &[usize]) -> (Vec<f64>, Vec<f64>) {
+fn scaling(plant: &SampledPlant, integral: &[usize]) -> (Vec<f64>, Vec<f64>) {
     let mut state = plant.scales().to_vec();
     state.extend(integral.iter().map(|&i| plant.scales()[i]));
     (state, plant.inputs().iter().map(|i| i.authority()).collect())
 }
 
-/// Sliding mode with a surface by least cost or by poles.
-pub fn smc(
-    plant: &Plant,
-    o: &SmcOptions,
-    integral: &[usize],
-) -> Result<(LinearLaw, SlidingLaw), DesignError> {
+/// What shapes the sliding surface: the poles on it, or the cost along it.
+fn shaping(plant: &SampledPlant, o: &SmcOptions, integral: &[usize]) -> Result<Shaping, DesignError> {
     let (n, m, dt) = (plant.state_count(), plant.input_count(), plant.period_s());
-    let (phi, gamma) = with_integrals(plant, integral);
-    let shaping = match (&o.poles, &o.q) {
-        (Some(_), Some(_)) => return Err(DesignError::Conflict { first: "poles", second: "q" }),
+    match (&o.poles, &o.q) {
+        (Some(_), Some(_)) => Err(DesignError::Conflict { first: "poles", second: "q" }),
         (Some(poles), None) => {
             let wanted = n + integral.len() - m.min(n);
             if poles.len() != wanted {
                 return Err(DesignError::Count { option: "poles", got: poles.len(), wanted });
             }
-            Shaping::Poles(poles.iter().map(|p| pole(*p, dt)).collect())
+            Ok(Shaping::Poles(poles.iter().map(|p| pole(*p, dt)).collect()))
         }
         (None, q) => {
             let mut q =
                 resolve::weights("q", q.as_ref(), plant.state_names(), resolve::bryson(plant, 0.1), true)?;
             let extra: Vec<f64> = integral.iter().map(|&i| 0.25 * q[i]).collect();
             q.extend(extra);
-            Shaping::Cost(DMatrix::from_diagonal(&nalgebra::DVector::from_vec(q)) * dt)
+            Ok(Shaping::Cost(DMatrix::from_diagonal(&nalgebra::DVector::from_vec(q)) * dt))
         }
-    };
+    }
+}
+
+/// Sliding mode with a surface by least cost or by poles.
+pub fn smc(
+    plant: &SampledPlant,
+    o: &SmcOptions,
+    integral: &[usize],
+) -> Result<(LinearLaw, SlidingLaw), DesignError> {
+    let dt = plant.period_s();
+    let (phi, gamma) = with_integrals(plant, integral);
+    let shaping = shaping(plant, o, integral)?;
     let surface = Surface::design(&phi, &gamma, dt, &shaping)?;
     let bandwidth = resolve::bandwidth(plant)?;
     let rate = resolve::positive("reaching_rate", o.reaching_rate, bandwidth)?;
@@ -202,59 +208,11 @@ pub fn smc(
     let narrow = gain.iter().map(|g| g / (layer_rate - rate).max(0.1 * layer_rate)).collect();
     let layer = resolve::weights("boundary_layer", o.boundary_layer.as_ref(), names, narrow, false)?;
     let c = &surface.c;
-    let mut law = split(plant, integral, &surface.equivalent);
-    let (switching, reaching) = if o.super_twisting {
-        let k1: Vec<f64> = gain.iter().map(|g| 1.5 * g.sqrt()).collect();
-        let k2: Vec<f64> = gain.iter().map(|g| 1.1 * g).collect();
-        let mut total = surface.equivalent.clone();
-        for i in 0..m {
-            let slope = k1[i] / layer[i].sqrt();
-            if slope * dt > 1.0 {
-                return Err(DesignError::Reaching {
-                    why: format!(
-                        "k1 T / sqrt(layer) = {:.3} at {} is above one, so the surface would be overshot within a period; \
-                         widen `boundary_layer` or lower `switching_gain`",
-                        slope * dt,
-                        names[i]
-                    ),
-                });
-            }
-            let row = total.row(i) + c.row(i) * slope;
-            total.set_row(i, &row);
-        }
-        law = twisting_law(plant, integral, &total, c, &k2, &layer);
-        (
-            Switching::SuperTwisting { k1, k2, layer: layer.clone() },
-            "second order: with k1 = 1.5 sqrt(g) and k2 = 1.1 g, s and its rate reach zero in finite time against \
-             matched disturbances that change by less than g per second (Levant 1993)"
-                .to_owned(),
-        )
+    let reaching = Reaching { gain: &gain, layer: &layer, rate };
+    let (law, switching, reaching) = if o.super_twisting {
+        super_twisting(plant, integral, &surface, &reaching)?
     } else {
-        let mut total = surface.equivalent.clone();
-        let mut worst: f64 = 0.0;
-        for i in 0..m {
-            let slope = rate + gain[i] / layer[i];
-            worst = worst.max(slope * dt);
-            let row = total.row(i) + c.row(i) * slope;
-            total.set_row(i, &row);
-        }
-        if worst > 1.0 {
-            return Err(DesignError::Reaching {
-                why: format!(
-                    "(rate + gain / layer) T = {worst:.3} is above one, so the surface would be overshot within a period \
-                     and the command would chatter; widen `boundary_layer` or lower `switching_gain`"
-                ),
-            });
-        }
-        law.gain = total.columns(0, n).into_owned();
-        law.memory_gain = total.columns(n, integral.len()).into_owned();
-        (
-            Switching::ConstantPlusProportional { rate, gain: gain.clone(), layer: layer.clone() },
-            format!(
-                "|s| falls in every period outside the boundary layer, without overshoot: (rate + gain / layer) T = \
-                 {worst:.4} <= 1, against any matched disturbance below the switching gain"
-            ),
-        )
+        constant_plus_proportional(plant, integral, &surface, &reaching)?
     };
     let sliding = SlidingLaw {
         surface: c.clone(),
@@ -267,9 +225,85 @@ pub fn smc(
     Ok((law, sliding))
 }
 
+/// How the surface is reached, one value an input.
+struct Reaching<'a> {
+    gain: &'a [f64],
+    layer: &'a [f64],
+    rate: f64,
+}
+
+/// Second order: the law, its switching, and why the surface is reached.
+fn super_twisting(
+    plant: &SampledPlant,
+    integral: &[usize],
+    surface: &Surface,
+    Reaching { gain, layer, .. }: &Reaching<'_>,
+) -> Result<(LinearLaw, Switching, String), DesignError> {
+    let dt = plant.period_s();
+    let k1: Vec<f64> = gain.iter().map(|g| 1.5 * g.sqrt()).collect();
+    let k2: Vec<f64> = gain.iter().map(|g| 1.1 * g).collect();
+    let mut total = surface.equivalent.clone();
+    for i in 0..plant.input_count() {
+        let slope = k1[i] / layer[i].sqrt();
+        if slope * dt > 1.0 {
+            return Err(DesignError::Reaching {
+                why: format!(
+                    "k1 T / sqrt(layer) = {:.3} at {} is above one, so the surface would be overshot within a period; \
+                     widen `boundary_layer` or lower `switching_gain`",
+                    slope * dt,
+                    plant.input_names()[i]
+                ),
+            });
+        }
+        let row = total.row(i) + surface.c.row(i) * slope;
+        total.set_row(i, &row);
+    }
+    let law = twisting_law(plant, integral, &total, &surface.c, &k2, layer);
+    Ok((
+        law,
+        Switching::SuperTwisting { k1, k2, layer: layer.to_vec() },
+        "second order: with k1 = 1.5 sqrt(g) and k2 = 1.1 g, s and its rate reach zero in finite time against \
+         matched disturbances that change by less than g per second (Levant 1993)"
+            .to_owned(),
+    ))
+}
+
+/// First order with a boundary layer: the law, its switching, and why the surface is reached.
+fn constant_plus_proportional(
+    plant: &SampledPlant,
+    integral: &[usize],
+    surface: &Surface,
+    Reaching { gain, layer, rate }: &Reaching<'_>,
+) -> Result<(LinearLaw, Switching, String), DesignError> {
+    let mut total = surface.equivalent.clone();
+    let mut worst: f64 = 0.0;
+    for i in 0..plant.input_count() {
+        let slope = rate + gain[i] / layer[i];
+        worst = worst.max(slope * plant.period_s());
+        let row = total.row(i) + surface.c.row(i) * slope;
+        total.set_row(i, &row);
+    }
+    if worst > 1.0 {
+        return Err(DesignError::Reaching {
+            why: format!(
+                "(rate + gain / layer) T = {worst:.3} is above one, so the surface would be overshot within a period \
+                 and the command would chatter; widen `boundary_layer` or lower `switching_gain`"
+            ),
+        });
+    }
+    Ok((
+        split(plant, integral, &total),
+        Switching::ConstantPlusProportional { rate: *rate, gain: gain.to_vec(), layer: layer.to_vec() },
+        format!(
+            "|s| falls in every period outside the boundary layer, without overshoot: (rate + gain / layer) T = \
+             {worst:.4} <= 1, against any matched disturbance below the switching gain"
+        ),
+    ))
+}
+
 /// The super-twisting law within its layer: one more memory per surface, which the surface drives.
 fn twisting_law(
-    plant: &Plant,
+    plant: &SampledPlant,
     integral: &[usize],
     total: &DMatrix<f64>,
     c: &DMatrix<f64>,
@@ -293,7 +327,7 @@ fn twisting_law(
 
 impl LinearLaw {
     /// The closed loop without its delay, in the states `[p; w]`.
-    pub fn undelayed(&self, plant: &Plant) -> DMatrix<f64> {
+    pub fn undelayed(&self, plant: &SampledPlant) -> DMatrix<f64> {
         let (n, q) = (plant.state_count(), self.memory.nrows());
         let mut m = DMatrix::zeros(n + q, n + q);
         m.view_mut((0, 0), (n, n)).copy_from(&(plant.phi() - plant.gamma() * &self.gain));
@@ -304,7 +338,7 @@ impl LinearLaw {
     }
 
     /// The closed loop as it runs, in the states `[x; u; w]`: plant, command in force, memory of the law.
-    pub fn closed_loop(&self, plant: &Plant) -> DMatrix<f64> {
+    pub fn closed_loop(&self, plant: &SampledPlant) -> DMatrix<f64> {
         let (n, m, q) = (plant.state_count(), plant.input_count(), self.memory.nrows());
         let mut predict = DMatrix::zeros(n, n + m + q);
         predict.view_mut((0, 0), (n, n)).copy_from(plant.phi());
@@ -321,7 +355,7 @@ impl LinearLaw {
     }
 
     /// The loop opened where the commands enter the plant; the law goes on predicting with its own commands.
-    pub fn return_ratio(&self, plant: &Plant) -> ReturnRatio {
+    pub fn return_ratio(&self, plant: &SampledPlant) -> ReturnRatio {
         let (n, m, q) = (plant.state_count(), plant.input_count(), self.memory.nrows());
         // States: x, u that acts, u that the law believes in, w.
         let size = n + 2 * m + q;

@@ -21,7 +21,7 @@ use serde::Serialize;
 use crate::linalg::{complex, eigenvalues};
 use crate::margins::{LoopMargins, MultivariableMargins, ReturnRatio};
 use crate::options::{AntiWindup, LawOptions};
-use crate::plant::Plant;
+use crate::sampled_plant::SampledPlant;
 
 /// A designed law and the figures of its loop.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -31,7 +31,7 @@ pub struct Design {
     /// `lqr`, `ppc` or `smc`.
     pub law: &'static str,
     /// What it was designed for.
-    pub plant: Plant,
+    pub plant: SampledPlant,
     /// The options it was designed with.
     pub options: LawOptions,
     /// Indices of the states whose error is integrated.
@@ -59,7 +59,7 @@ impl Design {
     ///
     /// # Errors
     /// [`DesignError`] names the option, the state or the pole that stands in the way.
-    pub fn new(plant: &Plant, options: &LawOptions) -> Result<Self, DesignError> {
+    pub fn new(plant: &SampledPlant, options: &LawOptions) -> Result<Self, DesignError> {
         let (integral, linear, sliding, anti_windup) = match options {
             LawOptions::Lqr(o) => {
                 let integral = resolve::integral(plant, &o.integral)?;
@@ -113,7 +113,7 @@ impl Design {
 
 /// The loop without delay in states measured by their scales, integrals by those over one second, and the memory
 /// of super-twisting by the authority of its input.
-fn scaled(plant: &Plant, integral: &[usize], mut loop_: DMatrix<f64>) -> DMatrix<f64> {
+fn scaled(plant: &SampledPlant, integral: &[usize], mut loop_: DMatrix<f64>) -> DMatrix<f64> {
     let integrals = integral.iter().map(|&i| plant.scales()[i]);
     let twisting = plant.inputs().iter().map(|i| i.authority());
     for (j, scale) in plant.scales().iter().copied().chain(integrals).chain(twisting).enumerate() {

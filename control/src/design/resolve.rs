@@ -4,10 +4,10 @@ use super::DesignError;
 use crate::linalg::{C64, eigenvalues};
 use crate::options::{Selector, Weights};
 use crate::place::uncontrollability;
-use crate::plant::Plant;
+use crate::sampled_plant::SampledPlant;
 
 /// Index of a state.
-fn state(plant: &Plant, option: &'static str, selector: &Selector) -> Result<usize, DesignError> {
+fn state(plant: &SampledPlant, option: &'static str, selector: &Selector) -> Result<usize, DesignError> {
     index(option, selector, plant.state_names())
 }
 
@@ -23,7 +23,7 @@ fn index(option: &'static str, selector: &Selector, names: &[String]) -> Result<
 }
 
 /// Indices of the integrated states, each once.
-pub fn integral(plant: &Plant, selectors: &[Selector]) -> Result<Vec<usize>, DesignError> {
+pub fn integral(plant: &SampledPlant, selectors: &[Selector]) -> Result<Vec<usize>, DesignError> {
     let mut indices = Vec::with_capacity(selectors.len());
     for s in selectors {
         let i = state(plant, "integral", s)?;
@@ -81,7 +81,7 @@ pub fn positive(option: &'static str, value: Option<f64>, default: f64) -> Resul
 
 /// Bryson's weight of each state, times `rates` for a rate or speed whose integral is a state too: damping comes
 /// with the integral's weight, and more of it only slows the response.
-pub fn bryson(plant: &Plant, rates: f64) -> Vec<f64> {
+pub fn bryson(plant: &SampledPlant, rates: f64) -> Vec<f64> {
     let mut weights: Vec<f64> = plant.scales().iter().map(|s| 1.0 / (s * s)).collect();
     for (rate, _) in plant.kinematic_rows().into_iter().flatten() {
         weights[rate] = rates / (plant.scales()[rate] * plant.scales()[rate]);
@@ -91,7 +91,7 @@ pub fn bryson(plant: &Plant, rates: f64) -> Vec<f64> {
 
 /// Natural frequency that a loop around this plant is given: twice the geometric mean of those of its own modes
 /// that move, within what the period can follow; rad/s.
-pub fn bandwidth(plant: &Plant) -> Result<f64, DesignError> {
+pub fn bandwidth(plant: &SampledPlant) -> Result<f64, DesignError> {
     let modes: Vec<f64> = eigenvalues(plant.a())?.iter().map(|p| p.norm()).collect();
     let fastest = modes.iter().copied().fold(0.0, f64::max);
     let top = 0.05 * std::f64::consts::TAU / plant.period_s();
@@ -108,7 +108,7 @@ pub fn bandwidth(plant: &Plant) -> Result<f64, DesignError> {
 /// least `damping`. A mode that no input moves stays as it is. `extra` poles as slow as those of the outer loop serve
 /// integrators. All lie apart; continuous.
 pub fn default_poles(
-    plant: &Plant,
+    plant: &SampledPlant,
     bandwidth: f64,
     damping: f64,
     extra: usize,

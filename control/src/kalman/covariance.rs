@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::filter::FilterModel;
+use super::filter_model::FilterModel;
 use super::flow::Flow;
 use crate::kernel::{Block, Packed, add_scaled, blocks, dot};
 

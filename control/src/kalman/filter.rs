@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::covariance::{Covariance, Gains};
+use super::filter_model::FilterModel;
 use super::flow::Flow;
 use super::schedule::{MAX_PERIOD, Schedule, Task};
 use crate::kernel::{Block, Packed, blocks};
@@ -37,23 +38,6 @@ pub struct KalmanFilter {
     nis: f64,
     dof: u32,
     started: bool,
-}
-
-/// The model of a [`KalmanFilter`] with n states, m inputs and p outputs.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FilterModel {
-    /// State transition F, n x n.
-    pub f: DMatrix<f64>,
-    /// Input matrix G, n x m.
-    pub g: DMatrix<f64>,
-    /// Output matrix H, p x n.
-    pub h: DMatrix<f64>,
-    /// Feed-through D, p x m.
-    pub d: DMatrix<f64>,
-    /// Covariance of the process noise over one step, n x n, positive semidefinite.
-    pub q: DMatrix<f64>,
-    /// Variances of the p measurements, positive.
-    pub variance: Vec<f64>,
 }
 
 impl KalmanFilter {

@@ -7,7 +7,7 @@
 
 use nalgebra::DMatrix;
 
-use super::filter::FilterModel;
+use super::filter_model::FilterModel;
 use crate::kernel::Packed;
 
 /// One map `P -> H + A P (I + G P)^-1 A'`.

@@ -13,11 +13,13 @@
 
 mod covariance;
 mod filter;
+mod filter_model;
 mod flow;
 mod model;
 mod schedule;
 #[cfg(test)]
 mod tests;
 
-pub use filter::{FilterModel, KalmanFilter};
+pub use filter::KalmanFilter;
+pub use filter_model::FilterModel;
 pub use model::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, Sensors};

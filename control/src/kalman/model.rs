@@ -3,11 +3,12 @@
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+use whirlstand_vehicle::{DiscretiseError, discretise, finite_horizon_gramian};
 
-use super::filter::{FilterModel, KalmanFilter};
-use crate::linalg::{discretise, expm, symmetric_part};
+use super::filter::KalmanFilter;
+use super::filter_model::FilterModel;
 use crate::options::{Selector, Weights};
-use crate::plant::Plant;
+use crate::sampled_plant::SampledPlant;
 
 /// What is measured: `y = c x + d u + noise`.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,6 +75,9 @@ pub enum EstimatorError {
         /// The outputs used.
         outputs: String,
     },
+    /// A mode is too fast for the period.
+    #[error("the filter cannot be sampled: {0}; a mode of the plant is too fast for this period")]
+    Discretise(#[from] DiscretiseError),
 }
 
 /// A Kalman filter for the states of a plant and the biases of its sensors.
@@ -95,8 +99,12 @@ impl Estimator {
     ///
     /// # Errors
     /// [`EstimatorError`] names the output, option or state that stands in the way.
-    pub fn new(plant: &Plant, sensors: &Sensors, options: &EstimatorOptions) -> Result<Self, EstimatorError> {
-        let (n, m, p) = (plant.state_count(), plant.input_count(), sensors.c.nrows());
+    pub fn new(
+        plant: &SampledPlant,
+        sensors: &Sensors,
+        options: &EstimatorOptions,
+    ) -> Result<Self, EstimatorError> {
+        let (n, p) = (plant.state_count(), sensors.c.nrows());
         check(plant, sensors)?;
         let kinematics = plant.kinematic_rows();
         let shows: Vec<Option<usize>> = (0..p).map(|i| shown_state(sensors, i)).collect();
@@ -118,47 +126,13 @@ impl Estimator {
             Some(list) => select("bias", list, &sensors.names)?,
             None => used.iter().copied().filter(|&i| gyro(i)).collect(),
         };
-        let a = match options.kind {
-            EstimatorKind::Model => plant.a().clone(),
-            EstimatorKind::Kinematic => DMatrix::from_fn(n, n, |i, j| match kinematics[i] {
-                Some((d, c)) if d == j => c,
-                _ => 0.0,
-            }),
-        };
-        let b = match options.kind {
-            EstimatorKind::Model => plant.b().clone(),
-            EstimatorKind::Kinematic => DMatrix::zeros(n, m),
-        };
-        let noise = process_noise(plant, options, &kinematics)?;
-        let nb = biased.len();
-        let dt = plant.period_s();
-        let (phi, gamma) = discretise(&a, &b, dt);
-        let mut f = DMatrix::identity(n + nb, n + nb);
-        f.view_mut((0, 0), (n, n)).copy_from(&phi);
-        let mut g = DMatrix::zeros(n + nb, m);
-        g.view_mut((0, 0), (n, m)).copy_from(&gamma);
-        let mut h = DMatrix::zeros(p, n + nb);
-        h.view_mut((0, 0), (p, n)).copy_from(&sensors.c);
-        let mut q = DMatrix::zeros(n + nb, n + nb);
-        q.view_mut((0, 0), (n, n)).copy_from(&sampled_noise(&a, &noise, dt));
-        let mut initial: Vec<f64> = plant.scales().iter().map(|s| 10.0 * s).collect();
-        let mut bias_state = vec![None; p];
-        for (k, &i) in biased.iter().enumerate() {
-            h[(i, n + k)] = 1.0;
-            bias_state[i] = Some(n + k);
-            initial.push(options.bias_std.unwrap_or(10.0 * sensors.std[i]));
-            let walk = options.bias_walk.unwrap_or(0.01 * sensors.std[i]);
-            q[(n + k, n + k)] = walk * walk * dt;
-        }
-        let d = match options.kind {
-            EstimatorKind::Model => sensors.d.clone(),
-            EstimatorKind::Kinematic => DMatrix::zeros(p, m),
-        };
+        let (model, initial) = filter_model(plant, sensors, options, &kinematics, &biased)?;
         let used_mask = used.iter().fold(0, |mask, i| mask | 1 << i);
-        check_observable(plant, sensors, &f, &h, &used, &biased)?;
-        let variance = sensors.std.iter().map(|s| s * s).collect();
+        check_observable(plant, sensors, &model.f, &model.h, &used, &biased)?;
+        let mut bias_state = vec![None; p];
+        biased.iter().enumerate().for_each(|(k, &i)| bias_state[i] = Some(n + k));
         Ok(Self {
-            filter: KalmanFilter::new(FilterModel { f, g, h, d, q, variance }, &initial),
+            filter: KalmanFilter::new(model, &initial),
             states: n,
             used: used_mask,
             bias_state,
@@ -215,7 +189,7 @@ impl Estimator {
     }
 }
 
-fn check(plant: &Plant, sensors: &Sensors) -> Result<(), EstimatorError> {
+fn check(plant: &SampledPlant, sensors: &Sensors) -> Result<(), EstimatorError> {
     let (n, m, p) = (plant.state_count(), plant.input_count(), sensors.c.nrows());
     let bad = |why: String| Err(EstimatorError::Sensors(why));
     if p == 0 || p > 64 {
@@ -274,7 +248,7 @@ fn select(option: &'static str, list: &[Selector], names: &[String]) -> Result<V
 }
 
 fn process_noise(
-    plant: &Plant,
+    plant: &SampledPlant,
     options: &EstimatorOptions,
     kinematics: &[Option<(usize, f64)>],
 ) -> Result<Vec<f64>, EstimatorError> {
@@ -308,21 +282,50 @@ fn process_noise(
     }
 }
 
-/// Covariance gathered over `dt` from white noise of the given densities on the derivatives (Van Loan 1978).
-fn sampled_noise(a: &DMatrix<f64>, density: &[f64], dt: f64) -> DMatrix<f64> {
-    let n = a.nrows();
-    let w = DMatrix::from_fn(n, n, |i, j| if i == j { density[i] * density[i] } else { 0.0 });
-    let mut block = DMatrix::zeros(2 * n, 2 * n);
-    block.view_mut((0, 0), (n, n)).copy_from(&(a * -dt));
-    block.view_mut((0, n), (n, n)).copy_from(&(w * dt));
-    block.view_mut((n, n), (n, n)).copy_from(&(a.transpose() * dt));
-    let e = expm(&block);
-    symmetric_part(&(e.view((n, n), (n, n)).transpose() * e.view((0, n), (n, n))))
+/// The sampled model of the states with the biases of the outputs `biased` behind them, and the standard deviations from
+/// which they start.
+fn filter_model(
+    plant: &SampledPlant,
+    sensors: &Sensors,
+    options: &EstimatorOptions,
+    kinematics: &[Option<(usize, f64)>],
+    biased: &[usize],
+) -> Result<(FilterModel, Vec<f64>), EstimatorError> {
+    let (n, m, p, nb) = (plant.state_count(), plant.input_count(), sensors.c.nrows(), biased.len());
+    let dt = plant.period_s();
+    let (a, b, d) = match options.kind {
+        EstimatorKind::Model => (plant.a().clone(), plant.b().clone(), sensors.d.clone()),
+        EstimatorKind::Kinematic => {
+            let entry = |i: usize, j: usize| kinematics[i].filter(|(d, _)| *d == j).map_or(0.0, |(_, c)| c);
+            (DMatrix::from_fn(n, n, entry), DMatrix::zeros(n, m), DMatrix::zeros(p, m))
+        }
+    };
+    let (phi, gamma) = discretise(&a, &b, dt)?;
+    let mut f = DMatrix::identity(n + nb, n + nb);
+    f.view_mut((0, 0), (n, n)).copy_from(&phi);
+    let mut g = DMatrix::zeros(n + nb, m);
+    g.view_mut((0, 0), (n, m)).copy_from(&gamma);
+    let mut h = DMatrix::zeros(p, n + nb);
+    h.view_mut((0, 0), (p, n)).copy_from(&sensors.c);
+    // Covariance that the states gather in a period from white noise of these densities on their derivatives.
+    let noise = process_noise(plant, options, kinematics)?;
+    let density = DMatrix::from_fn(n, n, |i, j| if i == j { noise[i] * noise[i] } else { 0.0 });
+    let mut q = DMatrix::zeros(n + nb, n + nb);
+    q.view_mut((0, 0), (n, n)).copy_from(&finite_horizon_gramian(&a, &density, dt)?);
+    let mut initial: Vec<f64> = plant.scales().iter().map(|s| 10.0 * s).collect();
+    for (k, &i) in biased.iter().enumerate() {
+        h[(i, n + k)] = 1.0;
+        initial.push(options.bias_std.unwrap_or(10.0 * sensors.std[i]));
+        let walk = options.bias_walk.unwrap_or(0.01 * sensors.std[i]);
+        q[(n + k, n + k)] = walk * walk * dt;
+    }
+    let variance = sensors.std.iter().map(|s| s * s).collect();
+    Ok((FilterModel { f, g, h, d, q, variance }, initial))
 }
 
 /// The observability test of Popov, Belevitch and Hautus at every eigenvalue on or outside the unit circle.
 fn check_observable(
-    plant: &Plant,
+    plant: &SampledPlant,
     sensors: &Sensors,
     f: &DMatrix<f64>,
     h: &DMatrix<f64>,

@@ -4,7 +4,8 @@ use nalgebra::DMatrix;
 use proptest::prelude::*;
 
 use super::covariance::{Covariance, Gains};
-use super::filter::{FilterModel, KalmanFilter};
+use super::filter::KalmanFilter;
+use super::filter_model::FilterModel;
 use super::flow::Flow;
 use crate::kernel::Packed;
 use crate::riccati::dare;

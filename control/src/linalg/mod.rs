@@ -1,15 +1,13 @@
 //! The dense linear algebra that control needs beyond what nalgebra has: the ordered generalised Schur form,
-//! Lyapunov and Stein equations, the matrix exponential.
+//! Lyapunov and Stein equations. The matrix exponential is the vehicle's.
 
 mod balance;
 mod eigen;
-mod expm;
 mod lyapunov;
 mod qz;
 
 pub use balance::balancing_exponents;
 pub use eigen::{Schur, eigenvalues, spectral_abscissa, spectral_radius};
-pub use expm::{discretise, expm};
 pub use lyapunov::{solve_lyapunov, solve_stein};
 pub use qz::{GeneralizedSchur, QzError};
 

@@ -116,7 +116,7 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
     let floor = sigma.max() * f64::EPSILON * n.max(m) as f64;
     let rank = sigma.iter().filter(|s| **s > floor).count();
     check_multiplicity(&poles, rank)?;
-    check_controllable(a, b, &poles)?;
+    let poles = with_uncontrollable_modes(a, b, poles)?;
     if rank == 0 {
         return Err(PlaceError::Uncontrollable { mode: eigenvalues(a)?[0] });
     }
@@ -184,18 +184,27 @@ fn check_multiplicity(poles: &[C64], rank: usize) -> Result<(), PlaceError> {
     Ok(())
 }
 
-/// The Popov-Belevitch-Hautus test at every eigenvalue of A.
-fn check_controllable(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<(), PlaceError> {
+/// The poles with those of uncontrollable modes (Popov, Belevitch and Hautus' test at every eigenvalue of A) where these
+/// modes are to the last digit: they stay there whatever the gain, and a gain for a difference of rounding would be
+/// rounding divided by rounding.
+fn with_uncontrollable_modes(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    mut poles: Vec<C64>,
+) -> Result<Vec<C64>, PlaceError> {
     for (mode, distance) in uncontrollability(a, b)? {
         if distance > 1e-13 {
             continue;
         }
         let near = 1e-6 * mode.norm().max(1e-3 * a.norm());
-        if !poles.iter().any(|p| (p - mode).norm() <= near) {
-            return Err(PlaceError::Uncontrollable { mode });
+        let away = |pole: &C64| (pole - mode).norm();
+        let nearest = poles.iter_mut().min_by(|p, q| away(p).total_cmp(&away(q)));
+        match nearest.filter(|pole| away(pole) <= near) {
+            Some(pole) => *pole = mode,
+            None => return Err(PlaceError::Uncontrollable { mode }),
         }
     }
-    Ok(())
+    conjugates_paired(&poles)
 }
 
 /// For each eigenvalue of A, the smallest singular value of `[A - lambda I, B]` over the norm of `[A, B]` with

@@ -2,7 +2,7 @@
 #![allow(dead_code, missing_docs)]
 
 use nalgebra::{Complex, DMatrix};
-use whirlstand_control::{InputLimits, Plant};
+use whirlstand_control::{InputLimits, SampledPlant};
 
 /// SplitMix64 (Steele, Lea and Flood 2014), as in `reference/systems.py`.
 #[derive(Debug, Clone)]
@@ -100,14 +100,14 @@ pub fn vehicle(name: &str) -> (DMatrix<f64>, DMatrix<f64>) {
 }
 
 /// A vehicle at 200 Hz within the limits of its vehicle file.
-pub fn plant(name: &str) -> Plant {
+pub fn plant(name: &str) -> SampledPlant {
     let (a, b) = vehicle(name);
     let names = ["roll", "roll_rate", "pitch", "pitch_rate", "lateral_speed", "longitudinal_speed"];
     let positions = ["longitudinal_position", "lateral_position"];
     let states = names.iter().chain(&positions).take(a.nrows()).map(|s| (*s).to_owned()).collect();
     let reach = if name == "helicopter-hover" { 10.0 } else { 20.0 };
     let limits = InputLimits { lower: -reach, upper: reach, rate: f64::INFINITY };
-    Plant::new(a, b, 0.005)
+    SampledPlant::new(a, b, 0.005)
         .and_then(|p| p.with_limits(vec![limits; 2]))
         .and_then(|p| p.with_names(states, vec!["u_roll".into(), "u_pitch".into()]))
         .expect("the paper's vehicles are sound")

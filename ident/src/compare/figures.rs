@@ -1,9 +1,9 @@
 //! Figures of one output.
 
+use super::comparison::{Interval, OutputComparison, OutputSeries};
 use super::grid::Grid;
-use super::{Interval, OutputComparison, OutputSeries};
-use crate::spectrum::{Spectrum, peaks, welch};
-use crate::stats::{correlation, mean, median, rms};
+use whirlstand_logs::spectrum::{Spectrum, peaks, welch};
+use whirlstand_logs::stats::{correlation, mean, median, rms};
 
 /// Figures of one output from its signals.
 pub fn figures(
@@ -126,7 +126,7 @@ fn filled(residual: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::window::tests::noise;
+    use whirlstand_logs::testing::noise;
 
     #[test]
     fn a_slow_sensor_is_judged_at_its_own_rate() {

@@ -1,25 +1,34 @@
 //! A record on an even grid, with the names of the vehicle.
 
-use whirlstand_logs::{MissingSignal, Record};
+use whirlstand_logs::resample::{averaged, held, interpolated};
+use whirlstand_logs::{Clock, MissingSignal, Record, even_period, median_interval};
 use whirlstand_vehicle::Vehicle;
 
-use super::{CompareError, CompareOptions};
-use crate::stats::median;
+use super::comparison::{CompareError, CompareOptions};
+
+/// Fewest points that a comparison can say something about.
+const LEAST_POINTS: usize = 16;
+
+/// More steps than memory should be spent on.
+const MOST_STEPS: f64 = 50e6;
+
+/// A period of more than so many of the record's own is coarser: several samples make one point.
+const COARSER: f64 = 1.5;
 
 /// Inputs and outputs on an even grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     /// Time of the first point in the record, s.
     pub start_s: f64,
-    /// Period, s.
+    /// Time between two points, s.
     pub period_s: f64,
-    /// Times, s.
+    /// Time of every point, s of the record's clock.
     pub t: Vec<f64>,
-    /// Steps by inputs, row after row; held where the record has none.
+    /// Inputs, SI: steps x inputs, row after row; held where the record has no value.
     pub inputs: Vec<f64>,
     /// Indices of the vehicle's outputs that the record has.
     pub outputs: Vec<usize>,
-    /// One vector an output of `outputs`; NaN where the record has no value.
+    /// Measured values, SI: one vector for each entry of `outputs`; NaN where the record has no value.
     pub measured: Vec<Vec<f64>>,
     /// Share of the record's steps that are more than half a period off the median step, 0 to 1.
     pub uneven: f64,
@@ -57,53 +66,48 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
             available: record.names(),
         });
     }
-    let steps: Vec<f64> = record.time.windows(2).map(|t| t[1] - t[0]).collect();
-    let own = median(&steps);
-    let period_s = even.or(options.period_s).unwrap_or(own);
-    let points =
-        if own > 0.0 { (record.duration() / period_s * (1.0 + 1e-12)).floor() as usize + 1 } else { 0 };
-    if points < 16 {
-        return Err(CompareError::TooShort { origin: record.origin.clone(), points, period_s });
-    }
-    if points > 50_000_000 {
-        return Err(CompareError::TooFine { duration_s: record.duration(), period_s });
-    }
-    let start_s = record.time[0];
-    let t: Vec<f64> = (0..points).map(|k| start_s + k as f64 * period_s).collect();
-    let coarser = period_s > 1.5 * own;
-    let columns: Vec<Vec<f64>> = inputs.iter().map(|s| held(&record.time, &s.values, &t, period_s)).collect();
+    let own = median_interval(&record.time).unwrap_or(0.0);
+    let clock = clock(&record, even.or(options.period_s).unwrap_or(own), own)?;
+    let columns: Vec<Vec<f64>> = inputs.iter().map(|s| held(&record.time, &s.values, &clock, 0.0)).collect();
+    let brought = if clock.period > COARSER * own { averaged } else { interpolated };
     let measured = found.iter().map(|&i| {
         // The filter above found the signal.
         let values = record.get(&vehicle.outputs[i].name).map_or(&[][..], |s| &s.values);
-        if coarser {
-            averaged(&record.time, values, &t, period_s, own)
-        } else {
-            interpolated(&record.time, values, &t, own)
-        }
+        brought(&record.time, values, &clock)
     });
     Ok(Grid {
-        start_s,
-        period_s,
-        inputs: (0..points).flat_map(|k| columns.iter().map(move |c| c[k])).collect(),
+        start_s: clock.start,
+        period_s: clock.period,
+        inputs: (0..clock.points).flat_map(|k| columns.iter().map(move |c| c[k])).collect(),
         measured: measured.collect(),
         outputs: found,
-        t,
-        uneven: steps.iter().filter(|s| (*s - own).abs() > 0.5 * own).count() as f64
-            / steps.len().max(1) as f64,
+        t: clock.times(),
+        uneven: uneven(&record.time, own),
     })
 }
 
-/// The period of a clock whose stamps are even but for rounding; `None` when there are gaps or jitter.
-fn even_period(time: &[f64]) -> Option<f64> {
-    let (first, last) = (time.first()?, time.last()?);
-    let mean = (last - first) / (time.len().checked_sub(1).filter(|n| *n > 0)? as f64);
-    // A clock is given with some six digits: 0.0016384 s, not 0.00163840001.
-    let digits = 10f64.powi(7 - mean.log10().ceil() as i32);
-    let rounded = (mean * digits).round() / digits;
-    let tolerance = 0.25 * mean;
-    let even =
-        |period: f64| time.iter().enumerate().all(|(k, t)| (t - first - k as f64 * period).abs() < tolerance);
-    [rounded, mean].into_iter().find(|p| even(*p))
+/// The points from the first of the record to its last.
+fn clock(record: &Record, period_s: f64, own: f64) -> Result<Clock, CompareError> {
+    let duration_s = record.duration();
+    // A record without two different times has no interval of its own.
+    let steps = if own > 0.0 { duration_s / period_s } else { 0.0 };
+    if steps > MOST_STEPS {
+        return Err(CompareError::TooFine { duration_s, period_s });
+    }
+    let start_s = record.time.first().copied().unwrap_or(0.0);
+    match Clock::over(start_s, start_s + duration_s, period_s) {
+        Ok(clock) if steps > 0.0 && clock.points >= LEAST_POINTS => Ok(clock),
+        other => {
+            let points = if steps > 0.0 { other.map_or(0, |clock| clock.points) } else { 0 };
+            Err(CompareError::TooShort { origin: record.origin.clone(), points, period_s })
+        }
+    }
+}
+
+/// Share of the steps of a clock that are more than half a median step off it, 0 to 1.
+fn uneven(time: &[f64], own: f64) -> f64 {
+    let steps = || time.windows(2).map(|t| t[1] - t[0]);
+    steps().filter(|s| (s - own).abs() > 0.5 * own).count() as f64 / steps().count().max(1) as f64
 }
 
 /// Puts a record on an exactly even clock.
@@ -113,97 +117,9 @@ fn straighten(record: &mut Record, period_s: f64) {
     }
 }
 
-/// What a held signal is on average over `[t, t + period)`: exact for a zero-order hold. Before the first value: 0.
-fn held(time: &[f64], values: &[f64], t: &[f64], period_s: f64) -> Vec<f64> {
-    let known: Vec<(f64, f64)> =
-        time.iter().zip(values).filter(|(_, v)| v.is_finite()).map(|(t, v)| (*t, *v)).collect();
-    let mut at = 0;
-    // A stamp that is off by rounding belongs to its grid point.
-    let slack = 1e-6 * period_s;
-    t.iter()
-        .map(|&start| {
-            while at < known.len() && known[at].0 <= start + slack {
-                at += 1;
-            }
-            let mut value = if at == 0 { 0.0 } else { known[at - 1].1 };
-            let (mut sum, mut from) = (0.0, start);
-            let mut next = at;
-            while next < known.len() && known[next].0 < start + period_s - slack {
-                sum += value * (known[next].0 - from);
-                (from, value) = known[next];
-                next += 1;
-            }
-            (sum + value * (start + period_s - from)) / period_s
-        })
-        .collect()
-}
-
-/// Linear interpolation; the value itself on a point of the record; NaN across more than one missing point.
-fn interpolated(time: &[f64], values: &[f64], t: &[f64], own: f64) -> Vec<f64> {
-    let mut at = 0;
-    t.iter()
-        .map(|&t| {
-            while at + 1 < time.len() && time[at + 1] <= t + 1e-6 * own {
-                at += 1;
-            }
-            let near = (time[at] - t).abs() <= 1e-6 * own;
-            if near || at + 1 == time.len() {
-                return if near { values[at] } else { f64::NAN };
-            }
-            let gap = time[at + 1] - time[at];
-            if gap > 2.5 * own {
-                return f64::NAN;
-            }
-            values[at] + (values[at + 1] - values[at]) * (t - time[at]) / gap
-        })
-        .collect()
-}
-
-/// Mean over one period about each point: keeps what is faster than the new grid from folding into it. Every sample
-/// stands for one step of the record about it and counts with the part of that step inside the period, so that
-/// the mean is not early or late where samples lie on the edge.
-fn averaged(time: &[f64], values: &[f64], t: &[f64], period_s: f64, own: f64) -> Vec<f64> {
-    let reach = 0.5 * (period_s + own);
-    t.iter()
-        .map(|&t| {
-            let from = time.partition_point(|v| *v <= t - reach);
-            let until = time.partition_point(|v| *v < t + reach);
-            let (mut sum, mut weights) = (0.0, 0.0);
-            for (at, value) in time[from..until].iter().zip(&values[from..until]) {
-                let weight = (reach - (at - t).abs()).min(own);
-                if value.is_finite() && weight > 1e-6 * own {
-                    sum += weight * value;
-                    weights += weight;
-                }
-            }
-            if weights > 0.0 { sum / weights } else { f64::NAN }
-        })
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_held_input_keeps_its_integral() {
-        let time: Vec<f64> = (0..100).map(|i| i as f64 * 0.01).collect();
-        let u: Vec<f64> = (0..100).map(|i| f64::from(i % 7)).collect();
-        let t: Vec<f64> = (0..20).map(|i| i as f64 * 0.05).collect();
-        let coarse = held(&time, &u, &t, 0.05);
-        let (a, b) = (coarse.iter().sum::<f64>() * 0.05, u.iter().sum::<f64>() * 0.01);
-        assert!((a - b).abs() < 1e-9, "{a} {b}");
-        assert_eq!(held(&time, &u, &time, 0.01).iter().map(|v| v.round()).collect::<Vec<_>>(), u);
-    }
-
-    #[test]
-    fn a_clock_that_was_rounded_is_even_and_one_with_a_gap_is_not() {
-        let rounded: Vec<f64> = (0..2000).map(|k| (k as f64 * 0.0016384 * 1e4).round() / 1e4).collect();
-        assert!((even_period(&rounded).unwrap() - 0.0016384).abs() < 1e-7);
-        let mut gap = rounded.clone();
-        gap[1000..].iter_mut().for_each(|t| *t += 0.1);
-        assert_eq!(even_period(&gap), None);
-    }
 
     #[test]
     fn rounded_stamps_of_an_even_clock_do_not_smear_the_samples() {
@@ -226,27 +142,6 @@ mod tests {
             let expected = ((first + k) % 7) as f64;
             assert!((value.to_degrees() - expected).abs() < 1e-9, "{k}: {value}");
             assert!((grid.inputs[2 * k] - ((first + k) % 5) as f64).abs() < 1e-9);
-        }
-    }
-
-    #[test]
-    fn outputs_are_interpolated_but_not_across_gaps() {
-        let time = [0.0, 0.1, 0.2, 0.9, 1.0];
-        let y = [0.0, 1.0, 2.0, 9.0, 10.0];
-        let r = interpolated(&time, &y, &[0.05, 0.1, 0.5, 0.95, 1.0, 1.1], 0.1);
-        assert!((r[0] - 0.5).abs() < 1e-12 && r[1] == 1.0 && r[2].is_nan());
-        assert!((r[3] - 9.5).abs() < 1e-9 && r[4] == 10.0 && r[5].is_nan());
-    }
-
-    #[test]
-    fn an_average_is_neither_early_nor_late() {
-        let time: Vec<f64> = (0..1000).map(|i| i as f64 * 0.01).collect();
-        let line: Vec<f64> = time.iter().map(|t| 3.0 * t).collect();
-        let t: Vec<f64> = (1..20).map(|i| i as f64 * 0.4).collect();
-        for period_s in [0.02, 0.03, 0.04, 0.05] {
-            for (mean, t) in averaged(&time, &line, &t, period_s, 0.01).iter().zip(&t) {
-                assert!((mean - 3.0 * t).abs() < 1e-9, "{period_s} {t}: {mean}");
-            }
         }
     }
 }

@@ -3,18 +3,18 @@
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::{Simulator, Vehicle};
 
-use super::CompareError;
+use super::comparison::CompareError;
 use super::grid::Grid;
-use crate::stats::mean;
+use whirlstand_logs::stats::mean;
 
 /// A free run with the initial state that fits the record best.
 #[derive(Debug, Clone)]
 pub struct FreeRun {
-    /// Initial state.
+    /// Initial state, SI.
     pub initial: Vec<f64>,
-    /// Simulated outputs, one vector an output of the grid.
+    /// Simulated outputs, SI: one vector for each output of the grid.
     pub outputs: Vec<Vec<f64>>,
-    /// True when the simulation left all bounds.
+    /// True when the simulation diverged.
     pub diverged: bool,
 }
 
@@ -171,7 +171,8 @@ fn solve(mut normal: DMatrix<f64>, mut right: DVector<f64>) -> Option<DVector<f6
     Some(solution)
 }
 
-/// Errors of predictions over one horizon, one vector an output of the grid; NaN where none was made.
+/// Errors of predictions over one horizon, SI: one vector for each output of the grid; NaN where no prediction was
+/// made.
 ///
 /// The record is cut into parts of one horizon. The state at the start of a part is fitted to that part
 /// (least squares), carried on through the next part with the measured inputs, and compared there: the model is

@@ -10,29 +10,29 @@ pub struct ClosedLoop {
     pub law: String,
     /// The law, at rest.
     pub controller: Controller,
-    /// The filter before it, at rest.
+    /// The estimator that feeds the law, at rest.
     pub estimator: Estimator,
     /// Where the test signal enters.
-    pub through: Through,
+    pub through: InjectionPoint,
 }
 
 /// Where the test signal enters the loop.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Through {
-    /// Added to the command: one signal an input.
+pub enum InjectionPoint {
+    /// The test signals are added to the command: one signal an input.
     Command,
-    /// As moves of the setpoint: one signal for each of these states.
+    /// The test signals move the setpoint: one signal for each of the states with these indices.
     Setpoint(Vec<usize>),
 }
 
-/// What a flight does to the vehicle, and what its sensors show, steps by signals, row after row.
+/// Signals of a simulated flight, steps x signals, row after row.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Flown {
-    /// Inputs in force, SI.
+pub struct FlightData {
+    /// Inputs in force, steps x inputs, SI.
     pub inputs: Vec<f64>,
-    /// Outputs, SI.
+    /// Outputs, steps x outputs, SI.
     pub outputs: Vec<f64>,
-    /// The vehicle left all bounds.
+    /// True when the simulation diverged.
     pub diverged: bool,
 }
 
@@ -45,37 +45,42 @@ pub fn fly(
     period_s: f64,
     signals: &[Vec<f64>],
     closed: Option<&ClosedLoop>,
-) -> Result<Flown, SimulatorError> {
+) -> Result<FlightData, SimulatorError> {
     match closed {
         None => open(vehicle, period_s, signals),
         Some(closed) => closed.fly(vehicle, period_s, signals),
     }
 }
 
-fn open(vehicle: &Vehicle, period_s: f64, signals: &[Vec<f64>]) -> Result<Flown, SimulatorError> {
+fn open(vehicle: &Vehicle, period_s: f64, signals: &[Vec<f64>]) -> Result<FlightData, SimulatorError> {
     let mut simulator = Simulator::expected(vehicle, period_s)?;
     let steps = signals.first().map_or(0, Vec::len);
     let inputs: Vec<f64> = (0..steps).flat_map(|k| signals.iter().map(move |s| s[k])).collect();
     let mut outputs = vec![0.0; steps * vehicle.outputs.len()];
     simulator.run(&inputs, &mut outputs);
-    Ok(Flown { inputs, outputs, diverged: simulator.diverged() })
+    Ok(FlightData { inputs, outputs, diverged: simulator.diverged() })
 }
 
 impl ClosedLoop {
     /// Step j: the command of j - 1 is in force, sensors are read, filter and law answer with command j.
-    fn fly(&self, vehicle: &Vehicle, period_s: f64, signals: &[Vec<f64>]) -> Result<Flown, SimulatorError> {
+    fn fly(
+        &self,
+        vehicle: &Vehicle,
+        period_s: f64,
+        signals: &[Vec<f64>],
+    ) -> Result<FlightData, SimulatorError> {
         let mut simulator = Simulator::expected(vehicle, period_s)?;
         let (mut controller, mut estimator) = (self.controller.clone(), self.estimator.clone());
         let (n, m, p) = (vehicle.states.len(), vehicle.inputs.len(), vehicle.outputs.len());
         let steps = signals.first().map_or(0, Vec::len);
-        let mut flown = Flown {
+        let mut flown = FlightData {
             inputs: Vec::with_capacity(steps * m),
             outputs: Vec::with_capacity(steps * p),
             diverged: false,
         };
         let tracked = match &self.through {
-            Through::Command => 0,
-            Through::Setpoint(states) => states.iter().fold(0u64, |bits, i| bits | 1 << i),
+            InjectionPoint::Command => 0,
+            InjectionPoint::Setpoint(states) => states.iter().fold(0u64, |bits, i| bits | 1 << i),
         };
         let mut reference = vec![0.0; n];
         let mut added = vec![0.0; m];
@@ -92,11 +97,11 @@ impl ClosedLoop {
             flown.inputs.extend_from_slice(simulator.applied());
             before.copy_from_slice(simulator.applied());
             match &self.through {
-                Through::Command => {
+                InjectionPoint::Command => {
                     added.iter_mut().zip(signals).for_each(|(a, s)| *a = s[k]);
                     controller.set_test_input(&added);
                 }
-                Through::Setpoint(states) => {
+                InjectionPoint::Setpoint(states) => {
                     states.iter().zip(signals).for_each(|(i, s)| reference[*i] = s[k]);
                 }
             }

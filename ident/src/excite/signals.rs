@@ -22,21 +22,28 @@ pub enum Kind {
     Sweep,
 }
 
-/// What is asked of a test input.
+/// Kind, length and frequencies of a test input.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
-    /// Kind.
+    /// Kind of test input.
     pub kind: Kind,
     /// Number of steps.
     pub steps: usize,
-    /// Period, s.
+    /// Time between two steps, s.
     pub period_s: f64,
     /// Lowest frequency, Hz.
     pub lowest_hz: f64,
     /// Highest frequency, Hz.
     pub highest_hz: f64,
-    /// Seed of what is random.
+    /// Seed of the random kinds.
     pub seed: u64,
+}
+
+impl Shape {
+    /// Length of the flight, s.
+    pub fn duration_s(&self) -> f64 {
+        self.steps as f64 * self.period_s
+    }
 }
 
 /// Signals of `m` inputs, one vector each, within -1 to 1. The first and the last second are quiet.

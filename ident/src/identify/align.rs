@@ -1,4 +1,4 @@
-//! By how much sensors of different clocks lag each other, from the motion that they share.
+//! Lags between sensors of different clocks, from the motion that they share.
 //!
 //! Where the vehicle file says that one output is the integral of another (an angle and its rate: a row of A with one
 //! entry that is not free, and no input), both must show one motion. Sensors of the same computer as the inputs are
@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 use whirlstand_logs::{Record, Series, time_offset};
-use whirlstand_vehicle::{Matrix, Target, Vehicle};
+use whirlstand_vehicle::Vehicle;
 
 /// Longest lag that is looked for, s.
 const LONGEST_S: f64 = 0.5;
@@ -18,15 +18,15 @@ const LEAST_CORRELATION: f64 = 0.7;
 /// The lag of an output behind the output that is its derivative.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Lag {
-    /// The output.
+    /// Name of the output that lags.
     pub output: String,
-    /// The output that is its derivative.
+    /// Name of the output that is its derivative.
     pub rate: String,
-    /// By how much the first lags the second, s.
+    /// Lag of `output` behind `rate`, s; positive when `output` is late.
     pub lag_s: f64,
     /// Correlation of the two at that lag.
     pub correlation: f64,
-    /// True when the motion leaves no doubt.
+    /// True when the motion determines the lag.
     pub certain: bool,
 }
 
@@ -46,18 +46,9 @@ pub fn lags(record: &Record, vehicle: &Vehicle) -> Vec<Lag> {
     };
     let mut all = Vec::new();
     for i in 0..vehicle.states.len() {
-        let free = vehicle
-            .free
-            .iter()
-            .any(|f| matches!(f.target, Target::Entry(Matrix::A | Matrix::B, r, _) if r == i));
-        let row: Vec<usize> = (0..vehicle.states.len()).filter(|j| vehicle.a[(i, *j)] != 0.0).collect();
-        let driven = vehicle.b.row(i).iter().any(|b| *b != 0.0);
-        let &[j] = &row[..] else { continue };
-        if free || driven || i == j {
-            continue;
-        }
+        let Some((j, c)) = vehicle.kinematic_row(i) else { continue };
         let (Some(angle), Some(rate)) = (shown(i), shown(j)) else { continue };
-        let sign = (vehicle.a[(i, j)] * vehicle.c[(angle, i)] * vehicle.c[(rate, j)]).signum();
+        let sign = (c * vehicle.c[(angle, i)] * vehicle.c[(rate, j)]).signum();
         let [angle, rate] = [angle, rate].map(|o| vehicle.outputs[o].name.clone());
         if let Some(found) = lag(record, &angle, &rate) {
             let correlation = sign * found.correlation;

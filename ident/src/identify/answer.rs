@@ -1,4 +1,4 @@
-//! What an identification answers.
+//! The result of an identification as data.
 
 use std::collections::BTreeMap;
 
@@ -14,9 +14,9 @@ pub const IDENTIFICATION_SCHEMA: &str = "whirlstand.identification.v1";
 /// A fitted vehicle, how sure it is, and how well it repeats the records.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identification {
-    /// [`IDENTIFICATION_SCHEMA`].
+    /// Always [`IDENTIFICATION_SCHEMA`].
     pub schema: String,
-    /// The answer in a sentence.
+    /// The result in a sentence.
     pub verdict: String,
     /// Name of the vehicle.
     pub vehicle: String,
@@ -32,7 +32,7 @@ pub struct Identification {
     pub version: String,
     /// The data.
     pub data: Vec<DataPart>,
-    /// Period, s.
+    /// Time between two steps, s.
     pub period_s: f64,
     /// How the search ended.
     pub search: SearchSummary,
@@ -46,7 +46,7 @@ pub struct Identification {
     pub poles: Vec<Pole>,
     /// Figures of the outputs, by name.
     pub outputs: BTreeMap<String, OutputAnswer>,
-    /// False when what is left of a record beside the model makes standard errors too small.
+    /// False when the standard errors are too small because something acted in the record that the model does not have.
     pub standard_errors_hold: bool,
     /// Stretches of the identification data where something acts that the model does not have.
     pub disturbed: Vec<Disturbed>,
@@ -74,7 +74,7 @@ pub struct Log {
 /// One stretch of data and what it served for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DataPart {
-    /// Where it was read from.
+    /// Where the record was read from.
     pub log: Log,
     /// Start, s of the record's clock.
     pub from_s: f64,
@@ -94,20 +94,20 @@ pub struct DataPart {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// Parameters were fitted to it.
+    /// The parameters were fitted to it.
     Identification,
-    /// It was held out.
+    /// It was held out to check the fit.
     Control,
 }
 
 /// How a search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SearchSummary {
-    /// True when it stands at a minimum.
+    /// True when the search ended at a minimum.
     pub converged: bool,
-    /// Steps.
+    /// Number of steps of the search.
     pub iterations: usize,
-    /// Costs evaluated, the genetic algorithm's included.
+    /// Number of evaluations of the cost, those of the genetic algorithm included.
     pub evaluations: usize,
     /// Cost at the end: for `ga` the mean of the normalised mean square errors, else the negative log-likelihood.
     pub cost: f64,
@@ -120,17 +120,17 @@ pub struct SearchSummary {
 pub struct ParameterAnswer {
     /// Name, as `A[2,1]` or `input_delay(u_roll).delay_s`.
     pub name: String,
-    /// Value.
+    /// Estimated value.
     pub value: f64,
-    /// Standard error; `None` where the method gives none.
+    /// Standard error of the value; `None` where the method gives none.
     pub standard_error: Option<f64>,
     /// Least value allowed.
     pub lower: f64,
     /// Greatest value allowed.
     pub upper: f64,
-    /// True when it lies at one of them.
+    /// True when the value lies at one of its bounds.
     pub at_bound: bool,
-    /// Value in SI.
+    /// Estimated value in SI.
     pub value_si: f64,
 }
 
@@ -163,15 +163,15 @@ pub struct Pole {
 pub struct OutputAnswer {
     /// SI unit.
     pub unit: String,
-    /// On the data that were fitted.
+    /// Figures on the data that were fitted.
     pub identification: Option<Quality>,
-    /// On the data that were held out.
+    /// Figures on the data that were held out.
     pub control: Option<Quality>,
-    /// Standard deviation of what one step ahead cannot be predicted.
+    /// Standard deviation of the part of the output that cannot be predicted one step ahead.
     pub noise_std: f64,
     /// Order of the noise's autoregressive model; 0 for white noise and for Kalman's form.
     pub noise_order: usize,
-    /// Are the one-step residuals white?
+    /// Whether the one-step residuals are white.
     pub whiteness: Option<Whiteness>,
 }
 
@@ -180,7 +180,7 @@ pub struct OutputAnswer {
 pub struct Quality {
     /// 100 (1 - norm(y - y_sim) / norm(y - mean y)) of the free-running simulation, %.
     pub free_run_fit: Option<f64>,
-    /// The same after the mean of the residual is taken off.
+    /// Fit of the free-running simulation after the mean of the residual is subtracted, %.
     pub free_run_fit_bias_removed: Option<f64>,
     /// Root of the mean square error of the free-running simulation.
     pub free_run_rmse: Option<f64>,
@@ -193,22 +193,22 @@ pub struct Quality {
 pub struct Disturbed {
     /// Start, s of the record's clock.
     pub from_s: f64,
-    /// End, s.
+    /// End, s of the record's clock.
     pub until_s: f64,
-    /// The output that shows it most.
+    /// The output whose residuals stand out most.
     pub output: String,
-    /// Root mean square of its residuals there, over their usual size.
+    /// Root mean square of the residuals of that output in the stretch, over their usual size.
     pub ratio: f64,
 }
 
 /// Ljung and Box's test on the one-step residuals.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Whiteness {
-    /// Lags in the test.
+    /// Number of lags in the test.
     pub lags: usize,
     /// Probability of a statistic as great from white noise.
     pub p_value: f64,
-    /// Greatest autocorrelation at a lag from 1 on.
+    /// Autocorrelation of the greatest magnitude at a lag from 1 on.
     pub greatest: f64,
     /// True when the residuals pass at 1 %.
     pub white: bool,
@@ -229,7 +229,7 @@ pub struct PartSeries {
     pub t: Vec<f64>,
     /// Period, s.
     pub period_s: f64,
-    /// Inputs: name, unit, values.
+    /// Inputs: name, SI unit, one value a step.
     pub inputs: Vec<(String, String, Vec<f64>)>,
     /// Fitted outputs.
     pub outputs: Vec<OutputSeries>,
@@ -242,8 +242,8 @@ pub struct OutputSeries {
     pub name: String,
     /// SI unit.
     pub unit: String,
-    /// Measured.
+    /// Measured values.
     pub measured: Vec<f64>,
-    /// Free-running simulation, offset included.
+    /// Values of the free-running simulation, offset included.
     pub simulated: Vec<f64>,
 }

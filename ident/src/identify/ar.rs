@@ -2,17 +2,17 @@
 
 use multiversion::multiversion;
 
-/// e_k = r_k + a_1 r_(k-1) + ... + a_q r_(k-q), e white with variance `variance`.
+/// Autoregressive model of a residual r: e_k = r_k + a_1 r_(k-1) + ... + a_q r_(k-q) with white e.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ar {
-    /// a_1 to a_q.
+    /// Coefficients a_1 to a_q.
     pub coefficients: Vec<f64>,
-    /// Variance of e.
+    /// Variance of the white part e, in the squared unit of the residual.
     pub variance: f64,
 }
 
 impl Ar {
-    /// White noise.
+    /// White noise of the given variance.
     pub fn white(variance: f64) -> Self {
         Self { coefficients: Vec::new(), variance }
     }
@@ -65,7 +65,7 @@ impl Ar {
         best.1
     }
 
-    /// As [`Ar::fit`] for a single run, and done with once several orders in a row were no better.
+    /// Fits a single run like [`Ar::fit`], but stops once several orders in a row were no better.
     pub fn burg(run: &[f64], most: usize) -> Self {
         const PATIENCE: usize = 5;
         let n = run.len() as f64;
@@ -110,7 +110,7 @@ impl Ar {
         best.1
     }
 
-    /// Order.
+    /// Order q of the model.
     pub fn order(&self) -> usize {
         self.coefficients.len()
     }
@@ -126,7 +126,7 @@ impl Ar {
     }
 }
 
-/// Rows that pass through A(q), or through 1/A(q), on their way.
+/// Filters rows of numbers by A(q), or by 1/A(q), column by column.
 #[derive(Debug, Clone)]
 pub struct RowFilter {
     coefficients: Vec<f64>,
@@ -140,7 +140,7 @@ pub struct RowFilter {
 }
 
 impl RowFilter {
-    /// For rows of `width` numbers.
+    /// A filter for rows of `width` numbers; with `inverse` by 1/A(q).
     pub fn new(ar: &Ar, inverse: bool, width: usize) -> Self {
         let q = ar.order();
         Self {
@@ -154,13 +154,13 @@ impl RowFilter {
         }
     }
 
-    /// Forgets the past: after a gap.
+    /// Forgets all past rows, as after a gap.
     pub fn reset(&mut self) {
         self.filled = 0;
         self.ring.fill(0.0);
     }
 
-    /// Takes a row; gives the filtered one, or `None` while A(q) has not seen enough of the past.
+    /// Filters a row; `None` while there are fewer past rows than the order of A(q).
     pub fn next(&mut self, row: &[f64]) -> Option<&[f64]> {
         let q = self.coefficients.len();
         self.out.copy_from_slice(row);

@@ -1,4 +1,4 @@
-//! Many simulations at once, for costs alone: what a genetic algorithm needs.
+//! Costs of many simulations at once, without sensitivities, for the genetic algorithm.
 //!
 //! Sixteen models run side by side in one loop, so that their arithmetic fills the machine's vectors instead of waiting
 //! for one recursion.
@@ -9,10 +9,10 @@ use whirlstand_vehicle::{Simulator, discretise};
 use super::data::Segment;
 use super::problem::Problem;
 
-/// Models that run side by side.
+/// Number of models that are simulated side by side.
 pub const LANES: usize = 16;
 type Lane = [f64; LANES];
-/// Beyond this a simulation has left all bounds.
+/// Absolute value beyond which a simulation counts as diverged.
 const LARGEST: f64 = 1e9;
 
 /// Computes the normalised mean square error of simulations.
@@ -23,31 +23,33 @@ pub struct Batch<'p> {
     /// Weight over (number of values times their variance), for each output.
     scale: Vec<f64>,
     /// States that an output shows: state, output, gain.
-    shown: Vec<(usize, usize, f64)>,
-    /// Steps after which the states that are shown start anew from the record.
+    measuring: Vec<(usize, usize, f64)>,
+    /// Steps after which the states that an output measures start anew from the record.
     horizon: usize,
 }
 
 impl<'p> Batch<'p> {
-    /// For the given data. The cost is the weighted mean, over outputs, of mean square error over variance.
+    /// Simulations of `segments`. The cost of a point is the weighted mean over the outputs of the mean square error
+    /// divided by the variance of the output; it has no unit.
     pub fn new(problem: &'p Problem, segments: &'p [Segment]) -> Self {
         let p = problem.p();
         let total: f64 = problem.weights.iter().sum();
         let scale = (0..p).map(|i| {
             let values: Vec<f64> =
                 segments.iter().flat_map(|s| s.output(i, p)).filter(|v| v.is_finite()).collect();
-            let mean = crate::stats::mean(&values);
+            let mean = whirlstand_logs::stats::mean(&values);
             let sum: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
             if problem.weights[i] > 0.0 && sum > 0.0 { problem.weights[i] / (total * sum) } else { 0.0 }
         });
-        let shown = super::start::shown(&problem.vehicle, &problem.weights);
-        let shown = shown.into_iter().enumerate().filter_map(|(j, s)| s.map(|(i, gain)| (j, i, gain)));
+        let measuring = super::start::measuring_outputs(&problem.vehicle, &problem.weights);
+        let measuring =
+            measuring.into_iter().enumerate().filter_map(|(j, s)| s.map(|(i, gain)| (j, i, gain)));
         let horizon = usize::MAX;
-        Self { scale: scale.collect(), problem, segments, shown: shown.collect(), horizon }
+        Self { scale: scale.collect(), problem, segments, measuring: measuring.collect(), horizon }
     }
 
-    /// The same with simulations that run freely for `steps` only: after that, the states that an output shows start
-    /// anew from the record. The shorter, the smoother the cost is as a function of the parameters, the more it is
+    /// A batch whose simulations run freely for `steps` only: after that, the states that an output measures start anew
+    /// from the record. The shorter the run, the smoother the cost is as a function of the parameters, the more it is
     /// that of an equation error, and the more noise matters (Ribeiro et al., Automatica 121, 2020).
     pub fn with_horizon(&self, steps: usize) -> Self {
         Self { horizon: steps.max(1), ..self.clone() }
@@ -55,14 +57,14 @@ impl<'p> Batch<'p> {
 
     /// True when some state can start anew from the record.
     pub fn restarts(&self) -> bool {
-        !self.shown.is_empty()
+        !self.measuring.is_empty()
     }
 
     fn starts_anew(&self, k: usize) -> bool {
         k > 0 && k.is_multiple_of(self.horizon)
     }
 
-    /// Number of unknowns: parameters, then the nuisances of every segment.
+    /// Number of unknowns of a point: the parameters, then the nuisances of every segment.
     pub fn unknowns(&self) -> usize {
         self.problem.parameters.len() + self.problem.nuisances() * self.segments.len()
     }
@@ -117,7 +119,7 @@ impl<'p> Batch<'p> {
             for k in 0..segment.steps {
                 if self.starts_anew(k) {
                     let mut state = simulator.state().to_vec();
-                    for &(j, i, gain) in &self.shown {
+                    for &(j, i, gain) in &self.measuring {
                         let y = segment.outputs[k * p + i] - offsets.get(i).unwrap_or(&0.0);
                         if y.is_finite() {
                             state[j] = y / gain;
@@ -206,7 +208,7 @@ fn sweep(
         }
         if until_anew == 0 {
             until_anew = batch.horizon;
-            for &(j, i, gain) in batch.shown.iter().filter(|(_, i, _)| measured[*i].is_finite()) {
+            for &(j, i, gain) in batch.measuring.iter().filter(|(_, i, _)| measured[*i].is_finite()) {
                 z[j] = offset[i].map(|o| (measured[i] - o) / gain);
             }
         }

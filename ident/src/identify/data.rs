@@ -7,21 +7,19 @@ use super::IdentifyError;
 use crate::compare::grid::grid;
 use crate::compare::{CompareError, CompareOptions};
 
-/// Longest pause of an input across which it is held, in its usual intervals.
-const LONGEST_PAUSE: f64 = 3.5;
-
-/// A stretch of a record.
+/// A part of a record on an even grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
     /// Where the record was read from.
     pub origin: String,
     /// Time of the first step in the record, s.
     pub start_s: f64,
-    /// Period, s.
+    /// Time between two steps, s.
     pub period_s: f64,
-    /// Steps by inputs, row after row, within the vehicle's limits.
+    /// Inputs within the vehicle's limits, SI: steps x inputs, row after row.
     pub inputs: Vec<f64>,
-    /// Steps by outputs of the vehicle, row after row; NaN where there is no value or the output is not fitted.
+    /// Outputs, SI: steps x outputs of the vehicle, row after row; NaN where there is no value or the output is not
+    /// fitted.
     pub outputs: Vec<f64>,
     /// Number of steps.
     pub steps: usize,
@@ -69,8 +67,9 @@ impl Segment {
         })
     }
 
-    /// The same, cut where the inputs pause for more than a few of their intervals: across such a gap nothing is known
-    /// of what moved the vehicle. Pieces too short to tell anything are left out.
+    /// Takes a part of a record like [`Segment::new`], cut where the inputs pause for longer than
+    /// [`whirlstand_logs::LONGEST_BRIDGED`], since nothing is known of what moved the vehicle across such a gap. Pieces
+    /// that are too short for a fit are left out.
     ///
     /// # Errors
     /// As [`Segment::new`].
@@ -84,7 +83,7 @@ impl Segment {
         for input in &vehicle.inputs {
             let signal = record.signal(&input.name).map_err(CompareError::from)?;
             let known = record.time.iter().zip(&signal.values).filter(|(_, v)| v.is_finite());
-            gaps.extend(pauses(&known.map(|(t, _)| *t).collect::<Vec<_>>(), LONGEST_PAUSE));
+            gaps.extend(pauses(&known.map(|(t, _)| *t).collect::<Vec<_>>()));
         }
         let (from, until) = (from_s.unwrap_or(f64::NEG_INFINITY), until_s.unwrap_or(f64::INFINITY));
         gaps.retain(|(a, b)| *b > from && *a < until);
@@ -109,7 +108,7 @@ impl Segment {
         Ok(pieces)
     }
 
-    /// Measured values of output `i`, one a step.
+    /// Measured values of output `i` of `p`, one a step; NaN where there is none.
     pub fn output(&self, i: usize, p: usize) -> Vec<f64> {
         self.outputs.iter().skip(i).step_by(p).copied().collect()
     }
@@ -141,7 +140,7 @@ pub fn pieces(segments: &[Segment], steps: usize) -> Vec<Segment> {
     all
 }
 
-/// A signal with straight lines across its gaps, and its first and last value before and after.
+/// A signal whose gaps (NaN) are bridged by straight lines; before its first and after its last value it is constant.
 pub fn filled(values: &[f64]) -> Vec<f64> {
     let known: Vec<usize> = (0..values.len()).filter(|k| values[*k].is_finite()).collect();
     let (Some(first), Some(last)) = (known.first(), known.last()) else { return vec![0.0; values.len()] };
@@ -156,7 +155,7 @@ pub fn filled(values: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Outputs that at least one segment has.
+/// For each of the `p` outputs whether at least one segment has a value of it.
 pub fn present(segments: &[Segment], p: usize) -> Vec<bool> {
     (0..p)
         .map(|i| segments.iter().any(|s| s.outputs.iter().skip(i).step_by(p).any(|v| v.is_finite())))

@@ -3,7 +3,7 @@
 use super::answer::Disturbed;
 use super::data::Segment;
 use super::problem::Problem;
-use crate::stats::{median, rms};
+use whirlstand_logs::stats::{median, rms};
 
 /// Length over which residuals are judged together, s.
 const WINDOW_S: f64 = 0.25;
@@ -12,10 +12,11 @@ const WINDOW_S: f64 = 0.25;
 const RATIO: f64 = 3.0;
 const SIGMAS: f64 = 8.0;
 /// When more than this share of a record stands out, it is the model that is wrong, not a moment.
-const MOST: f64 = 0.25;
+const LARGEST_SHARE: f64 = 0.25;
 
-/// Finds the stretches, in the order of time. `one_step[output][part]` are the residuals one step ahead of the measured
-/// values of that output, the last ones of the part when a filter took the first.
+/// Finds the disturbed stretches of `segments`, in the order of time. `one_step[output][part]` are the one-step
+/// residuals of the measured values of that output; where a filter used the first values of a part up, those of its
+/// last values.
 pub fn disturbed(problem: &Problem, segments: &[Segment], one_step: &[Vec<Vec<f64>>]) -> Vec<Disturbed> {
     let p = problem.p();
     let usual: Vec<f64> = one_step
@@ -44,7 +45,7 @@ pub fn disturbed(problem: &Problem, segments: &[Segment], one_step: &[Vec<Vec<f6
                 }
             }
         }
-        if marks.iter().flatten().count() as f64 > MOST * windows as f64 {
+        if marks.iter().flatten().count() as f64 > LARGEST_SHARE * windows as f64 {
             return Vec::new();
         }
         let mut w = 0;

@@ -23,11 +23,11 @@ pub enum IdentifyError {
         "{first} has a period of {first_s} s, {other} one of {other_s} s: give one with --period SECONDS, and both are resampled"
     )]
     Periods {
-        /// First log.
+        /// Name of the first log.
         first: String,
         /// Its period.
         first_s: f64,
-        /// The other log.
+        /// Name of the log with another period.
         other: String,
         /// Its period.
         other_s: f64,
@@ -58,7 +58,7 @@ pub enum IdentifyError {
         /// Parameters among them.
         parameters: usize,
     },
-    /// No start from which the simulation stays finite.
+    /// The simulation diverges from every start.
     #[error(
         "the simulation leaves all bounds from every start ({tried} tried): give start values in the vehicle file (start = ...) that are stable, narrower bounds, or use --noise kalman, which needs no stable simulation"
     )]

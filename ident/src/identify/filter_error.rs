@@ -4,6 +4,7 @@
 //! Fisher's scoring: from the sensitivities of the prediction and from those of the innovations' covariance (Astrom,
 //! Maximum likelihood and prediction error methods, Automatica 16, 1980).
 
+use super::sweep::predictor;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -17,17 +18,17 @@ use super::search::Point;
 /// The likelihood at one value of the unknowns.
 #[derive(Debug, Clone)]
 pub struct Evaluation {
-    /// Parameters, then noise parameters.
+    /// Parameters, SI, then the logarithms of the noises' standard deviations.
     pub unknowns: Vec<f64>,
-    /// Best nuisances of every segment.
+    /// Nuisances of every segment that minimise the cost.
     pub nuisances: Vec<Vec<f64>>,
     /// Negative logarithm of the likelihood, without constants.
     pub cost: f64,
-    /// Information about the unknowns, nuisances eliminated.
+    /// Information about the unknowns, unknowns x unknowns, with the nuisances eliminated.
     pub information: DMatrix<f64>,
-    /// Minus the gradient.
+    /// The gradient of the cost by the unknowns, times -1.
     pub right: DVector<f64>,
-    /// For every segment: how the nuisances follow the unknowns.
+    /// For every segment the derivative of the best nuisances by the unknowns, nuisances x unknowns.
     pub coupling: Vec<DMatrix<f64>>,
 }
 
@@ -135,7 +136,7 @@ fn part(
     nuisance: &[f64],
 ) -> Option<Part> {
     let p = problem.p();
-    let model = problem.predictor(theta, gains)?;
+    let model = predictor(problem, theta, gains)?;
     let columns = model.columns();
     let whiten: Vec<DMatrix<f64>> = (0..gains.phases())
         .map(|f| {
@@ -229,7 +230,7 @@ pub fn predict(
         .zip(nuisances)
         .zip(&which)
         .map(|((segment, nuisance), w)| {
-            let model = fixed.predictor(&[], &gains[*w])?;
+            let model = predictor(&fixed, &[], &gains[*w])?;
             let mut outputs = Vec::with_capacity(segment.outputs.len());
             let fine = model.sweep(segment, nuisance, &mut |s| outputs.extend_from_slice(s.predicted));
             fine.then_some(outputs)

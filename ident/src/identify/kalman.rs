@@ -1,9 +1,9 @@
-//! The search in Kalman's innovations form: its start, and from there to the optimum.
+//! Prediction-error search with a Kalman filter: start values, then the optimum.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::data::Segment;
-use super::pem::{Fit, NoiseFit, bounds, no_nuisances};
+use super::fitted::{Fit, NoiseFit, bounds, no_nuisances};
 use super::predictor::NoiseStructure;
 use super::problem::Problem;
 use super::search::{Limits, search};
@@ -36,23 +36,23 @@ fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructu
         .map(|&i| {
             let values: Vec<f64> =
                 segments.iter().flat_map(|s| s.output(i, p)).filter(|v| v.is_finite()).collect();
-            let mean = crate::stats::mean(&values);
-            let spread = crate::stats::rms(&values.iter().map(|v| v - mean).collect::<Vec<_>>());
-            crate::stats::white_noise_std(&values).max(1e-4 * spread).max(1e-12)
+            let mean = whirlstand_logs::stats::mean(&values);
+            let spread = whirlstand_logs::stats::rms(&values.iter().map(|v| v - mean).collect::<Vec<_>>());
+            whirlstand_logs::stats::white_noise_std(&values).max(1e-4 * spread).max(1e-12)
         })
         .collect();
     let driven = structure.states.iter().map(|&j| {
         let at = structure.outputs.iter().position(|&i| problem.vehicle.c[(i, j)] != 0.0);
         let size = match at {
             Some(at) => measured[at] / problem.vehicle.c[(structure.outputs[at], j)].abs(),
-            None => crate::stats::mean(&measured),
+            None => whirlstand_logs::stats::mean(&measured),
         };
         (0.3 * size / problem.period_s.sqrt()).ln()
     });
     driven.chain(measured.iter().map(|s| s.ln())).collect()
 }
 
-/// Prediction error by Kalman's innovations.
+/// Fits the parameters and the noises by maximum likelihood of the Kalman filter's innovations.
 pub fn kalman(
     problem: &Problem,
     segments: &[Segment],

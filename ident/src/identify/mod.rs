@@ -8,10 +8,12 @@ pub mod align;
 pub mod answer;
 pub mod ar;
 pub mod batch;
+mod covariance;
 pub mod data;
 mod disturbed;
 mod error;
 pub mod filter_error;
+pub mod fitted;
 pub mod ga;
 mod kalman;
 mod linear;
@@ -30,9 +32,10 @@ mod sensitivity;
 mod simulated;
 pub mod spread;
 pub mod start;
+pub mod sweep;
 #[cfg(test)]
 mod tests;
-mod words;
+mod text;
 
 pub use answer::{IDENTIFICATION_SCHEMA, Identification, Log};
 pub use data::Segment;

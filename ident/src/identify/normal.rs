@@ -24,7 +24,7 @@ const BLOCK: usize = 16;
 const TILE: usize = 8;
 
 impl Normal {
-    /// For `columns` unknowns.
+    /// Empty sums for `columns` unknowns.
     pub fn new(columns: usize) -> Self {
         let width = columns + 1;
         let padded = width.next_multiple_of(TILE);
@@ -50,7 +50,7 @@ impl Normal {
         self.waiting = 0;
     }
 
-    /// Number of rows.
+    /// Number of rows so far.
     pub fn rows(&self) -> usize {
         self.rows
     }
@@ -98,21 +98,21 @@ fn gather(sums: &mut [f64], rows: &[f64], padded: usize) {
     }
 }
 
-/// J'J, J'r, r'r and the number of rows.
+/// The normal equations of a least-squares problem with Jacobian J and residual r.
 #[derive(Debug, Clone)]
 pub struct Sums {
-    /// J'J.
+    /// Information matrix J'J, unknowns x unknowns.
     pub information: DMatrix<f64>,
-    /// J'r.
+    /// Right side J'r.
     pub right: DVector<f64>,
-    /// r'r.
+    /// Sum of squared residuals r'r.
     pub square: f64,
     /// Number of rows.
     pub rows: usize,
 }
 
 impl Sums {
-    /// r'r after the unknowns have moved by `step`, to second order (exact for a linear problem).
+    /// Sum of squared residuals after the unknowns have moved by `step`, to second order (exact for a linear problem).
     pub fn square_after(&self, step: &DVector<f64>) -> f64 {
         (self.square - 2.0 * self.right.dot(step) + step.dot(&(&self.information * step))).max(0.0)
     }

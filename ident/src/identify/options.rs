@@ -1,4 +1,4 @@
-//! What can be chosen.
+//! Options of an identification.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,13 +14,13 @@ pub enum Method {
     /// Gauss-Newton and Levenberg-Marquardt on output or prediction error.
     #[serde(rename = "pem")]
     Pem,
-    /// The second from where the first ends.
+    /// The genetic algorithm, then the second method from its result.
     #[serde(rename = "ga+pem")]
     GaPem,
 }
 
 impl Method {
-    /// The word on the command line.
+    /// The name of the method on the command line.
     pub fn word(self) -> &'static str {
         match self {
             Self::Ga => "ga",
@@ -38,11 +38,11 @@ pub struct Options {
     /// How residuals are modelled; `None` chooses: Kalman's form for closed loops and for models that are not
     /// stable, white otherwise.
     pub noise: Option<Noise>,
-    /// The record was taken with a controller in the loop.
+    /// True when the record was taken with a controller in the loop.
     pub closed_loop: bool,
-    /// What is estimated for each part of the data alone.
+    /// What is estimated separately for each part of the data.
     pub nuisance: Nuisance,
-    /// Take the means over the fitted data off every input and output of all data.
+    /// Whether the means over the fitted data are subtracted from every input and output of all data.
     pub detrend: bool,
     /// Seed of everything random.
     pub seed: u64,

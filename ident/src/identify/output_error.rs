@@ -1,4 +1,4 @@
-//! Output error: the free-running simulation held against the record, output by output, each residual white or
+//! Output error: the free-running simulation compared with the record, output by output, each residual white or
 //! autoregressive.
 //!
 //! The variances of the outputs are concentrated out of the likelihood: the cost is the sum over outputs of
@@ -6,6 +6,7 @@
 //! offsets) enters linearly and is eliminated exactly (variable projection; Golub and Pereyra 1973), so that a step
 //! moves the parameters with the nuisances always at their best.
 
+use super::sweep::simulation;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -14,15 +15,15 @@ use super::data::Segment;
 use super::normal::{Normal, Sums, pseudo_inverse};
 use super::problem::{Problem, Sweep};
 
-/// Residuals of one segment as normal equations, one an output; `None` for outputs without weight.
+/// Normal equations of one segment, one entry an output; `None` for outputs without weight.
 type OutputSums = Vec<Option<Sums>>;
 
 /// The cost at one value of the parameters, with what a step needs.
 #[derive(Debug, Clone)]
 pub struct Evaluation {
-    /// Parameters.
+    /// Values of the parameters, SI.
     pub theta: Vec<f64>,
-    /// Best nuisances of every segment.
+    /// Nuisances of every segment that minimise the cost.
     pub nuisances: Vec<Vec<f64>>,
     /// Concentrated negative logarithm of the likelihood, without constants.
     pub cost: f64,
@@ -30,11 +31,11 @@ pub struct Evaluation {
     pub variances: Vec<f64>,
     /// Number of whitened residuals of every output.
     pub counts: Vec<usize>,
-    /// Information about the parameters, nuisances eliminated.
+    /// Information about the parameters, parameters x parameters, with the nuisances eliminated.
     pub information: DMatrix<f64>,
-    /// Minus the gradient by the parameters.
+    /// The gradient of the cost by the parameters, times -1.
     pub right: DVector<f64>,
-    /// For every segment: by how much the best nuisances move when the parameters do; nuisances x parameters.
+    /// For every segment the derivative of the best nuisances by the parameters, nuisances x parameters.
     pub coupling: Vec<DMatrix<f64>>,
 }
 
@@ -50,7 +51,7 @@ pub fn evaluate(
     if grows(problem, segments, theta) {
         return None;
     }
-    let simulation = problem.simulation(theta)?;
+    let simulation = simulation(problem, theta)?;
     let all: Vec<OutputSums> = segments
         .par_iter()
         .zip(nuisances)
@@ -136,7 +137,7 @@ impl Channel {
     }
 }
 
-/// Usual number of steps from one fresh value of an output to the next.
+/// Median number of steps from one fresh value of output `i` of `p` to the next.
 pub fn spacing(segment: &Segment, i: usize, p: usize) -> usize {
     let mut gaps = Vec::new();
     let mut last = None;
@@ -217,19 +218,19 @@ fn floor(variance: f64) -> f64 {
     variance.max(1e-30)
 }
 
-/// Normal equations of the parameters alone.
+/// Normal equations of the parameters, from which the nuisances were eliminated.
 pub struct Reduced {
-    /// F - B D^-1 B'.
+    /// Information about the parameters, F - B D^-1 B'.
     pub information: DMatrix<f64>,
-    /// g - B D^-1 d.
+    /// Right side for the parameters, g - B D^-1 d.
     pub right: DVector<f64>,
     /// Step of the nuisances with the parameters held.
     pub step: DVector<f64>,
-    /// -D^-1 B': how the nuisances follow the parameters.
+    /// Derivative of the best nuisances by the parameters, -D^-1 B'.
     pub coupling: DMatrix<f64>,
 }
 
-/// Eliminates all unknowns from `np` on.
+/// Eliminates the unknowns from index `np` on from the normal equations F x = g.
 pub fn eliminate(f: &DMatrix<f64>, g: &DVector<f64>, np: usize) -> Option<Reduced> {
     let rest = f.nrows() - np;
     let inverse = pseudo_inverse(&f.view((np, np), (rest, rest)).into_owned())?;
@@ -275,7 +276,7 @@ pub fn residual_runs(
     Some(runs)
 }
 
-/// Free runs over all segments: steps x outputs each.
+/// Free-running simulations of all segments, SI: steps x outputs each, row after row; `None` when one diverges.
 pub fn simulate(
     problem: &Problem,
     segments: &[Segment],
@@ -286,7 +287,7 @@ pub fn simulate(
     let mut fixed = problem.clone();
     fixed.vehicle = problem.vehicle_at(theta);
     fixed.parameters.clear();
-    let simulation = fixed.simulation(&[])?;
+    let simulation = simulation(&fixed, &[])?;
     segments
         .iter()
         .zip(nuisances)

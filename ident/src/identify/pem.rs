@@ -1,12 +1,12 @@
-//! From data to parameters: starts, search, noise model, and what the data cannot determine.
+//! Prediction-error fit: start values, search, noise model, and fixing of parameters that the data do not determine.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::ar::Ar;
 use super::data::Segment;
+pub use super::fitted::{Fit, Fixed, NoiseFit, bounds, no_nuisances, white};
 use super::kalman::{kalman, kalman_start};
 use super::output_error::{self, Evaluation};
-use super::predictor::NoiseStructure;
 use super::problem::{Parameter, Problem};
 use super::search::{Limits, Outcome, Point, search};
 use super::spread::{self, Undetermined};
@@ -24,7 +24,7 @@ pub enum Noise {
     Kalman,
 }
 
-/// Largest order of an autoregressive model of a residual.
+/// Greatest order of an autoregressive model of a residual.
 const MOST_AR: usize = 30;
 
 impl Point for Evaluation {
@@ -40,62 +40,6 @@ impl Point for Evaluation {
     fn right(&self) -> &DVector<f64> {
         &self.right
     }
-}
-
-/// A parameter that was fixed because the data do not determine it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Fixed {
-    /// The parameter.
-    pub parameter: Parameter,
-    /// The value at which it was fixed, SI.
-    pub value: f64,
-    /// Why, in a sentence.
-    pub why: String,
-}
-
-/// The noise as it was found.
-#[derive(Debug, Clone)]
-pub enum NoiseFit {
-    /// One model an output: what the cost weighed by.
-    Outputs(Vec<Ar>),
-    /// Process and measurement noise: logarithms of standard deviations.
-    Kalman(NoiseStructure, Vec<f64>),
-}
-
-/// The result of a search.
-#[derive(Debug, Clone)]
-pub struct Fit {
-    /// The problem without what was fixed.
-    pub problem: Problem,
-    /// Parameters of `problem`.
-    pub theta: Vec<f64>,
-    /// Nuisances of every segment.
-    pub nuisances: Vec<Vec<f64>>,
-    /// Covariance of the parameters.
-    pub covariance: DMatrix<f64>,
-    /// What was fixed.
-    pub fixed: Vec<Fixed>,
-    /// The noise.
-    pub noise: NoiseFit,
-    /// Cost at the end.
-    pub cost: f64,
-    /// How the search went.
-    pub outcome: Outcome,
-}
-
-/// Nuisances before the first sweep.
-pub fn no_nuisances(problem: &Problem, segments: &[Segment]) -> Vec<Vec<f64>> {
-    vec![vec![0.0; problem.nuisances()]; segments.len()]
-}
-
-/// White noise on every output.
-pub fn white(problem: &Problem) -> Vec<Ar> {
-    vec![Ar::white(1.0); problem.p()]
-}
-
-/// Bounds of the parameters.
-pub fn bounds(problem: &Problem) -> Vec<(f64, f64)> {
-    problem.parameters.iter().map(|p| (p.lower, p.upper)).collect()
 }
 
 /// Moves from `theta` to the nearest minimum of the output-error cost. `None` when the simulation at `theta` leaves
@@ -209,7 +153,7 @@ fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
     (0..p).filter(|i| problem.weights[*i] > 0.0).all(|i| {
         let values: Vec<f64> =
             segments.iter().flat_map(|s| s.output(i, p)).filter(|v| v.is_finite()).collect();
-        let mean = crate::stats::mean(&values);
+        let mean = whirlstand_logs::stats::mean(&values);
         let variance =
             values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / values.len().max(1) as f64;
         e.variances[i] < 0.2 * variance

@@ -7,15 +7,14 @@
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use whirlstand_vehicle::{Target, discretise};
+use whirlstand_vehicle::discretise;
 
+use super::covariance::CovarianceRecursion;
 use super::data::Segment;
 use super::problem::Problem;
 
 /// Longest pattern of fresh and stale outputs that is treated as periodic, steps.
 const LONGEST_PATTERN: usize = 64;
-/// Steps after which a filter that has not settled is taken as it is.
-const MOST_STEPS: usize = 4000;
 
 /// When each output is fresh: every so many steps, from a first one on.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -59,27 +58,21 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Which noises there are: states that are driven, outputs that are measured.
+/// Which states have process noise, and which outputs measurement noise.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NoiseStructure {
-    /// States with process noise.
+    /// Indices of the states with process noise.
     pub states: Vec<usize>,
-    /// Outputs with measurement noise.
+    /// Indices of the outputs with measurement noise.
     pub outputs: Vec<usize>,
 }
 
 impl NoiseStructure {
-    /// Process noise on every state whose row of A or B has a free or a non-kinematic entry.
+    /// Process noise on every state whose row of A and B is a model and not a definition.
     pub fn new(problem: &Problem) -> Self {
         let vehicle = &problem.vehicle;
-        let free =
-            |i: usize| vehicle.free.iter().any(|f| matches!(f.target, Target::Entry(_, r, _) if r == i));
-        let kinematic = |i: usize| {
-            let a = vehicle.a.row(i);
-            a.iter().filter(|v| **v != 0.0).count() == 1 && vehicle.b.row(i).iter().all(|v| *v == 0.0)
-        };
         Self {
-            states: (0..problem.n()).filter(|i| free(*i) || !kinematic(*i)).collect(),
+            states: (0..problem.n()).filter(|i| vehicle.kinematic_row(*i).is_none()).collect(),
             outputs: (0..problem.p()).filter(|i| problem.weights[*i] > 0.0).collect(),
         }
     }
@@ -88,22 +81,22 @@ impl NoiseStructure {
 /// One phase of the periodic steady state.
 #[derive(Debug, Clone)]
 pub struct Phase {
-    /// Outputs that are fresh.
+    /// Indices of the outputs that are fresh.
     pub fresh: Vec<usize>,
     /// Gain, states x fresh outputs.
     pub gain: DMatrix<f64>,
-    /// Covariance of the innovations of the fresh outputs.
+    /// Covariance of the innovations, fresh outputs x fresh outputs, SI.
     pub covariance: DMatrix<f64>,
     /// Derivative of the gain by the parameters: (state, fresh output) x parameters, row after row.
     pub gain_slopes: Vec<f64>,
-    /// Derivatives of the covariance by the parameters.
+    /// Derivatives of the covariance, one matrix a parameter.
     pub covariance_slopes: Vec<DMatrix<f64>>,
 }
 
 /// The predictor at one value of all parameters.
 #[derive(Debug, Clone)]
 pub struct Gains {
-    /// How many parameters the noise model has.
+    /// Number of noise parameters.
     pub noise_parameters: usize,
     parameters: usize,
     phases: Vec<Phase>,
@@ -157,7 +150,7 @@ impl Gains {
         Some(Self { noise_parameters: noise.len(), parameters, phases })
     }
 
-    /// Number of phases.
+    /// Number of phases of the periodic steady state.
     pub fn phases(&self) -> usize {
         self.phases.len()
     }
@@ -167,8 +160,8 @@ impl Gains {
         &self.phases[k % self.phases.len()]
     }
 
-    /// K e, the change of the state by the innovations of step `k`. With `moved`, a parameter and how far it lies from
-    /// where the gains were computed, K is that of the neighbour, to first order.
+    /// Writes K e, the change of the state by the innovations of step `k`, into `out`. With `moved`, a parameter and
+    /// its distance from the value at which the gains were computed, K is corrected for that distance to first order.
     pub fn change(
         &self,
         k: usize,
@@ -232,65 +225,9 @@ impl Gains {
     }
 }
 
-/// The linear model and its noises, unpacked for the covariance recursion.
-struct Recursion {
-    n: usize,
-    /// Transition matrix, row after row.
-    phi: Vec<f64>,
-    /// Process noise of a step on every state.
-    driving: Vec<f64>,
-    /// For every phase the fresh outputs: row of C and variance.
-    fresh: Vec<Vec<(Vec<f64>, f64)>>,
-    covariance: Vec<f64>,
-    scratch: Vec<f64>,
-}
-
-impl Recursion {
-    /// Once through all phases. Independent measurements are taken in one after the other, which is the same as all
-    /// at once and needs no factorisation.
-    fn pass(&mut self) {
-        let n = self.n;
-        for fresh in &self.fresh {
-            let p = &mut self.covariance;
-            for (c, variance) in fresh {
-                let pc = &mut self.scratch[..n];
-                pc.fill(0.0);
-                for (j, c) in c.iter().enumerate().filter(|(_, c)| **c != 0.0) {
-                    (0..n).for_each(|i| pc[i] += c * p[i * n + j]);
-                }
-                let s: f64 = variance + c.iter().zip(&*pc).map(|(c, v)| c * v).sum::<f64>();
-                for i in 0..n {
-                    let f = pc[i] / s;
-                    (0..n).for_each(|j| p[i * n + j] -= f * pc[j]);
-                }
-            }
-            propagate(&self.phi, p, &mut self.scratch, n);
-            (0..n).for_each(|i| p[i * n + i] += self.driving[i]);
-        }
-    }
-}
-
-/// P becomes phi P phi', made symmetric.
-fn propagate(phi: &[f64], p: &mut [f64], scratch: &mut [f64], n: usize) {
-    for i in 0..n {
-        let row = &mut scratch[i * n..(i + 1) * n];
-        row.fill(0.0);
-        for (k, f) in phi[i * n..(i + 1) * n].iter().enumerate() {
-            row.iter_mut().zip(&p[k * n..(k + 1) * n]).for_each(|(r, p)| *r += f * p);
-        }
-    }
-    for i in 0..n {
-        for j in 0..=i {
-            let v: f64 =
-                scratch[i * n..(i + 1) * n].iter().zip(&phi[j * n..(j + 1) * n]).map(|(a, b)| a * b).sum();
-            p[i * n + j] = v;
-            p[j * n + i] = v;
-        }
-    }
-}
-
-/// The periodic steady state: the covariance recursion, run until a whole pattern changes it by less than
-/// `tolerance`, from `start` if one is known. Gives the phases and the covariance before the first.
+/// The phases of the filter's periodic steady state, with the covariance of the state before the first of them (states
+/// x states, row after row). `start` is such a covariance from nearby and the relative change at which the recursion
+/// has settled.
 fn phases(
     problem: &Problem,
     structure: &NoiseStructure,
@@ -307,78 +244,67 @@ fn phases(
     for (&state, log) in structure.states.iter().zip(driving) {
         q[state] = (2.0 * log).exp() * problem.period_s;
     }
-    let variance = |output: usize| {
-        let at = structure.outputs.iter().position(|o| *o == output);
-        at.map_or(1.0, |at| (2.0 * measuring[at]).exp())
-    };
-    let outputs = |phase: usize| -> Vec<usize> {
-        structure.outputs.iter().copied().filter(|o| pattern.expects(phase, *o)).collect()
-    };
-    let mut covariance = vec![0.0; n * n];
-    let tolerance = match start {
-        Some((known, tolerance)) => {
-            covariance.copy_from_slice(known);
-            tolerance
-        }
+    let fresh = fresh_outputs(structure, pattern, measuring);
+    let (covariance, tolerance) = match start {
+        Some((known, tolerance)) => (known.to_vec(), tolerance),
         None => {
+            let mut covariance = vec![0.0; n * n];
             (0..n).for_each(|i| covariance[i * n + i] = q[i] / problem.period_s.max(1e-9) + 1e-12);
-            1e-10
+            (covariance, 1e-10)
         }
     };
-    let mut recursion = Recursion {
-        n,
-        phi: (0..n * n).map(|at| phi[(at / n, at % n)]).collect(),
-        driving: q,
-        fresh: (0..pattern.length)
-            .map(|f| {
-                let row = |o: usize| (vehicle.c.row(o).iter().copied().collect(), variance(o));
-                outputs(f).into_iter().map(row).collect()
-            })
-            .collect(),
-        covariance,
-        scratch: vec![0.0; n * n],
+    let row = |&(o, variance): &(usize, f64)| (vehicle.c.row(o).iter().copied().collect(), variance);
+    let measurements = fresh.iter().map(|outputs| outputs.iter().map(row).collect()).collect();
+    let mut recursion = CovarianceRecursion::new(&phi, q, measurements, covariance);
+    recursion.settle(tolerance)?;
+    let phases = steady_gains(&phi, &vehicle.c, &recursion, &fresh)?;
+    Some((phases, recursion.covariance))
+}
+
+/// For every phase of the pattern the outputs that are fresh, each with the variance of its measurement noise from
+/// `measuring`, the logarithms of the standard deviations.
+fn fresh_outputs(structure: &NoiseStructure, pattern: &Pattern, measuring: &[f64]) -> Vec<Vec<(usize, f64)>> {
+    let fresh = |phase: usize| {
+        let outputs = structure.outputs.iter().zip(measuring);
+        outputs
+            .filter(|(output, _)| pattern.expects(phase, **output))
+            .map(|(output, log)| (*output, (2.0 * log).exp()))
+            .collect()
     };
-    let mut steps = 0;
-    loop {
-        let before = recursion.covariance.clone();
-        recursion.pass();
-        steps += pattern.length;
-        let now = &recursion.covariance;
-        if !now.iter().all(|v| v.is_finite()) {
-            return None;
-        }
-        let change = (0..n)
-            .map(|i| (now[i * n + i] - before[i * n + i]).abs() / now[i * n + i].abs().max(1e-300))
-            .fold(0.0, f64::max);
-        if change < tolerance || steps >= MOST_STEPS {
-            break;
-        }
-    }
-    let first = recursion.covariance.clone();
-    let mut p = DMatrix::from_row_slice(n, n, &first);
-    let q = DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&recursion.driving));
-    let mut result = Vec::with_capacity(pattern.length);
-    for phase in 0..pattern.length {
-        let fresh = outputs(phase);
-        let c = DMatrix::from_fn(fresh.len(), n, |i, j| vehicle.c[(fresh[i], j)]);
+    (0..pattern.length).map(fresh).collect()
+}
+
+/// Gain and innovation covariance of every phase, once through the pattern from the settled covariance.
+fn steady_gains(
+    phi: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    settled: &CovarianceRecursion,
+    fresh: &[Vec<(usize, f64)>],
+) -> Option<Vec<Phase>> {
+    let n = phi.nrows();
+    let mut p = DMatrix::from_row_slice(n, n, &settled.covariance);
+    let q = DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&settled.driving));
+    let mut result = Vec::with_capacity(fresh.len());
+    for fresh in fresh {
+        let c = DMatrix::from_fn(fresh.len(), n, |i, j| c[(fresh[i].0, j)]);
         let cp = &c * &p;
         let mut s = &cp * c.transpose();
-        for (i, output) in fresh.iter().enumerate() {
-            s[(i, i)] += variance(*output);
+        for (i, (_, variance)) in fresh.iter().enumerate() {
+            s[(i, i)] += variance;
         }
         let gain = if fresh.is_empty() {
             DMatrix::zeros(n, 0)
         } else {
             s.clone().cholesky()?.solve(&cp).transpose()
         };
-        p = &phi * (&p - &gain * &cp) * phi.transpose() + &q;
+        p = phi * (&p - &gain * &cp) * phi.transpose() + &q;
         result.push(Phase {
-            fresh,
-            gain: &phi * gain,
+            fresh: fresh.iter().map(|(output, _)| *output).collect(),
+            gain: phi * gain,
             covariance: s,
             gain_slopes: Vec::new(),
             covariance_slopes: Vec::new(),
         });
     }
-    Some((result, first))
+    Some(result)
 }

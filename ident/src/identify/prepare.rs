@@ -1,4 +1,5 @@
-//! What is done to data before anything is fitted: levels taken off, and outputs left out that the record cannot explain.
+//! Preparation of the data before a fit: mean levels are subtracted, and outputs that depend on the time before the
+//! record are left out.
 
 use whirlstand_vehicle::{Kind, Target, Vehicle};
 
@@ -8,14 +9,14 @@ use super::data::Segment;
 /// The levels about which a linear model describes the data: means over the fitted parts, weighted by their lengths.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Levels {
-    /// Of every input.
+    /// Level of every input, SI.
     pub inputs: Vec<f64>,
-    /// Of every output; 0 where there are no values.
+    /// Level of every output, SI; 0 where there are no values.
     pub outputs: Vec<f64>,
 }
 
 impl Levels {
-    /// Means over `segments`.
+    /// Means of all signals over `segments`.
     ///
     /// # Errors
     /// When an effect of the vehicle depends on where zero is: a model about a level would misplace it.
@@ -40,7 +41,7 @@ impl Levels {
         }
         let mean = |all: &dyn Fn(&Segment) -> Vec<f64>| {
             let values: Vec<f64> = segments.iter().flat_map(all).filter(|v| v.is_finite()).collect();
-            if values.is_empty() { 0.0 } else { crate::stats::mean(&values) }
+            if values.is_empty() { 0.0 } else { whirlstand_logs::stats::mean(&values) }
         };
         let (m, p) = (vehicle.inputs.len(), vehicle.outputs.len());
         Ok(Self {
@@ -51,14 +52,14 @@ impl Levels {
         })
     }
 
-    /// Takes the levels off a segment.
+    /// Subtracts the levels from the signals of a segment.
     pub fn take_off(&self, segment: &mut Segment) {
         let (m, p) = (self.inputs.len().max(1), self.outputs.len().max(1));
         segment.inputs.iter_mut().enumerate().for_each(|(k, u)| *u -= self.inputs[k % m]);
         segment.outputs.iter_mut().enumerate().for_each(|(k, y)| *y -= self.outputs[k % p]);
     }
 
-    /// The vehicle about the levels: its limits are as far away as they were, where `sign` is -1; and back with 1.
+    /// Moves the limits of the vehicle by the levels times `sign`: -1 for signals without their levels, 1 to undo that.
     pub fn shift(&self, vehicle: &mut Vehicle, sign: f64) {
         for (input, level) in vehicle.inputs.iter_mut().zip(&self.inputs) {
             input.lower += sign * level;
@@ -111,7 +112,7 @@ mod tests {
         let levels = Levels::of(&vehicle, std::slice::from_ref(&segment)).unwrap();
         levels.take_off(&mut segment);
         for i in [0, 2, 3] {
-            let mean = crate::stats::mean(&segment.output(i, 4));
+            let mean = whirlstand_logs::stats::mean(&segment.output(i, 4));
             assert!(mean.abs() < 1e-12, "{mean}");
         }
         assert!(segment.output(1, 4).iter().all(|v| v.is_nan()) && levels.outputs[1] == 0.0);

@@ -1,37 +1,34 @@
-//! What is sought: the vehicle with its free parameters, and how a simulation and its sensitivities come from them.
+//! The estimation problem: a vehicle with free parameters, and its simulation with sensitivities.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
 use super::IdentifyError;
 use super::data::Segment;
-use super::linear::Linear;
-use super::predictor::Gains;
-use super::simulated::Simulated;
 
-/// A free parameter as the search sees it, SI.
+/// A free parameter in SI.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
     /// Name, as `A[2,1]`.
     pub name: String,
-    /// What it stands for.
+    /// What the parameter is in the vehicle: a matrix entry or a parameter of an effect.
     pub target: Target,
     /// Least value.
     pub lower: f64,
     /// Greatest value.
     pub upper: f64,
-    /// Where the search shall start, if the file says so.
+    /// Start value from the vehicle file, if it gives one.
     pub start: Option<f64>,
-    /// SI value of one in the unit of the vehicle file.
+    /// SI value of one unit of the vehicle file.
     pub factor: f64,
 }
 
-/// What is estimated beside the parameters, anew for each segment.
+/// Which unknowns are estimated for each segment in addition to the parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Nuisance {
-    /// The state at the segment's start.
+    /// Whether the state at the start of the segment is estimated.
     pub initial_state: bool,
-    /// A constant error of every output: sensor bias, trim.
+    /// Whether a constant error of every output (sensor bias, trim) is estimated.
     pub output_offsets: bool,
 }
 
@@ -44,15 +41,15 @@ impl Default for Nuisance {
 /// The vehicle, its free parameters and the outputs that are fitted.
 #[derive(Debug, Clone)]
 pub struct Problem {
-    /// The vehicle; what is not free is taken from it.
+    /// The vehicle, which gives all values that are not free.
     pub vehicle: Vehicle,
     /// The free parameters.
     pub parameters: Vec<Parameter>,
-    /// What else is estimated.
+    /// What is estimated for each segment in addition.
     pub nuisance: Nuisance,
     /// Weight of each output; 0 for one that no segment has.
     pub weights: Vec<f64>,
-    /// Period, s.
+    /// Time between two steps, s.
     pub period_s: f64,
 }
 
@@ -104,13 +101,13 @@ impl Problem {
         self.vehicle.inputs.len()
     }
 
-    /// How many numbers are estimated for each segment alone.
+    /// Number of nuisances of a segment: initial states and output offsets.
     pub fn nuisances(&self) -> usize {
         let states = if self.nuisance.initial_state { self.n() } else { 0 };
         states + if self.nuisance.output_offsets { self.p() } else { 0 }
     }
 
-    /// The vehicle with the given parameters.
+    /// The vehicle with the free parameters at `theta`, SI.
     pub fn vehicle_at(&self, theta: &[f64]) -> Vehicle {
         let mut vehicle = self.vehicle.clone();
         for (parameter, value) in self.parameters.iter().zip(theta) {
@@ -121,7 +118,7 @@ impl Problem {
         vehicle
     }
 
-    /// A, B, C and D with the given parameters; those of effects have no part in them.
+    /// A, B, C and D with the free parameters at `theta`, SI; parameters of effects do not enter them.
     pub fn matrices_at(&self, theta: &[f64]) -> [DMatrix<f64>; 4] {
         let v = &self.vehicle;
         let mut all = [v.a.clone(), v.b.clone(), v.c.clone(), v.d.clone()];
@@ -146,25 +143,7 @@ impl Problem {
             && self.parameters.iter().all(|p| matches!(p.target, Target::Entry(..)))
     }
 
-    /// The simulation at `theta`, ready to be swept over segments. `None` when it has no finite step.
-    pub fn simulation(&self, theta: &[f64]) -> Option<Box<dyn Sweep + '_>> {
-        if self.is_plain() {
-            Some(Box::new(Linear::new(self, theta, None)?))
-        } else {
-            Some(Box::new(Simulated::new(self, theta, None)?))
-        }
-    }
-
-    /// The predictor at `theta` with the gains computed there. `None` when it has no finite step.
-    pub fn predictor<'p>(&'p self, theta: &[f64], gains: &'p Gains) -> Option<Box<dyn Sweep + 'p>> {
-        if self.is_plain() {
-            Some(Box::new(Linear::new(self, theta, Some(gains))?))
-        } else {
-            Some(Box::new(Simulated::new(self, theta, Some(gains))?))
-        }
-    }
-
-    /// Derivatives of A, B, C, D by a parameter, if it is an entry of one of them.
+    /// The matrix, row and column of a parameter; `None` when it is not a matrix entry.
     pub fn entry(&self, parameter: usize) -> Option<(Matrix, usize, usize)> {
         match self.parameters[parameter].target {
             Target::Entry(matrix, i, j) => Some((matrix, i, j)),
@@ -172,7 +151,7 @@ impl Problem {
         }
     }
 
-    /// The matrix with a one at the entry.
+    /// A matrix of zeros with a one at row i, column j: the derivative by that entry.
     pub fn unit(rows: usize, columns: usize, (i, j): (usize, usize)) -> DMatrix<f64> {
         let mut unit = DMatrix::zeros(rows, columns);
         unit[(i, j)] = 1.0;
@@ -183,9 +162,9 @@ impl Problem {
 /// One step of a sweep.
 #[derive(Debug)]
 pub struct Step<'a> {
-    /// Number of the step.
+    /// Number of the step within the segment, from 0.
     pub k: usize,
-    /// Predicted outputs.
+    /// Predicted outputs, SI.
     pub predicted: &'a [f64],
     /// For every output the derivatives by all parameters, then by the segment's nuisances; outputs x columns.
     pub slopes: &'a [f64],
@@ -193,10 +172,10 @@ pub struct Step<'a> {
 
 /// A simulation or predictor with its sensitivities.
 pub trait Sweep: Sync {
-    /// Columns of `slopes`.
+    /// Number of columns of [`Step::slopes`]: parameters, then nuisances of a segment.
     fn columns(&self) -> usize;
 
-    /// Runs over a segment from the given nuisances; false when it left all bounds.
+    /// Runs over a segment from the given nuisances and calls `visit` at every step; false when the run diverged.
     fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(Step<'_>)) -> bool;
 }
 

@@ -23,8 +23,8 @@ pub struct Response {
     pub coherence: Vec<Vec<f64>>,
 }
 
-/// Estimates the response over parts of records with one period. `inputs[part][input]` and `output[part]` are equally
-/// long and free of NaN. `None` when no part is long enough for four windows.
+/// Estimates the response over parts of records with one period in seconds. `inputs[part][input]` and `output[part]`
+/// are equally long and free of NaN. `None` when no part is long enough for four windows.
 pub fn response(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], period_s: f64) -> Option<Response> {
     let m = inputs.first()?.len();
     let total: usize = output.iter().map(Vec::len).sum();
@@ -34,69 +34,99 @@ pub fn response(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], period_s: f64) ->
     if window < 16 || m == 0 {
         return None;
     }
-    let mut planner = FftPlanner::new();
-    let fft = planner.plan_fft_forward(window);
-    let hann: Vec<f64> =
-        (0..window).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / window as f64).cos()).collect();
-    let transform = |part: &[f64]| -> Vec<C64> {
-        let mean = crate::stats::mean(part);
-        let mut buffer: Vec<C64> =
-            part.iter().zip(&hann).map(|(v, w)| C64::new((v - mean) * w, 0.0)).collect();
-        fft.process(&mut buffer);
-        buffer
-    };
-    let bins = window / 2;
-    let mut uu = vec![DMatrix::<C64>::zeros(m, m); bins];
-    let mut uy = vec![DVector::<C64>::zeros(m); bins];
-    let mut yy = vec![0.0; bins];
-    let mut count = 0;
-    for (inputs, output) in inputs.iter().zip(output) {
-        for start in (0..=output.len().saturating_sub(window)).step_by((window / 2).max(1)) {
-            if start + window > output.len() {
-                break;
-            }
-            let y = transform(&output[start..start + window]);
-            let u: Vec<Vec<C64>> = inputs.iter().map(|u| transform(&u[start..start + window])).collect();
-            count += 1;
-            for f in 1..bins {
-                yy[f] += y[f].norm_sqr();
-                for a in 0..m {
-                    uy[f][a] += u[a][f].conj() * y[f];
-                    for b in 0..m {
-                        uu[f][(a, b)] += u[a][f].conj() * u[b][f];
-                    }
-                }
-            }
-        }
-    }
-    if count < m + 2 {
+    let spectra = Spectra::accumulate(inputs, output, m, window);
+    if spectra.windows < m + 2 {
         return None;
     }
     let mut result =
         Response { frequency_hz: Vec::new(), gain: vec![Vec::new(); m], coherence: vec![Vec::new(); m] };
-    for f in 1..bins {
-        let frequency = f as f64 / (window as f64 * period_s);
-        let inverse = uu[f].clone().try_inverse().filter(|i| i.iter().all(|v| v.re.is_finite()));
-        let h = inverse.as_ref().map(|inverse| inverse * &uy[f]);
-        // What all inputs together leave of the output's power.
-        let explained =
-            h.as_ref().map_or(0.0, |h| h.iter().zip(uy[f].iter()).map(|(h, s)| (h.conj() * s).re).sum());
-        let left = (yy[f] - explained).max(0.0);
-        result.frequency_hz.push(frequency);
-        for a in 0..m {
-            let (gain, coherence) = match (&h, &inverse) {
-                (Some(h), Some(inverse)) => {
-                    // |h_a|^2 / (S_uu^-1)_aa is the power that only input a explains.
-                    let own = h[a].norm_sqr() / inverse[(a, a)].re.max(1e-300);
-                    (h[a], if own + left > 0.0 { own / (own + left) } else { 0.0 })
-                }
-                _ => (C64::new(f64::NAN, f64::NAN), 0.0),
-            };
+    for f in 1..spectra.yy.len() {
+        result.frequency_hz.push(f as f64 / (window as f64 * period_s));
+        for (a, (gain, coherence)) in spectra.solve(f).into_iter().enumerate() {
             result.gain[a].push(gain);
             result.coherence[a].push(coherence);
         }
     }
     Some(result)
+}
+
+/// Auto- and cross-spectra of the inputs u and the output y at every frequency bin, summed over all windows.
+struct Spectra {
+    /// S_uu of each bin, inputs x inputs.
+    uu: Vec<DMatrix<C64>>,
+    /// S_uy of each bin, one entry an input.
+    uy: Vec<DVector<C64>>,
+    /// S_yy of each bin.
+    yy: Vec<f64>,
+    /// How many windows were summed.
+    windows: usize,
+}
+
+impl Spectra {
+    /// Sums the periodograms of all half-overlapping windows of `window` samples; `m` is the number of inputs.
+    fn accumulate(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], m: usize, window: usize) -> Self {
+        let fft = FftPlanner::new().plan_fft_forward(window);
+        let hann: Vec<f64> =
+            (0..window).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / window as f64).cos()).collect();
+        let transform = |part: &[f64]| -> Vec<C64> {
+            let mean = whirlstand_logs::stats::mean(part);
+            let mut buffer: Vec<C64> =
+                part.iter().zip(&hann).map(|(v, w)| C64::new((v - mean) * w, 0.0)).collect();
+            fft.process(&mut buffer);
+            buffer
+        };
+        let bins = window / 2;
+        let mut sums = Self {
+            uu: vec![DMatrix::zeros(m, m); bins],
+            uy: vec![DVector::zeros(m); bins],
+            yy: vec![0.0; bins],
+            windows: 0,
+        };
+        for (inputs, output) in inputs.iter().zip(output) {
+            for start in (0..=output.len().saturating_sub(window)).step_by((window / 2).max(1)) {
+                if start + window > output.len() {
+                    break;
+                }
+                let y = transform(&output[start..start + window]);
+                let u: Vec<Vec<C64>> = inputs.iter().map(|u| transform(&u[start..start + window])).collect();
+                sums.add(&u, &y);
+            }
+        }
+        sums
+    }
+
+    /// Adds the periodograms of one window from the transforms of its inputs and its output.
+    fn add(&mut self, u: &[Vec<C64>], y: &[C64]) {
+        self.windows += 1;
+        for f in 1..self.yy.len() {
+            self.yy[f] += y[f].norm_sqr();
+            for (a, of_a) in u.iter().enumerate() {
+                self.uy[f][a] += of_a[f].conj() * y[f];
+                for (b, of_b) in u.iter().enumerate() {
+                    self.uu[f][(a, b)] += of_a[f].conj() * of_b[f];
+                }
+            }
+        }
+    }
+
+    /// For every input the response and its partial coherence at bin `f`; NaN and 0 where S_uu is singular.
+    fn solve(&self, f: usize) -> Vec<(C64, f64)> {
+        let inverse = self.uu[f].clone().try_inverse().filter(|i| i.iter().all(|v| v.re.is_finite()));
+        let h = inverse.as_ref().map(|inverse| inverse * &self.uy[f]);
+        // What all inputs together leave of the output's power.
+        let explained =
+            h.as_ref().map_or(0.0, |h| h.iter().zip(self.uy[f].iter()).map(|(h, s)| (h.conj() * s).re).sum());
+        let left = (self.yy[f] - explained).max(0.0);
+        let one = |a: usize| match (&h, &inverse) {
+            (Some(h), Some(inverse)) => {
+                // |h_a|^2 / (S_uu^-1)_aa is the power that only input a explains.
+                let own = h[a].norm_sqr() / inverse[(a, a)].re.max(1e-300);
+                (h[a], if own + left > 0.0 { own / (own + left) } else { 0.0 })
+            }
+            _ => (C64::new(f64::NAN, f64::NAN), 0.0),
+        };
+        (0..self.uy[f].len()).map(one).collect()
+    }
 }
 
 /// Partial coherence from which a response can be trusted (Tischler and Remple, section 7.6).

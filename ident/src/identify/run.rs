@@ -1,4 +1,4 @@
-//! The whole identification: checks, search, answer.
+//! An identification from data to result: checks, search, figures.
 
 use std::collections::BTreeMap;
 
@@ -14,19 +14,19 @@ use super::prepare::{Levels, without_unknown_past};
 use super::problem::{Problem, split};
 use super::quality::{self, Runs};
 use super::spread::correlation;
-use super::{IdentifyError, Progress, ga, words};
+use super::{IdentifyError, Progress, ga, text};
 use whirlstand_vehicle::Vehicle;
 
-/// Data with where they come from.
+/// A part of a log to fit, or to check the fit with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Source {
     /// The log.
     pub log: Log,
-    /// The part of it.
+    /// The data of the part.
     pub segment: Segment,
 }
 
-/// Fits the free parameters of `vehicle` to `fitted` and holds the result against `control`.
+/// Fits the free parameters of `vehicle` to `fitted` and compares the result with `control`.
 ///
 /// # Errors
 /// [`IdentifyError`]: nothing is free, no excitation, too few samples, no start from which a simulation stays finite.
@@ -54,8 +54,8 @@ pub fn identify(
     let mut answer = search(&about, fitted, control, options, observe, begun)?;
     if let (Some(levels), Some(vehicle)) = (levels, &mut answer.fitted) {
         levels.shift(vehicle, 1.0);
-        vehicle.provenance.push(("about".into(), words::levels(vehicle, &levels)));
-        answer.remarks.push(format!("The model is about {}.", words::levels(vehicle, &levels)));
+        vehicle.provenance.push(("about".into(), text::levels(vehicle, &levels)));
+        answer.remarks.push(format!("The model is about {}.", text::levels(vehicle, &levels)));
     }
     Ok(answer)
 }
@@ -172,9 +172,9 @@ fn answer(
         fitted: Some(Box::new(vehicle)),
     };
     answer.series.extend(quality::series(problem, &held, &other, Role::Control));
-    answer.standard_errors_hold = words::standard_errors_hold(&answer);
-    answer.remarks = words::remarks(&answer);
-    answer.verdict = words::verdict(&answer);
+    answer.standard_errors_hold = text::standard_errors_hold(&answer);
+    answer.remarks = text::remarks(&answer);
+    answer.verdict = text::verdict(&answer);
     answer
 }
 
@@ -182,7 +182,7 @@ fn provenance(options: &Options, noise: Noise, fitted: &[Source]) -> Vec<(String
     let mut all = vec![
         ("program".into(), format!("whirlstand {}", env!("CARGO_PKG_VERSION"))),
         ("method".into(), options.method.word().into()),
-        ("noise".into(), words::noise(noise).into()),
+        ("noise".into(), text::noise(noise).into()),
         ("seed".into(), options.seed.to_string()),
     ];
     for (i, source) in fitted.iter().enumerate() {
@@ -287,7 +287,7 @@ fn outputs(
             unit: output.unit.si_symbol(),
             identification: quality::quality(problem, segments, own, i),
             control: quality::quality(problem, held, other, i),
-            noise_std: crate::stats::rms(&residuals),
+            noise_std: whirlstand_logs::stats::rms(&residuals),
             noise_order: match &fit.noise {
                 NoiseFit::Outputs(models) => models[i].order(),
                 NoiseFit::Kalman(..) => 0,

@@ -2,33 +2,34 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// What the search needs to know at a point.
+/// A value of the unknowns with its cost and the derivatives of the cost.
 pub trait Point {
-    /// Where it is.
+    /// Values of the unknowns.
     fn position(&self) -> &[f64];
-    /// The cost.
+    /// The cost at this point.
     fn cost(&self) -> f64;
-    /// Information matrix: positive semidefinite, about the second derivative.
+    /// Information matrix, unknowns x unknowns: a positive semidefinite approximation of the second derivative of the
+    /// cost.
     fn information(&self) -> &DMatrix<f64>;
-    /// Minus the gradient.
+    /// The gradient of the cost times -1.
     fn right(&self) -> &DVector<f64>;
 }
 
-/// How a search went.
+/// Effort and success of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outcome {
-    /// Steps taken.
+    /// Number of steps.
     pub iterations: usize,
-    /// Costs evaluated.
+    /// Number of evaluations of the cost.
     pub evaluations: usize,
-    /// True when the last step was below the tolerance, in standard errors, and that not for its damping alone.
+    /// True when the last step was shorter than the tolerance, and not only because of its damping.
     pub converged: bool,
 }
 
 /// Limits of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Most steps.
+    /// Greatest number of steps.
     pub iterations: usize,
     /// The search ends when a step is shorter than this many standard errors (norm over all parameters).
     pub tolerance: f64,
@@ -44,8 +45,8 @@ impl Default for Limits {
 /// the minimum.
 const NEAR: f64 = 0.5;
 
-/// Moves from `start` downhill, every coordinate i within `bounds[i]`. `at` gives the point at a position with the
-/// step that led there, or `None` where the cost does not exist.
+/// Minimises a cost from `start`, every unknown i within `bounds[i]`. `at` gives the point at a position with the step
+/// that led there, or `None` where the cost does not exist.
 ///
 /// Damping follows Nielsen (IMM-REP-1999-05): it falls smoothly with the gain ratio and grows twice as fast at each
 /// failure. A coordinate at a bound that pushes outwards is held there.

@@ -5,7 +5,7 @@
 //! signature by which diagnosis tests it; where a value lies at the edge of its range, the difference is one-sided.
 //!
 //! A prediction corrects the state of each simulator by its own innovations, with the gain of the linear model there:
-//! an observer that need not be optimal beside an effect, but whose predictions are free of bias.
+//! an observer that need not be optimal where an effect acts, but whose predictions are free of bias.
 
 use whirlstand_vehicle::Simulator;
 
@@ -13,22 +13,22 @@ use super::data::Segment;
 use super::predictor::Gains;
 use super::problem::{Problem, Step, Sweep, split};
 
-/// Share of a parameter's range by which it is moved for a difference.
-const MOVE: f64 = 1e-5;
-/// By how much a state is moved.
-const NUDGE: f64 = 1e-3;
+/// Step of a parameter in a central difference, as a share of its range.
+const PARAMETER_STEP: f64 = 1e-5;
+/// Step of an initial state and of an offset, in their own units.
+const STATE_STEP: f64 = 1e-3;
 
-/// By how much a parameter of the noise (a logarithm) is moved.
-const NOISE_MOVE: f64 = 1e-3;
+/// Step of a noise parameter, which is a logarithm.
+const NOISE_STEP: f64 = 1e-3;
 
-/// A simulator and its neighbours.
+/// A simulator at the present parameters, and one on either side of it for each parameter.
 #[derive(Debug)]
 pub struct Simulated<'p> {
     problem: &'p Problem,
     gains: Option<&'p Gains>,
     centre: Simulator,
-    /// For each parameter, those of the noise included: the simulators above and below.
-    beside: Vec<Pair>,
+    /// For each parameter, those of the noise included, the simulators with a greater and with a smaller value.
+    perturbed: Vec<Pair>,
 }
 
 /// The simulators on both sides of one parameter.
@@ -36,12 +36,12 @@ pub struct Simulated<'p> {
 struct Pair {
     above: Simulator,
     below: Simulator,
-    /// How far each lies from the centre in the parameter on which the gains depend; `None` for an initial state or an
-    /// offset, on which they do not.
+    /// The parameter on which the gains depend, and the distances of `above` and `below` from the centre; `None` for an
+    /// initial state or an offset, on which the gains do not depend.
     moved: Option<(usize, f64, f64)>,
-    /// What is added to the outputs above, and taken off below: the offset's own neighbours.
+    /// For an offset the output, and what is added to it in `above` and subtracted in `below`.
     offset: Option<(usize, f64)>,
-    /// One over the distance.
+    /// One over the distance between `above` and `below`.
     inverse: f64,
 }
 
@@ -51,15 +51,15 @@ impl<'p> Simulated<'p> {
     pub fn new(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Self> {
         let at = |theta: &[f64]| Simulator::expected(&problem.vehicle_at(theta), problem.period_s).ok();
         let centre = at(theta)?;
-        let mut beside = Vec::with_capacity(theta.len());
+        let mut perturbed = Vec::with_capacity(theta.len());
         for (i, parameter) in problem.parameters.iter().enumerate() {
-            let step = MOVE
+            let step = PARAMETER_STEP
                 * (parameter.upper - parameter.lower)
                     .min(theta[i].abs().max(1e-2 * (parameter.upper - parameter.lower)));
             let (mut above, mut below) = (theta.to_vec(), theta.to_vec());
             above[i] = (theta[i] + step).min(parameter.upper);
             below[i] = (theta[i] - step).max(parameter.lower);
-            beside.push(Pair {
+            perturbed.push(Pair {
                 above: at(&above)?,
                 below: at(&below)?,
                 moved: Some((i, above[i] - theta[i], below[i] - theta[i])),
@@ -68,18 +68,18 @@ impl<'p> Simulated<'p> {
             });
         }
         for i in 0..gains.map_or(0, |g| g.noise_parameters) {
-            beside.push(Pair {
+            perturbed.push(Pair {
                 above: centre.clone(),
                 below: centre.clone(),
-                moved: Some((theta.len() + i, NOISE_MOVE, -NOISE_MOVE)),
+                moved: Some((theta.len() + i, NOISE_STEP, -NOISE_STEP)),
                 offset: None,
-                inverse: 0.5 / NOISE_MOVE,
+                inverse: 0.5 / NOISE_STEP,
             });
         }
-        Some(Self { problem, gains, centre, beside })
+        Some(Self { problem, gains, centre, perturbed })
     }
 
-    /// The neighbours by parameters and nuisances, at the start of a segment.
+    /// The perturbed simulators for all parameters and nuisances, at the start of a segment.
     fn neighbours(&self, state: &[f64], states: usize, offsets: usize) -> Vec<Pair> {
         let ready = |simulator: &Simulator, state: &[f64]| {
             let mut simulator = simulator.clone();
@@ -87,20 +87,20 @@ impl<'p> Simulated<'p> {
             simulator
         };
         let mut all: Vec<Pair> = self
-            .beside
+            .perturbed
             .iter()
             .map(|p| Pair { above: ready(&p.above, state), below: ready(&p.below, state), ..p.clone() })
             .collect();
         for i in 0..states {
             let (mut above, mut below) = (state.to_vec(), state.to_vec());
-            above[i] += NUDGE;
-            below[i] -= NUDGE;
+            above[i] += STATE_STEP;
+            below[i] -= STATE_STEP;
             all.push(Pair {
                 above: ready(&self.centre, &above),
                 below: ready(&self.centre, &below),
                 moved: None,
                 offset: None,
-                inverse: 0.5 / NUDGE,
+                inverse: 0.5 / STATE_STEP,
             });
         }
         for i in 0..offsets {
@@ -109,8 +109,8 @@ impl<'p> Simulated<'p> {
                 above: centre.clone(),
                 below: centre,
                 moved: None,
-                offset: Some((i, NUDGE)),
-                inverse: 0.5 / NUDGE,
+                offset: Some((i, STATE_STEP)),
+                inverse: 0.5 / STATE_STEP,
             });
         }
         all
@@ -119,7 +119,7 @@ impl<'p> Simulated<'p> {
 
 impl Sweep for Simulated<'_> {
     fn columns(&self) -> usize {
-        self.beside.len() + self.problem.nuisances()
+        self.perturbed.len() + self.problem.nuisances()
     }
 
     fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(Step<'_>)) -> bool {
@@ -132,7 +132,7 @@ impl Sweep for Simulated<'_> {
         centre.set_state(&state);
         // An offset moves a prediction's state, and that of a simulation not: there its slope is simply one.
         let tracked = if self.gains.is_some() { offsets.len() } else { 0 };
-        let mut beside = self.neighbours(&state, initial.len(), tracked);
+        let mut perturbed = self.neighbours(&state, initial.len(), tracked);
         let mut predicted = vec![0.0; p];
         let mut slopes = vec![0.0; p * columns];
         let (mut above, mut below) = (vec![0.0; p], vec![0.0; p]);
@@ -143,7 +143,7 @@ impl Sweep for Simulated<'_> {
             centre.apply(u);
             predicted.copy_from_slice(centre.measure());
             predicted.iter_mut().zip(offsets).for_each(|(y, o)| *y += o);
-            for (column, pair) in beside.iter_mut().enumerate() {
+            for (column, pair) in perturbed.iter_mut().enumerate() {
                 for (simulator, y, side) in
                     [(&mut pair.above, &mut above, 1.0), (&mut pair.below, &mut below, -1.0)]
                 {
@@ -169,7 +169,7 @@ impl Sweep for Simulated<'_> {
             }
             if tracked == 0 {
                 for i in 0..offsets.len() {
-                    slopes[i * columns + beside.len() + i] = 1.0;
+                    slopes[i * columns + perturbed.len() + i] = 1.0;
                 }
             }
             visit(Step { k, predicted: &predicted, slopes: &slopes });

@@ -1,5 +1,6 @@
-//! How well the data determine the parameters: covariance, and what they cannot determine.
+//! How well the data determine the parameters: their covariance, and parameters that cannot be determined.
 
+use super::sweep::simulation;
 use nalgebra::DMatrix;
 
 use super::ar::{Ar, RowFilter};
@@ -26,7 +27,7 @@ pub fn covariance(
         return Some(inverse);
     }
     let np = fit.theta.len();
-    let simulation = problem.simulation(&fit.theta)?;
+    let simulation = simulation(problem, &fit.theta)?;
     let columns = simulation.columns();
     let p = problem.p();
     let mut spread = DMatrix::zeros(np, np);
@@ -92,9 +93,9 @@ impl Channel {
 /// A parameter that the data do not determine, and why.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Undetermined {
-    /// Index of the parameter.
+    /// Index of the parameter in the problem.
     pub index: usize,
-    /// Why, in a sentence.
+    /// Why the data do not determine it, in a sentence.
     pub why: String,
 }
 
@@ -103,7 +104,7 @@ const WIDEST: f64 = 0.25;
 /// Least eigenvalue of the information, scaled to a diagonal of ones, that is not rounding.
 const SINGULAR: f64 = 1e-10;
 
-/// The parameter that the data determine least, if they do not determine it.
+/// The parameter that the data determine least; `None` when they determine all.
 pub fn undetermined(
     information: &DMatrix<f64>,
     covariance: &DMatrix<f64>,
@@ -152,13 +153,14 @@ pub fn undetermined(
     })
 }
 
-/// Correlation of two parameters.
+/// Correlation of the errors of parameters `i` and `j`, -1 to 1.
 pub fn correlation(covariance: &DMatrix<f64>, i: usize, j: usize) -> f64 {
     let scale = (covariance[(i, i)] * covariance[(j, j)]).sqrt();
     if scale > 0.0 { covariance[(i, j)] / scale } else { 0.0 }
 }
 
-/// Information about the first `np` unknowns with the others eliminated.
+/// Information about the first `np` unknowns, np x np, after the other unknowns are eliminated; `None` when those are
+/// singular.
 pub fn marginal(information: &DMatrix<f64>, np: usize) -> Option<DMatrix<f64>> {
     let right = nalgebra::DVector::zeros(information.nrows());
     Some(eliminate(information, &right, np)?.information)

@@ -20,8 +20,8 @@ enum Source {
     Derived(usize, f64),
 }
 
-/// Candidates for a start, coarse windows first; empty when some state with free entries cannot be had from the
-/// outputs.
+/// Start values from the data, one set a window length, coarse windows first; empty when a state with free entries
+/// cannot be computed from the outputs.
 pub fn candidates(problem: &Problem, segments: &[Segment]) -> Vec<Vec<f64>> {
     let given: Vec<f64> = given(problem);
     if problem.parameters.iter().all(|p| p.start.is_some()) {
@@ -40,7 +40,8 @@ pub fn candidates(problem: &Problem, segments: &[Segment]) -> Vec<Vec<f64>> {
     found
 }
 
-/// What the file gives: start, or the value that the vehicle has, within the bounds.
+/// Start values from the vehicle file, SI: `start` where it is given, else the value in the model, both within the
+/// bounds.
 pub fn given(problem: &Problem) -> Vec<f64> {
     let value = |p: &super::problem::Parameter| {
         p.start.unwrap_or_else(|| problem.vehicle.free_value(&p.target)).clamp(p.lower, p.upper)
@@ -48,9 +49,9 @@ pub fn given(problem: &Problem) -> Vec<f64> {
     problem.parameters.iter().map(value).collect()
 }
 
-/// For every state the output that shows it alone, and the gain: C has nothing else in its row, and nothing in C or D
-/// of that row is free.
-pub fn shown(vehicle: &Vehicle, weights: &[f64]) -> Vec<Option<(usize, f64)>> {
+/// For every state the index of the output that measures it alone, and the gain: the row of C has no other entry, and
+/// no entry of C or D in that row is free.
+pub fn measuring_outputs(vehicle: &Vehicle, weights: &[f64]) -> Vec<Option<(usize, f64)>> {
     let alone = |i: usize, j: usize| {
         let row = vehicle.c.row(i);
         let only = row.iter().enumerate().all(|(k, c)| (k == j) == (*c != 0.0));
@@ -68,19 +69,17 @@ fn is_free(vehicle: &Vehicle, matrix: Matrix, i: usize) -> bool {
 
 fn sources(vehicle: &Vehicle, weights: &[f64]) -> Option<Vec<Source>> {
     let n = vehicle.states.len();
-    let direct: Vec<Option<Source>> =
-        shown(vehicle, weights).into_iter().map(|s| s.map(|(i, gain)| Source::Measured(i, gain))).collect();
+    let direct: Vec<Option<Source>> = measuring_outputs(vehicle, weights)
+        .into_iter()
+        .map(|s| s.map(|(i, gain)| Source::Measured(i, gain)))
+        .collect();
     (0..n)
         .map(|j| {
             direct[j].or_else(|| {
                 (0..n).find_map(|r| {
                     let Some(Source::Measured(output, gain)) = direct[r] else { return None };
-                    let row = vehicle.a.row(r);
-                    let kinematic = !is_free(vehicle, Matrix::A, r)
-                        && !is_free(vehicle, Matrix::B, r)
-                        && row.iter().enumerate().all(|(k, a)| (k == j) == (*a != 0.0))
-                        && vehicle.b.row(r).iter().all(|b| *b == 0.0);
-                    kinematic.then(|| Source::Derived(output, gain * row[j]))
+                    let (integrated, c) = vehicle.kinematic_row(r)?;
+                    (integrated == j).then_some(Source::Derived(output, gain * c))
                 })
             })
         })
@@ -103,6 +102,8 @@ fn modulate(t: f64, l: f64, w: f64) -> Integrals {
     [times(w0, 0.0), times(w1, -w * w0), times(w2 - w * w * w0, -2.0 * w * w1)]
 }
 
+/// Start values from windows of `window` samples with harmonics up to `share` of the sampling frequency; parameters
+/// that the equations do not determine keep their value in `given`.
 fn regress(
     problem: &Problem,
     vehicle: &Vehicle,
@@ -119,57 +120,16 @@ fn regress(
     let highest = ((share / dt) * l).floor().max(2.0) as usize;
     let stride = (highest / 60).max(1);
     let delays: Vec<f64> = (0..m).map(|j| delay(vehicle, j)).collect();
-    // One equation a window, frequency and part: [derivatives, states, inputs, one].
     let mut equations: Vec<Vec<f64>> = Vec::new();
     let filled: Vec<Vec<Vec<f64>>> =
         segments.iter().map(|s| (0..p).map(|i| super::data::filled(&s.output(i, p))).collect()).collect();
     for h in (0..=highest).step_by(stride) {
-        let w = std::f64::consts::TAU * h as f64 / l;
-        // The same for all windows.
-        let phi: Vec<Integrals> = (0..window).map(|k| modulate(k as f64 * dt, l, w)).collect();
-        // A held input acts in the middle of its period, later by the delay.
-        let held: Vec<Vec<[f64; 2]>> = delays
-            .iter()
-            .map(|d| (0..window).map(|k| modulate((k as f64 + 0.5) * dt + d, l, w)[0]).collect())
-            .collect();
-        let one = phi.iter().fold([0.0; 2], |sum, phi| [sum[0] + phi[0][0], sum[1] + phi[0][1]]);
+        let harmonic = Harmonic::new(std::f64::consts::TAU * h as f64 / l, window, dt, &delays);
         for (segment, filled) in segments.iter().zip(&filled) {
             for start in (0..).map(|i| i * (window / 2)).take_while(|s| s + window <= segment.steps) {
-                let mut outputs = vec![[[0.0; 2]; 3]; p];
-                let mut inputs = vec![[0.0; 2]; m];
-                for (sums, y) in outputs.iter_mut().zip(filled) {
-                    for (y, phi) in y[start..start + window].iter().zip(&phi) {
-                        for (sum, phi) in sums.iter_mut().zip(phi) {
-                            sum[0] += phi[0] * y;
-                            sum[1] += phi[1] * y;
-                        }
-                    }
-                }
-                for (j, (sum, held)) in inputs.iter_mut().zip(&held).enumerate() {
-                    for (k, phi) in held.iter().enumerate() {
-                        let u = segment.inputs[(start + k) * m + j];
-                        sum[0] += phi[0] * u;
-                        sum[1] += phi[1] * u;
-                    }
-                }
-                for part in 0..2 {
-                    let mut row = Vec::with_capacity(2 * n + m + 1);
-                    for source in sources {
-                        row.push(match *source {
-                            Source::Measured(i, gain) => -outputs[i][1][part] / gain,
-                            Source::Derived(i, gain) => outputs[i][2][part] / gain,
-                        });
-                    }
-                    for source in sources {
-                        row.push(match *source {
-                            Source::Measured(i, gain) => outputs[i][0][part] / gain,
-                            Source::Derived(i, gain) => -outputs[i][1][part] / gain,
-                        });
-                    }
-                    row.extend(inputs.iter().map(|u| u[part]));
-                    row.push(one[part]);
-                    equations.push(row);
-                }
+                let outputs = harmonic.outputs(filled, start);
+                let inputs = harmonic.inputs(segment, start);
+                equations.extend((0..2).map(|part| equation(sources, &outputs, &inputs, harmonic.one, part)));
             }
         }
     }
@@ -178,6 +138,81 @@ fn regress(
         solve_row(problem, vehicle, i, &equations, &mut theta)?;
     }
     Some(theta)
+}
+
+/// The modulating functions of one frequency at the samples of a window; they are the same for all windows.
+struct Harmonic {
+    /// For every sample the function and its derivatives.
+    phi: Vec<Integrals>,
+    /// For every input and sample the function at the middle of the held period, later by the delay of the input.
+    held: Vec<Vec<[f64; 2]>>,
+    /// Integral of the function: what the constant of an equation is multiplied by.
+    one: [f64; 2],
+}
+
+impl Harmonic {
+    /// At the angular frequency `w` in rad/s, for windows of `window` samples of `dt` seconds and inputs with
+    /// `delays` in seconds.
+    fn new(w: f64, window: usize, dt: f64, delays: &[f64]) -> Self {
+        let l = window as f64 * dt;
+        let phi: Vec<Integrals> = (0..window).map(|k| modulate(k as f64 * dt, l, w)).collect();
+        let held = delays
+            .iter()
+            .map(|d| (0..window).map(|k| modulate((k as f64 + 0.5) * dt + d, l, w)[0]).collect())
+            .collect();
+        let one = phi.iter().fold([0.0; 2], |sum, phi| [sum[0] + phi[0][0], sum[1] + phi[0][1]]);
+        Self { phi, held, one }
+    }
+
+    /// Integrals for every output in the window that begins at sample `start`.
+    fn outputs(&self, filled: &[Vec<f64>], start: usize) -> Vec<Integrals> {
+        let mut outputs = vec![[[0.0; 2]; 3]; filled.len()];
+        for (sums, y) in outputs.iter_mut().zip(filled) {
+            for (y, phi) in y[start..start + self.phi.len()].iter().zip(&self.phi) {
+                for (sum, phi) in sums.iter_mut().zip(phi) {
+                    sum[0] += phi[0] * y;
+                    sum[1] += phi[1] * y;
+                }
+            }
+        }
+        outputs
+    }
+
+    /// Integrals for every input in the window that begins at sample `start`.
+    fn inputs(&self, segment: &Segment, start: usize) -> Vec<[f64; 2]> {
+        let m = self.held.len();
+        let mut inputs = vec![[0.0; 2]; m];
+        for (j, (sum, held)) in inputs.iter_mut().zip(&self.held).enumerate() {
+            for (k, phi) in held.iter().enumerate() {
+                let u = segment.inputs[(start + k) * m + j];
+                sum[0] += phi[0] * u;
+                sum[1] += phi[1] * u;
+            }
+        }
+        inputs
+    }
+}
+
+/// The equation of one window and frequency, real (`part` 0) or imaginary (1): [derivatives, states, inputs, one].
+fn equation(
+    sources: &[Source],
+    outputs: &[Integrals],
+    inputs: &[[f64; 2]],
+    one: [f64; 2],
+    part: usize,
+) -> Vec<f64> {
+    let mut row = Vec::with_capacity(2 * sources.len() + inputs.len() + 1);
+    row.extend(sources.iter().map(|source| match *source {
+        Source::Measured(i, gain) => -outputs[i][1][part] / gain,
+        Source::Derived(i, gain) => outputs[i][2][part] / gain,
+    }));
+    row.extend(sources.iter().map(|source| match *source {
+        Source::Measured(i, gain) => outputs[i][0][part] / gain,
+        Source::Derived(i, gain) => -outputs[i][1][part] / gain,
+    }));
+    row.extend(inputs.iter().map(|u| u[part]));
+    row.push(one[part]);
+    row
 }
 
 /// Total delay of an input, s.
@@ -237,7 +272,8 @@ fn solve_row(
     Some(())
 }
 
-/// Starts scattered over the inner tenth of the bounds, damped: for structures whose states the outputs do not show.
+/// Start values scattered over the inner tenth of the bounds, with damped diagonals: for structures whose states the
+/// outputs do not measure.
 pub fn scattered(problem: &Problem) -> Vec<Vec<f64>> {
     let mut stream = whirlstand_vehicle::Stream::new(1, "scattered starts");
     let base = given(problem);

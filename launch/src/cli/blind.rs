@@ -32,13 +32,18 @@ pub(crate) struct BlindArgs {
     /// Takes an input from another column, for example u_roll=in_lat; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
-    /// Shortest and longest drawn record, s.
-    #[arg(long, value_name = "FROM:TO", value_parser = lengths, default_value = "30:120", conflicts_with = "input")]
-    pub length: (f64, f64),
-    /// Sampling rates that are drawn from, Hz, separated by commas.
-    #[arg(long, value_name = "HZ,...", value_parser = rate, value_delimiter = ',', default_value = "50,100,200",
-          conflicts_with = "input")]
-    pub rate: Vec<f64>,
+    /// What trials are drawn from.
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = BlindGenerator::Reference)]
+    pub generator: BlindGenerator,
+    /// Whether a law flies the vehicle; --input is flown as it is.
+    #[arg(long = "loop", value_enum, value_name = "LOOP", default_value_t = BlindLoop::Open, conflicts_with = "input")]
+    pub control_loop: BlindLoop,
+    /// Shortest and longest drawn record, s [default: the generator's, 30:120 and 20:100]
+    #[arg(long, value_name = "FROM:TO", value_parser = lengths, conflicts_with = "input")]
+    pub length: Option<(f64, f64)>,
+    /// Sampling rates that are drawn from, Hz, separated by commas [default: the generator's, 50,100,200 and 40,80,125,250]
+    #[arg(long, value_name = "HZ,...", value_parser = rate, value_delimiter = ',', conflicts_with = "input")]
+    pub rate: Option<Vec<f64>>,
     /// Only these effects of the table, separated by commas.
     #[arg(long, value_name = "EFFECT,...", value_delimiter = ',')]
     pub effects: Vec<String>,
@@ -66,6 +71,26 @@ pub(crate) struct BlindArgs {
     /// Another program to be judged, called as `PROGRAM diagnose trial.csv --vehicle nominal.toml --json diagnosis.json`.
     #[arg(long, value_name = "PROGRAM")]
     pub program: Option<PathBuf>,
+}
+
+/// What trials are drawn from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BlindGenerator {
+    /// The ranges against which the diagnosis was developed.
+    Reference,
+    /// Other noise, vehicles, excitation and sizes, and other effects outside the table.
+    Shifted,
+}
+
+/// Whether a law flies the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BlindLoop {
+    /// The commands are drawn.
+    Open,
+    /// A law gives the commands, from noisy measurements.
+    Closed,
+    /// Every other trial is flown by a law.
+    Both,
 }
 
 /// Kinds of trial.

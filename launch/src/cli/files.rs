@@ -33,7 +33,8 @@ pub(crate) struct DesignArgs {
 pub(crate) struct SimulateArgs {
     /// Built-in vehicle or path of a vehicle file.
     pub vehicle: String,
-    /// Record with the inputs: CSV (first column t in s, heads `name` or `name[unit]`), MCAP or ULog.
+    /// Record with the inputs: CSV (first column t in s, heads `name` or `name[unit]`), MCAP, PX4 ULog, ArduPilot
+    /// DataFlash or Betaflight blackbox.
     #[arg(long, value_name = "FILE")]
     pub input: PathBuf,
     /// CSV to write: time, inputs and outputs, in SI.
@@ -86,7 +87,7 @@ pub(crate) struct ResultArgs {
 #[command(after_help = "Example:\n  \
     whirlstand compare flight.csv --vehicle helicopter-hover --map roll=phi --map u_roll=in_lat --out out/compare")]
 pub(crate) struct CompareArgs {
-    /// MCAP, CSV or PX4 ULog.
+    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
     pub log: PathBuf,
     /// Built-in vehicle or path of a vehicle file.
     #[arg(long)]
@@ -107,7 +108,7 @@ pub(crate) struct CompareArgs {
     whirlstand diagnose flight.csv --vehicle mine.toml --map roll=phi[deg] --engine-on ground.csv --engine-off still.csv\n  \
     whirlstand diagnose a.csv b.csv --vehicle mine.toml --json -")]
 pub(crate) struct DiagnoseArgs {
-    /// MCAP, CSV or PX4 ULog; several are diagnosed together.
+    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox; several are diagnosed together.
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// Built-in vehicle or path of a vehicle file.
@@ -119,6 +120,9 @@ pub(crate) struct DiagnoseArgs {
     /// `identify` wrote.
     #[arg(long)]
     pub refit: bool,
+    /// Horizon over which predictions are judged, s [default: from the vehicle's time constants]
+    #[arg(long, value_name = "S")]
+    pub horizon: Option<f64>,
     /// Vehicle that the flight mode may change to, beside the built-in ones; may be repeated.
     #[arg(long, value_name = "VEHICLE")]
     pub mode: Vec<String>,
@@ -142,7 +146,7 @@ pub(crate) struct DiagnoseArgs {
     whirlstand identify flight.csv --vehicle mine.toml --map roll=phi[deg] --from 3 --hold-out 60:84 --offsets\n  \
     whirlstand identify a.csv b.csv --control c.csv --vehicle mine.toml --method ga+pem --json -")]
 pub(crate) struct IdentifyArgs {
-    /// Logs to fit: MCAP, CSV or PX4 ULog.
+    /// Logs to fit: MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// Built-in vehicle, template (quadrotor-structure, helicopter-structure) or path of a vehicle file with `free`
@@ -312,7 +316,7 @@ fn interval(text: &str) -> Result<(f64, f64), String> {
 pub(crate) enum LogCommand {
     /// What a log holds: signals, units, rates, length, and the files inside it.
     Info {
-        /// MCAP, CSV or PX4 ULog.
+        /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
         log: PathBuf,
         /// Print JSON.
         #[arg(long)]
@@ -320,7 +324,7 @@ pub(crate) enum LogCommand {
     },
     /// Writes a log as CSV, with a unit in every column head.
     Export {
-        /// MCAP, CSV or PX4 ULog.
+        /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
         log: PathBuf,
         /// CSV to write; - for standard output.
         #[arg(long, short, value_name = "FILE", default_value = "-")]
@@ -341,8 +345,45 @@ pub(crate) enum LogCommand {
     },
 }
 
+/// Draft a first vehicle file from a record: inputs and outputs by name and unit, structures by predictions of held-out
+/// data.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand vehicle new flight.ulg --output mine.toml\n  \
+    whirlstand vehicle new log.csv --input in_lat --measure 'roll_rate=wx[deg/s]'\n  \
+    whirlstand identify flight.ulg --vehicle mine.toml\n\n\
+    --output names the file; outputs of the vehicle are chosen with --measure. The file says what the log calls the \
+    signals, so that it needs no --map.")]
+pub(crate) struct VehicleNewArgs {
+    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
+    pub log: PathBuf,
+    /// Writes the vehicle file; without it, the file follows on the terminal.
+    #[arg(long, value_name = "V.toml")]
+    pub output: Option<PathBuf>,
+    /// An input of the vehicle, as SIGNAL[unit] or NAME=SIGNAL[unit]; may be repeated [default: those known by name]
+    #[arg(long, value_name = "SIGNAL")]
+    pub input: Vec<String>,
+    /// An output of the vehicle, as SIGNAL[unit] or NAME=SIGNAL[unit]; may be repeated [default: those known by name,
+    /// else rates by their unit]
+    #[arg(long, value_name = "SIGNAL")]
+    pub measure: Vec<String>,
+    /// The time column of a CSV whose first column is not t, as COLUMN[unit].
+    #[arg(long, value_name = "COLUMN")]
+    pub time: Option<String>,
+    /// Start of the part that is used, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// End of the part that is used, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub to: Option<f64>,
+    /// Writes what was found as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum VehicleCommand {
+    New(VehicleNewArgs),
     /// Lists the built-in vehicles.
     List {
         /// Print JSON.

@@ -8,16 +8,16 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use whirlstand_msgs::units::{Quantity, Unit};
 
-pub(crate) use blind::{BlindArgs, BlindCase};
+pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
 pub(crate) use files::{
     CompareArgs, DesignArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod,
-    IdentifyNoise, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand,
+    IdentifyNoise, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleNewArgs,
 };
 
 /// A hardware-in-the-loop bench for small VTOL control.
 ///
 /// Plant, estimator and controller run as separate processes over shared memory or a network; any of them can
-/// be replaced by one line of a launch file. Measured records are held against the simulation.
+/// be replaced by one line of a launch file. Measured records are compared with the simulation.
 #[derive(Debug, Parser)]
 #[command(
     name = "whirlstand",
@@ -53,7 +53,7 @@ pub(crate) enum Command {
     /// Look into logs: what they hold, as CSV, and where two of them differ.
     #[command(subcommand)]
     Log(LogCommand),
-    /// List, show and check vehicle files.
+    /// Draft, list, show and check vehicle files.
     #[command(subcommand)]
     Vehicle(VehicleCommand),
     /// List and show launch files.
@@ -282,7 +282,7 @@ pub(crate) struct DoctorArgs {
     pub json: bool,
 }
 
-/// Injure every node of a bench at random times, again and again, and check that the bench survives.
+/// Inject faults into every node of a bench at random times, again and again, and check that the bench survives.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  whirlstand soak --fault kill --rounds 50 --seed 1 --json soak.json")]
 pub(crate) struct SoakArgs {
@@ -291,7 +291,7 @@ pub(crate) struct SoakArgs {
     /// kill: SIGKILL; stop: SIGSTOP for --stop-for seconds, then SIGCONT.
     #[arg(long, value_enum, default_value_t = FaultArg::Kill)]
     pub fault: FaultArg,
-    /// How often each node is injured.
+    /// How many faults each node gets.
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub rounds: u32,
     /// Length of a stop.

@@ -1,4 +1,4 @@
-//! `whirlstand bench`: what this machine does, beside its own floor.
+//! `whirlstand bench`: measures this machine, next to the bare floor that it can reach.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -52,12 +52,12 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(missed > 0)))
 }
 
-/// Being one process of a measurement: the work comes on standard input, the words go to standard output.
+/// Runs one process of a measurement: its task comes on standard input, its report goes to standard output.
 fn member() -> Result<ExitCode, Failure> {
     let member: Member = serde_json::from_reader(std::io::stdin())
         .map_err(|e| Failure::Mend(format!("--member is for the program itself: {e}")))?;
-    let words = run_member(&member).map_err(Failure::run)?;
-    print(&(words + "\n"))?;
+    let text = run_member(&member).map_err(Failure::run)?;
+    print(&(text + "\n"))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -81,8 +81,8 @@ fn line(f: &Figure) -> String {
         }
     };
     let goal = f.goal.map_or(String::new(), |g| {
-        let words = format!("goal {} {}", if g.at_least { "at least" } else { "at most" }, with(g.limit));
-        format!("  {}", if g.met { style::good(&words) } else { style::bad(&format!("{words}: missed")) })
+        let text = format!("goal {} {}", if g.at_least { "at least" } else { "at most" }, with(g.limit));
+        format!("  {}", if g.met { style::good(&text) } else { style::bad(&format!("{text}: missed")) })
     });
     format!("{:<62} {:>16}{goal}{range}\n", f.name, with(f.value))
 }

@@ -1,4 +1,4 @@
-//! `whirlstand bridge`: looking at real hardware.
+//! `whirlstand bridge`: checks real hardware.
 
 use std::process::ExitCode;
 use std::time::Duration;

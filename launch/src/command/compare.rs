@@ -1,4 +1,4 @@
-//! `whirlstand compare`: a record held against the simulation.
+//! `whirlstand compare`: a record compared with the simulation.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -14,14 +14,14 @@ use crate::error::Failure;
 pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
     let options = options(args)?;
-    let record = super::log::read(&args.log, &args.part.map)?;
+    let record = super::log::read_for(&args.log, &args.part.map, &vehicle)?;
     let comparison = whirlstand_ident::compare(&record, &vehicle, &options).map_err(Failure::mend)?;
     if let Some(path) = &args.result.json {
         write_json(&comparison, path)?;
     }
     let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
-        let html = whirlstand_ident::report::comparison_report(&comparison).map_err(Failure::run)?;
+        let html = whirlstand_report::comparison_report(&comparison).map_err(Failure::run)?;
         write(path, &html)?;
     }
     if args.result.json.as_deref() != Some(Path::new("-")) {

@@ -20,7 +20,7 @@ pub(crate) fn design(args: &DesignArgs) -> Result<ExitCode, Failure> {
     if args.json {
         print_json(&design)?;
     } else {
-        print(&words(&design))?;
+        print(&design_text(&design))?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -60,7 +60,7 @@ fn designed(args: &DesignArgs) -> Result<Design, Failure> {
         .map_err(|e| Failure::Mend(format!("{} cannot be designed for {}: {e}", args.law, args.vehicle)))
 }
 
-fn words(d: &Design) -> String {
+fn design_text(d: &Design) -> String {
     let (inputs, states) = (d.plant.input_names(), d.plant.state_names());
     let mut text = format!(
         "{} for {} states and {} inputs, sampled every {} ms, one period of latency accounted for\n",

@@ -2,21 +2,40 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
-use whirlstand_ident::diagnose::{Diagnosis, Options, diagnose as run};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use whirlstand_diagnose::{Diagnosis, Options, Watch, diagnose as run};
 use whirlstand_logs::Record;
+use whirlstand_vehicle::Vehicle;
 
+use super::log::read_for;
+use super::stage_line::StageLine;
 use super::vehicles::find;
-use super::{print, write, write_json};
+use super::{INTERRUPTED, print, write, write_json};
 use crate::cli::DiagnoseArgs;
 use crate::error::Failure;
 
-/// Runs the command.
+/// Runs the command. SIGINT and SIGTERM end the search: what is known by then is told, with exit code 130. A second one ends
+/// the program.
 pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
-    let options = options(args)?;
-    let records = args.logs.iter().map(|path| part(path, args)).collect::<Result<Vec<_>, _>>()?;
-    let mut answer = run(&records, &vehicle, &options).map_err(Failure::mend)?;
+    let line = StageLine::new();
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // In this order: a signal ends the program only if one came before it.
+        let exit = i32::from(INTERRUPTED);
+        signal_hook::flag::register_conditional_shutdown(signal, exit, Arc::clone(&stop))
+            .map_err(Failure::run)?;
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::run)?;
+    }
+    let watch = Watch::new(stop, line.listener());
+    let options = options(args, &vehicle, watch.clone())?;
+    let records = args.logs.iter().map(|path| part(path, args, &vehicle)).collect::<Result<Vec<_>, _>>()?;
+    let answer = run(&records, &vehicle, &options);
+    line.finish();
+    let mut answer = answer.map_err(Failure::mend)?;
     let extended =
         args.output.clone().or_else(|| args.result.out.as_ref().map(|folder| folder.join("vehicle.toml")));
     if let (Some(path), Some(vehicle)) = (&extended, &answer.extended) {
@@ -28,10 +47,14 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     }
     let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
-        write(path, &whirlstand_ident::report::diagnosis_report(&answer).map_err(Failure::run)?)?;
+        write(path, &whirlstand_report::diagnosis_report(&answer).map_err(Failure::run)?)?;
     }
     if args.result.json.as_deref() != Some(Path::new("-")) {
         print(&text(&answer, report.as_deref()))?;
+    }
+    if watch.is_stopped() {
+        eprintln!("interrupted: the answer is what was known by then");
+        return Ok(ExitCode::from(INTERRUPTED));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -47,9 +70,12 @@ fn text(answer: &Diagnosis, report: Option<&Path>) -> String {
     text
 }
 
-fn options(args: &DiagnoseArgs) -> Result<Options, Failure> {
+fn options(args: &DiagnoseArgs, vehicle: &Vehicle, watch: Watch) -> Result<Options, Failure> {
     if args.part.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
         return Err(Failure::Mend("--period: a time above 0 s is expected".into()));
+    }
+    if args.horizon.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
+        return Err(Failure::Mend("--horizon: a time above 0 s is expected".into()));
     }
     if let (Some(from), Some(to)) = (args.part.from, args.part.to)
         && from >= to
@@ -59,19 +85,21 @@ fn options(args: &DiagnoseArgs) -> Result<Options, Failure> {
         )));
     }
     let ground =
-        |path: &Option<PathBuf>| path.as_ref().map(|p| super::log::read(p, &args.part.map)).transpose();
+        |path: &Option<PathBuf>| path.as_ref().map(|p| read_for(p, &args.part.map, vehicle)).transpose();
     Ok(Options {
         period_s: args.part.period,
+        horizon_s: args.horizon,
         refit: args.refit.then_some(true),
         modes: args.mode.clone(),
         engine_on: ground(&args.engine_on)?,
         engine_off: ground(&args.engine_off)?,
+        watch,
     })
 }
 
 /// Reads a log, on the wanted clock, and takes the wanted part of it.
-fn part(path: &Path, args: &DiagnoseArgs) -> Result<Record, Failure> {
-    let mut record = super::log::read(path, &args.part.map)?;
+fn part(path: &Path, args: &DiagnoseArgs, vehicle: &Vehicle) -> Result<Record, Failure> {
+    let mut record = read_for(path, &args.part.map, vehicle)?;
     if let Some(period) = args.part.period
         && record.time_unit == "samples"
     {

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use whirlstand_control::{Controller, Design};
-use whirlstand_ident::excite::{ClosedLoop, Kind, Options, Shape, Through, design};
+use whirlstand_ident::excite::{ClosedLoop, InjectionPoint, Kind, Options, Shape, design};
 use whirlstand_msgs::units::Quantity;
 use whirlstand_nodes::estimator::filter_of;
 use whirlstand_nodes::setup::Setup;
@@ -93,7 +93,7 @@ fn closed_loop(args: &ExciteArgs, vehicle: &Vehicle) -> Result<Option<ClosedLoop
         law: law.clone(),
         controller: Controller::new(&design),
         estimator,
-        through: if states.is_empty() { Through::Command } else { Through::Setpoint(states) },
+        through: if states.is_empty() { InjectionPoint::Command } else { InjectionPoint::Setpoint(states) },
     }))
 }
 

@@ -1,12 +1,11 @@
 //! `whirlstand identify`: the free parameters of a vehicle, from records.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use sha2::{Digest, Sha256};
 use whirlstand_ident::identify::align::lags;
 use whirlstand_ident::identify::{
     Log, Method, Noise, Nuisance, Options, Progress, Segment, Source, identify as run,
@@ -14,6 +13,7 @@ use whirlstand_ident::identify::{
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
+use super::log::{hash, read_for};
 use super::vehicles::find;
 use super::{print, write, write_json};
 use crate::cli::{IdentifyArgs, IdentifyMethod, IdentifyNoise};
@@ -49,8 +49,8 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
             control.push(Source { log: log.clone(), segment });
         }
     }
-    let bar = Bar::new();
-    let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &|p| bar.show(p));
+    let bar = ProgressLine::new();
+    let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &|p| bar.update(p));
     bar.finish();
     let mut answer = answer.map_err(Failure::mend)?;
     if let (Some(path), Some(fitted)) = (&args.output, &answer.fitted) {
@@ -62,7 +62,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
     }
     let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
-        write(path, &whirlstand_ident::report::identification_report(&answer).map_err(Failure::run)?)?;
+        write(path, &whirlstand_report::identification_report(&answer).map_err(Failure::run)?)?;
     }
     if args.result.json.as_deref() != Some(Path::new("-")) {
         let mut text = answer.text();
@@ -111,26 +111,17 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
 
 /// Reads a log, on the wanted clock, with the hash of its file.
 fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<(Log, Record), Failure> {
-    let mut record = aligned(super::log::read(path, &args.part.map)?, args, vehicle)?;
+    let mut record = aligned(read_for(path, &args.part.map, vehicle)?, args, vehicle)?;
     if let Some(period) = args.part.period {
         if record.time_unit == "samples" {
             record = record.with_sample_period(period);
-        } else if record.len() > 1 && period > 1.2 * record.duration() / (record.len() - 1) as f64 {
+        } else if record.period().is_some_and(|own| period > 1.2 * own) {
             // Coarser: through the filter that keeps what is faster from folding into it.
             let held = |name: &str| vehicle.input_index(name).is_some();
             record = record.resampled(period, held).map_err(Failure::mend)?;
         }
     }
     Ok((Log { file: path.display().to_string(), sha256: hash(path)? }, record))
-}
-
-/// SHA-256 of a file; of a folder's log.
-fn hash(path: &Path) -> Result<String, Failure> {
-    let file: PathBuf = if path.is_dir() { path.join("log.mcap") } else { path.into() };
-    let mut reader = std::fs::File::open(&file).map_err(|e| Failure::file("read", &file, &e))?;
-    let mut hash = Sha256::new();
-    std::io::copy(&mut reader, &mut hash).map_err(|e| Failure::file("read", &file, &e))?;
-    Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
 }
 
 /// True when an own log shows that a controller was in the loop: a reference was tracked, or the command was not the
@@ -212,18 +203,18 @@ fn rest(whole: (f64, f64), without: &[(f64, f64)], least: f64) -> Vec<(f64, f64)
     left
 }
 
-/// What is seen of a search that takes longer than two seconds.
-struct Bar {
+/// Progress line of a search that takes longer than two seconds.
+struct ProgressLine {
     begun: Instant,
     bar: Mutex<Option<ProgressBar>>,
 }
 
-impl Bar {
+impl ProgressLine {
     fn new() -> Self {
         Self { begun: Instant::now(), bar: Mutex::new(None) }
     }
 
-    fn show(&self, progress: Progress) {
+    fn update(&self, progress: Progress) {
         if self.begun.elapsed() < Duration::from_secs(2) {
             return;
         }

@@ -1,9 +1,11 @@
 //! `whirlstand log info|export|diff`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use whirlstand_logs::{Diff, Ending, LogInfo, Mapping, Record};
+use sha2::{Digest, Sha256};
+use whirlstand_logs::{BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo};
+use whirlstand_vehicle::Vehicle;
 
 use super::{print, print_json};
 use crate::cli::LogCommand;
@@ -18,7 +20,7 @@ pub(crate) fn log(command: &LogCommand) -> Result<ExitCode, Failure> {
             if *json {
                 print_json(&info)?
             } else {
-                print(&info_words(&info))?
+                print(&info_text(&info))?
             }
             Ok(ExitCode::SUCCESS)
         }
@@ -31,7 +33,7 @@ pub(crate) fn log(command: &LogCommand) -> Result<ExitCode, Failure> {
             if *json {
                 print_json(&diff)?
             } else {
-                print(&diff_words(&diff))?
+                print(&diff_text(&diff))?
             }
             Ok(if diff.identical { ExitCode::SUCCESS } else { ExitCode::from(1) })
         }
@@ -54,6 +56,45 @@ pub(crate) fn read(path: &Path, map: &[String]) -> Result<Record, Failure> {
     whirlstand_logs::read(path, &mappings(map)?).map_err(Failure::mend)
 }
 
+/// SHA-256 of a file; of a folder's log.
+///
+/// # Errors
+/// When it cannot be read.
+pub(crate) fn hash(path: &Path) -> Result<String, Failure> {
+    let file: PathBuf = if path.is_dir() { path.join("log.mcap") } else { path.into() };
+    let mut reader = std::fs::File::open(&file).map_err(|e| Failure::file("read", &file, &e))?;
+    let mut hash = Sha256::new();
+    std::io::copy(&mut reader, &mut hash).map_err(|e| Failure::file("read", &file, &e))?;
+    Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
+}
+
+/// Reads a log of any known kind for a vehicle: with the mappings of `--map`, and with those of the vehicle's own `map` for
+/// signals that `--map` does not name. A log that lacks what `map` names may have the vehicle's own name for it, as logs
+/// of benches have; that entry is then passed over.
+///
+/// # Errors
+/// What is wrong with the file or a mapping.
+pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result<Record, Failure> {
+    let given = mappings(map)?;
+    let wrong = |e| Failure::Mend(format!("map of vehicle '{}': {e}", vehicle.name));
+    let own = vehicle.map.iter().filter(|(name, _)| !given.iter().any(|m| m.name == *name));
+    let own = own.map(|(name, source)| format!("{name}={source}").parse::<Mapping>());
+    let mut own = own.collect::<Result<Vec<_>, _>>().map_err(wrong)?;
+    loop {
+        let all: Vec<Mapping> = given.iter().chain(&own).cloned().collect();
+        match whirlstand_logs::read(path, &all) {
+            Ok(record) => return Ok(record),
+            Err(error) => {
+                let missing = error.missing_source().map(|missing| missing.name.clone());
+                match own.iter().position(|m| missing.as_ref() == Some(&m.name)) {
+                    Some(at) => drop(own.remove(at)),
+                    None => return Err(Failure::mend(error)),
+                }
+            }
+        }
+    }
+}
+
 fn export(record: &Record, output: &Path) -> Result<(), Failure> {
     if output != Path::new("-") {
         return whirlstand_logs::write_csv(record, output).map_err(Failure::mend);
@@ -63,7 +104,7 @@ fn export(record: &Record, output: &Path) -> Result<(), Failure> {
     print(&String::from_utf8_lossy(&text))
 }
 
-fn info_words(info: &LogInfo) -> String {
+fn info_text(info: &LogInfo) -> String {
     let mut text = format!(
         "{}  {}, {:.3} s\n",
         style::strong(&info.path.display().to_string()),
@@ -72,19 +113,7 @@ fn info_words(info: &LogInfo) -> String {
     );
     let mut row = |head: &str, body: String| text.push_str(&format!("  {head:<12}{body}\n"));
     if let Some(bench) = &info.bench {
-        row(
-            "bench",
-            format!(
-                "{} with {}, {} over {}, period {} ms, seed {}, whirlstand {}",
-                bench.launch,
-                bench.vehicle,
-                bench.mode,
-                bench.transport,
-                bench.period_ns as f64 * 1e-6,
-                bench.seed,
-                bench.version
-            ),
-        );
+        row("bench", bench_text(bench));
     }
     for file in &info.files {
         let ending = match file.ending {
@@ -96,39 +125,11 @@ fn info_words(info: &LogInfo) -> String {
     for (name, bytes) in &info.attached {
         row("inside", format!("{name}, {bytes} bytes"));
     }
-    for topic in &info.topics {
-        let rate = topic.rate_hz.map_or(String::new(), |r| format!(", {r:.1} Hz"));
-        let lost = if topic.lost > 0 { style::bad(&format!(", {} lost", topic.lost)) } else { String::new() };
-        let gaps = if topic.gaps > 0 { style::bad(&format!(", {} gaps", topic.gaps)) } else { String::new() };
-        row(
-            "topic",
-            format!(
-                "{:<16} {} messages of {}{rate}{lost}{gaps}",
-                topic.name, topic.messages, topic.message_type
-            ),
-        );
-    }
-    for signal in &info.signals {
-        let unit = if signal.unit.is_empty() { String::new() } else { format!(" [{}]", signal.unit) };
-        let number = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.4}"));
-        let missing =
-            if signal.missing > 0 { format!(", {} missing", signal.missing) } else { String::new() };
-        row(
-            "signal",
-            format!(
-                "{:<36} {} to {}, mean {}, std {}, {} values{missing}",
-                format!("{}{unit}", signal.name),
-                number(signal.min),
-                number(signal.max),
-                number(signal.mean),
-                number(signal.std),
-                signal.values
-            ),
-        );
-    }
+    info.topics.iter().for_each(|topic| row("topic", topic_text(topic)));
+    info.signals.iter().for_each(|signal| row("signal", signal_text(signal)));
     for damage in &info.damage {
-        let words = format!("{} at byte {}: {}", damage.file.display(), damage.offset, damage.reason);
-        row("damage", style::bad(&words));
+        let text = format!("{} at byte {}: {}", damage.file.display(), damage.offset, damage.reason);
+        row("damage", style::bad(&text));
     }
     for remark in &info.remarks {
         row("remark", remark.clone());
@@ -136,7 +137,42 @@ fn info_words(info: &LogInfo) -> String {
     text
 }
 
-fn diff_words(diff: &Diff) -> String {
+fn bench_text(bench: &BenchInfo) -> String {
+    format!(
+        "{} with {}, {} over {}, period {} ms, seed {}, whirlstand {}",
+        bench.launch,
+        bench.vehicle,
+        bench.mode,
+        bench.transport,
+        bench.period_ns as f64 * 1e-6,
+        bench.seed,
+        bench.version
+    )
+}
+
+fn topic_text(topic: &TopicInfo) -> String {
+    let rate = topic.rate_hz.map_or(String::new(), |r| format!(", {r:.1} Hz"));
+    let lost = if topic.lost > 0 { style::bad(&format!(", {} lost", topic.lost)) } else { String::new() };
+    let gaps = if topic.gaps > 0 { style::bad(&format!(", {} gaps", topic.gaps)) } else { String::new() };
+    format!("{:<16} {} messages of {}{rate}{lost}{gaps}", topic.name, topic.messages, topic.message_type)
+}
+
+fn signal_text(signal: &SignalSummary) -> String {
+    let unit = if signal.unit.is_empty() { String::new() } else { format!(" [{}]", signal.unit) };
+    let number = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.4}"));
+    let missing = if signal.missing > 0 { format!(", {} missing", signal.missing) } else { String::new() };
+    format!(
+        "{:<36} {} to {}, mean {}, std {}, {} values{missing}",
+        format!("{}{unit}", signal.name),
+        number(signal.min),
+        number(signal.max),
+        number(signal.mean),
+        number(signal.std),
+        signal.values
+    )
+}
+
+fn diff_text(diff: &Diff) -> String {
     let mut text = String::new();
     for topic in &diff.topics {
         let verdict = if topic.set_aside {

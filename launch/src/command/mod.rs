@@ -12,12 +12,17 @@ pub(crate) mod launch_files;
 pub(crate) mod log;
 pub(crate) mod node;
 pub(crate) mod simulate;
+mod stage_line;
+pub(crate) mod vehicle_new;
 pub(crate) mod vehicles;
 
 use std::io::Write;
 use std::path::Path;
 
 use crate::error::Failure;
+
+/// Exit code of a command that was interrupted and told what it knew by then, as shells have it.
+pub(crate) const INTERRUPTED: u8 = 130;
 
 /// Prints text on standard output. A reader that has gone away (`| head`) is no failure.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {

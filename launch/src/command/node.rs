@@ -6,13 +6,14 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use whirlstand_bus::OpenError;
+use whirlstand_msgs::names::did_you_mean;
 use whirlstand_nodes::NodeError;
 use whirlstand_nodes::config::{NodeConfig, RealtimeOptions, Role};
 use whirlstand_nodes::os::apply_realtime;
 
 use crate::cli::{ExecArgs, NodeArgs};
 use crate::error::Failure;
-use crate::file::{DEFAULT, jobs, nearest};
+use crate::file::{DEFAULT, jobs};
 
 /// Runs one node to its end.
 pub(crate) fn node(args: &NodeArgs) -> Result<ExitCode, Failure> {
@@ -51,9 +52,8 @@ pub(crate) fn is_mendable(error: &NodeError) -> bool {
 fn role(kind: &str) -> Result<Role, Failure> {
     let known = Role::ALL.map(Role::name);
     Role::ALL.into_iter().find(|r| r.name() == kind).ok_or_else(|| {
-        let near = nearest(kind, known).unwrap_or("plant");
-        let known = known.join(", ");
-        Failure::Mend(format!("there is no node '{kind}': {known} are known; the nearest is '{near}'"))
+        let hint = did_you_mean(kind, known);
+        Failure::Mend(format!("there is no node '{kind}'{hint}; known are {}", known.join(", ")))
     })
 }
 

@@ -1,10 +1,11 @@
-//! `whirlstand vehicle list|show|check`.
+//! `whirlstand vehicle new|list|show|check`.
 
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use whirlstand_vehicle::{Vehicle, builtin_names, template_names};
 
+use super::vehicle_new::vehicle_new;
 use super::{print, print_json};
 use crate::cli::VehicleCommand;
 use crate::error::Failure;
@@ -13,6 +14,7 @@ use crate::style;
 /// Runs the command.
 pub(crate) fn vehicles(command: &VehicleCommand) -> Result<ExitCode, Failure> {
     match command {
+        VehicleCommand::New(args) => vehicle_new(args)?,
         VehicleCommand::List { json } => list(*json)?,
         VehicleCommand::Show { vehicle } => print(&find(vehicle)?.source_text)?,
         VehicleCommand::Check { vehicle, json } => check(&find(vehicle)?, *json)?,

@@ -6,7 +6,7 @@ use rustix::process::{Resource, getrlimit};
 use whirlstand_nodes::config::RealtimeOptions;
 use whirlstand_nodes::os::apply_realtime;
 
-use super::{Check, Grade};
+use super::check::{Check, Grade};
 
 /// Priority at which SCHED_FIFO is tried.
 pub(super) const TRIED_PRIORITY: u8 = 80;

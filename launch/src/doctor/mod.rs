@@ -1,5 +1,6 @@
 //! `whirlstand doctor`: is this machine fit for real time, and what to change.
 
+mod check;
 mod checks;
 mod wake;
 
@@ -10,32 +11,7 @@ use serde::Serialize;
 use crate::cli::DoctorArgs;
 use crate::error::Failure;
 use crate::style;
-
-/// How a check turned out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Grade {
-    /// Fit.
-    Ok,
-    /// Works, but timing suffers, or an option of the launch file will be refused.
-    Warn,
-    /// Cannot be found out here.
-    Unknown,
-}
-
-/// One thing that was looked at.
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct Check {
-    /// Short name.
-    pub name: &'static str,
-    /// How it turned out.
-    pub grade: Grade,
-    /// What was found.
-    pub found: String,
-    /// What to change; nothing when all is well.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub advice: Option<String>,
-}
+use check::{Check, Grade};
 
 #[derive(Debug, Serialize)]
 struct Report {

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use whirlstand_msgs::names::did_you_mean;
+
 use super::document::{Document, LaunchError};
-use super::wording::nearest;
 use crate::error::Failure;
 
 /// The launch file that `whirlstand run` takes without an argument.
@@ -40,7 +41,7 @@ pub(crate) const BUILTIN: &[(&str, &str)] = files![
 
 /// A launch file that was found, not yet read.
 #[derive(Debug, Clone)]
-pub(crate) struct Found {
+pub(crate) struct FoundFile {
     /// The document.
     pub document: Document,
     /// Name for a bench whose file states none.
@@ -53,22 +54,23 @@ pub(crate) struct Found {
 ///
 /// # Errors
 /// When there is no such file, with the nearest built-in name; when it is not TOML.
-pub(crate) fn find(name_or_path: &str) -> Result<Found, Failure> {
+pub(crate) fn find(name_or_path: &str) -> Result<FoundFile, Failure> {
     if let Some((name, text)) = BUILTIN.iter().find(|(name, _)| *name == name_or_path) {
         let document =
             Document::parse(&format!("built-in launch file {name}"), text).map_err(Failure::mend)?;
-        return Ok(Found { document, name: (*name).into(), folder: PathBuf::from(".") });
+        return Ok(FoundFile { document, name: (*name).into(), folder: PathBuf::from(".") });
     }
     let path = Path::new(name_or_path);
     let text = std::fs::read_to_string(path).map_err(|e| {
-        let near = nearest(name_or_path, BUILTIN.iter().map(|(n, _)| *n)).unwrap_or(DEFAULT);
+        let names = || BUILTIN.iter().map(|(n, _)| *n);
         Failure::Mend(format!(
-            "cannot read the launch file {name_or_path}: {e}; give a path or a built-in name (the nearest is \
-             '{near}'; `whirlstand launch list` shows all)"
+            "cannot read the launch file {name_or_path}: {e}; give a path or a built-in name{}; \
+             `whirlstand launch list` shows all",
+            did_you_mean(name_or_path, names()),
         ))
     })?;
     let document = Document::parse(name_or_path, &text).map_err(|e: LaunchError| Failure::mend(e))?;
     let name = path.file_stem().map_or_else(|| "bench".into(), |s| s.to_string_lossy().into_owned());
     let folder = path.parent().unwrap_or(Path::new(".")).to_path_buf();
-    Ok(Found { document, name, folder })
+    Ok(FoundFile { document, name, folder })
 }

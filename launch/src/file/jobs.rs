@@ -1,9 +1,9 @@
-//! What one call runs: a launch file with the overrides of the command line, once for each of its variants.
+//! The runs of one call: a launch file with the overrides of the command line, once for each of its variants.
 
 use crate::cli::OverrideArgs;
 use crate::error::Failure;
 
-use super::builtin::{Found, find};
+use super::builtin::{FoundFile, find};
 use super::document::{Document, LaunchError, at};
 use super::plan::{Plan, plan};
 use super::schema::{LaunchFile, VariantSection};
@@ -24,7 +24,7 @@ pub(crate) struct Jobs {
 pub(crate) struct Job {
     /// Name of the variant; `None` for a launch file without variants.
     pub variant: Option<String>,
-    /// What is run.
+    /// The bench to run.
     pub plan: Plan,
 }
 
@@ -38,7 +38,11 @@ pub(crate) fn jobs(launch: &str, overrides: &OverrideArgs, no_log: bool) -> Resu
 }
 
 /// As [`jobs`], for a launch file that was found.
-pub(crate) fn jobs_of(found: &Found, overrides: &OverrideArgs, no_log: bool) -> Result<Jobs, LaunchError> {
+pub(crate) fn jobs_of(
+    found: &FoundFile,
+    overrides: &OverrideArgs,
+    no_log: bool,
+) -> Result<Jobs, LaunchError> {
     let mut document = found.document.clone();
     apply(&mut document, overrides, no_log)?;
     let file: LaunchFile = document.read()?;

@@ -16,8 +16,6 @@ mod tests;
 
 pub(crate) use builtin::{BUILTIN, DEFAULT, find};
 pub(crate) use document::Document;
-pub(crate) use expect::{Expectation, Figure, Verdict, judge};
 pub(crate) use jobs::{Jobs, jobs};
 pub(crate) use plan::{Plan, PlannedNode, plan};
 pub(crate) use schema::{Ready, Restart};
-pub(crate) use wording::nearest;

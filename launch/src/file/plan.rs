@@ -14,7 +14,7 @@ use whirlstand_vehicle::{Effect, Vehicle};
 
 use super::amount::{Amount, Seconds};
 use super::document::{Document, LaunchError, Step, at};
-use super::expect::{self, Expectation};
+use super::expect;
 use super::schema::{LaunchFile, NodeSection};
 use super::wording::unknown;
 
@@ -28,22 +28,22 @@ pub(crate) struct Plan {
     pub name: String,
     /// The vehicle with the launch file's effects.
     pub vehicle: Vehicle,
-    /// What every node is told; the bench's name and the log's path are filled in when it is started.
+    /// Configuration of all nodes; the bench's name and the log's path are filled in when the bench is started.
     pub config: NodeConfig,
     /// The nodes, in the order in which they are started.
     pub nodes: Vec<PlannedNode>,
-    /// What must hold at the end.
-    pub expect: Vec<Expectation>,
+    /// Expectations that must hold at the end.
+    pub expect: Vec<whirlstand_evaluate::Expectation>,
 }
 
 /// One node of a planned bench.
 #[derive(Debug, Clone)]
 pub(crate) struct PlannedNode {
-    /// Its name.
+    /// Name of the node.
     pub name: String,
-    /// Its part in the loop; `None` for a further program.
+    /// Role of the node in the loop; `None` for a further program.
     pub role: Option<Role>,
-    /// Its options.
+    /// Options of the node.
     pub section: NodeSection,
 }
 

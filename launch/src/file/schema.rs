@@ -1,4 +1,4 @@
-//! What a launch file can say. `docs/launch-file.md` is its manual.
+//! The structure of a launch file. `docs/launch-file.md` is its manual.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ pub(crate) struct LaunchFile {
     pub description: String,
     /// Built-in vehicle, or a path relative to the launch file.
     pub vehicle: String,
-    /// Who keeps the time.
+    /// What sets the pace of the loop.
     #[serde(default = "realtime")]
     pub mode: Mode,
     /// What carries the messages.
@@ -187,9 +187,9 @@ impl Default for NodeSection {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Ready {
-    /// It sends `READY=1` to `NOTIFY_SOCKET`, as under systemd.
+    /// The node sends `READY=1` to `NOTIFY_SOCKET`, as under systemd.
     Notify,
-    /// It is ready as soon as it has started.
+    /// The node is ready as soon as it has started.
     Start,
 }
 
@@ -199,7 +199,7 @@ pub(crate) enum Ready {
 pub(crate) enum Restart {
     /// The run ends.
     Never,
-    /// It is started again, `max_restarts` times at most.
+    /// The node is started again, `max_restarts` times at most.
     OnFailure,
 }
 

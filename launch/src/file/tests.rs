@@ -3,14 +3,14 @@
 use whirlstand_bus::Transport;
 use whirlstand_nodes::config::{LawKind, Mode, Role};
 
-use super::builtin::{BUILTIN, DEFAULT, Found};
+use super::builtin::{BUILTIN, DEFAULT, FoundFile};
 use super::document::{Document, LaunchError};
 use super::jobs::{Jobs, jobs, jobs_of};
 use crate::cli::{ModeArg, OverrideArgs, TransportArg};
 
 fn read(text: &str, overrides: &OverrideArgs) -> Result<Jobs, LaunchError> {
     let document = Document::parse("a.toml", text)?;
-    jobs_of(&Found { document, name: "a".into(), folder: ".".into() }, overrides, false)
+    jobs_of(&FoundFile { document, name: "a".into(), folder: ".".into() }, overrides, false)
 }
 
 fn plain(text: &str) -> Result<Jobs, LaunchError> {

@@ -1,33 +1,15 @@
 //! Serde's short messages in the words of a launch file, with the nearest known key.
 
-/// The known word that is most like `wanted`.
-pub(crate) fn nearest<'k>(wanted: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
-    let likeness = |k: &str| strsim::normalized_damerau_levenshtein(wanted, k).max(contained(wanted, k));
-    known.into_iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)))
-}
-
-/// A word that contains the other is like it, the more so the less it adds: `rate` is like `rate_hz`.
-fn contained(a: &str, b: &str) -> f64 {
-    let (short, long) = if a.len() < b.len() { (a, b) } else { (b, a) };
-    if !short.is_empty() && long.contains(short) {
-        0.5 + 0.5 * short.len() as f64 / long.len() as f64
-    } else {
-        0.0
-    }
-}
+use whirlstand_msgs::names::did_you_mean;
 
 /// A sentence for a word that is not among the known ones: what it was meant to be, and the known ones.
 pub(crate) fn unknown<'k>(what: &str, wanted: &str, known: impl IntoIterator<Item = &'k str>) -> String {
     let known: Vec<_> = known.into_iter().collect();
-    match nearest(wanted, known.iter().copied()) {
-        Some(near) => {
-            format!(
-                "unknown {what} '{wanted}'; the nearest known one is '{near}' (known: {})",
-                known.join(", ")
-            )
-        }
-        None => format!("unknown {what} '{wanted}': none is known here, remove it"),
+    if known.is_empty() {
+        return format!("unknown {what} '{wanted}': none is known here, remove it");
     }
+    let hint = did_you_mean(wanted, known.iter().copied());
+    format!("unknown {what} '{wanted}'{hint}; known are {}", known.join(", "))
 }
 
 /// Serde's message in the words of a launch file.
@@ -55,21 +37,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_nearest_key_is_the_one_that_was_meant() {
-        let known = ["mode", "rate_hz", "duration_s", "transport", "controller"];
-        for (typed, meant) in
-            [("rate", "rate_hz"), ("duration", "duration_s"), ("contoller", "controller"), ("Mode", "mode")]
-        {
-            assert_eq!(nearest(typed, known), Some(meant));
-        }
-        assert_eq!(nearest("x", []), None);
-    }
-
-    #[test]
     fn messages_of_serde_become_sentences() {
         assert_eq!(
             reworded("unknown field `lawe`, expected one of `law`, `gain`"),
-            "unknown key 'lawe'; the nearest known one is 'law' (known: law, gain)"
+            "unknown key 'lawe' (did you mean 'law'?); known are law, gain"
         );
         assert_eq!(reworded("missing field `law`"), "the key 'law' is missing here: add it");
         assert_eq!(

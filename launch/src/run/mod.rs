@@ -3,12 +3,13 @@
 mod one;
 mod progress;
 mod start;
+mod summarised;
 mod summary;
 mod verdict;
 
 use std::process::ExitCode;
 
-pub(crate) use one::{Ran, fly};
+pub(crate) use one::{FinishedRun, fly};
 pub(crate) use start::{default_out, unique_bench};
 
 use crate::cli::RunArgs;
@@ -38,7 +39,7 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
         progress.finish();
         let ran = ran?;
         let stop = matches!(ran.outcome.ending, Ending::Interrupted(_));
-        runs.push(summary::summarise(job.variant.as_deref(), &plan, ran));
+        runs.push(summarised::summarise(job.variant.as_deref(), &plan, ran));
         if stop {
             break;
         }
@@ -47,7 +48,7 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     if args.json {
         crate::command::print_json(&whole)?;
     } else {
-        crate::command::print(&verdict::words(&out, &runs))?;
+        crate::command::print(&verdict::closing_lines(&out, &runs))?;
     }
     Ok(exit_code(&runs))
 }
@@ -73,7 +74,7 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan) {
 }
 
 /// 0 when all went well, 1 when a run or an expectation failed, 2 when the user can mend it, 128 + n after signal n.
-fn exit_code(runs: &[summary::Summarised]) -> ExitCode {
+fn exit_code(runs: &[summarised::Summarised]) -> ExitCode {
     let code = runs.iter().map(|run| match &run.ending {
         Ending::Interrupted(signal) => 128 + *signal as u8,
         Ending::Failed(failure) if failure.mendable => 2,

@@ -14,8 +14,8 @@ use crate::supervisor::{Observer, Outcome, ThreadEnd, supervise, supervise_threa
 
 /// A run that is over.
 #[derive(Debug)]
-pub(crate) struct Ran {
-    /// What it was like from outside.
+pub(crate) struct FinishedRun {
+    /// How the run ended, and the health of its nodes.
     pub outcome: Outcome,
     /// The log; `None` when the run keeps none.
     pub log: Option<PathBuf>,
@@ -27,7 +27,7 @@ pub(crate) struct Ran {
 ///
 /// # Errors
 /// When the bench cannot even be started; a run that fails is no error here.
-pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Result<Ran, Failure> {
+pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Result<FinishedRun, Failure> {
     std::fs::create_dir_all(folder).map_err(|e| Failure::file("make the folder", folder, &e))?;
     let mut plan = plan.clone();
     let log = folder.join("log.mcap");
@@ -38,7 +38,7 @@ pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Re
     let log = plan.config.recorder.is_some().then_some(log);
     if plan.config.transport == Transport::Inproc {
         let outcome = fly_in_thread(&plan, observer)?;
-        return Ok(Ran { outcome, log, residue: None });
+        return Ok(FinishedRun { outcome, log, residue: None });
     }
     let sockets = tempfile::Builder::new()
         .prefix("whirlstand-")
@@ -52,7 +52,7 @@ pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Re
     drop(listener);
     let residue = sweep(&plan.config.bench).err().map(|e| e.to_string());
     let outcome = outcome.map_err(|e| Failure::Run(format!("the supervisor failed: {e}")))?;
-    Ok(Ran { outcome, log, residue })
+    Ok(FinishedRun { outcome, log, residue })
 }
 
 fn fly_in_thread(plan: &Plan, observer: &mut dyn Observer) -> Result<Outcome, Failure> {

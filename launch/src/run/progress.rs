@@ -6,8 +6,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use whirlstand_msgs::NodeState;
 use whirlstand_nodes::config::NodeConfig;
 
-use super::start::Every;
-use crate::supervisor::{Ending, Event, HealthBook, Observer, Wish};
+use super::start::PeriodicTimer;
+use crate::supervisor::{Continuation, Ending, Event, HealthTable, Observer};
 
 /// How often a line is written where no terminal shows the live one.
 const QUIET_LINE: Duration = Duration::from_secs(5);
@@ -20,7 +20,7 @@ pub(crate) struct Progress {
     /// Step of the plant and time, at the last measurement of the pace.
     last: Option<(u64, Instant)>,
     steps_per_s: f64,
-    quiet: Option<Every>,
+    quiet: Option<PeriodicTimer>,
     failsafe: bool,
 }
 
@@ -30,7 +30,7 @@ impl Progress {
         let bar = if shown { ProgressBar::new(config.steps) } else { ProgressBar::hidden() };
         let style = ProgressStyle::with_template("{bar:24.cyan/dim} {percent:>3}%  {msg}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        let quiet = (shown && bar.is_hidden()).then(|| Every::new(QUIET_LINE, Instant::now()));
+        let quiet = (shown && bar.is_hidden()).then(|| PeriodicTimer::new(QUIET_LINE, Instant::now()));
         Self {
             bar,
             period_s: config.period_ns as f64 * 1e-9,
@@ -51,7 +51,7 @@ impl Progress {
         self.bar.suspend(|| anstream::eprintln!("{line}"));
     }
 
-    fn status(&mut self, now: Instant, health: &HealthBook) -> Option<(u64, String)> {
+    fn status(&mut self, now: Instant, health: &HealthTable) -> Option<(u64, String)> {
         let plant = health.get("plant")?;
         let step = plant.latest.head.step;
         match self.last {
@@ -111,8 +111,8 @@ impl Observer for Progress {
         }
     }
 
-    fn tick(&mut self, now: Instant, health: &HealthBook) -> Wish {
-        let Some((step, text)) = self.status(now, health) else { return Wish::GoOn };
+    fn tick(&mut self, now: Instant, health: &HealthTable) -> Continuation {
+        let Some((step, text)) = self.status(now, health) else { return Continuation::GoOn };
         let failsafe = health.state("plant") == Some(NodeState::Failsafe);
         if failsafe != std::mem::replace(&mut self.failsafe, failsafe) {
             let t = step as f64 * self.period_s;
@@ -126,6 +126,6 @@ impl Observer for Progress {
         }
         self.bar.set_position(step);
         self.bar.set_message(text);
-        Wish::GoOn
+        Continuation::GoOn
     }
 }

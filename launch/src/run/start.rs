@@ -23,7 +23,7 @@ pub(crate) fn unique_bench(name: &str) -> String {
     format!("{head}-{}-{:05x}", std::process::id(), (now.as_nanos() >> 10) & 0xf_ffff)
 }
 
-/// The launcher's own ear on the bench.
+/// The launcher's subscription to the health of the bench.
 pub(crate) struct Listener {
     bus: Bus,
     health: Subscriber<Health>,
@@ -196,20 +196,20 @@ pub(crate) fn sweep(bench: &str) -> Result<(), Failure> {
         .map_err(|e| Failure::Run(format!("shared memory of the bench {bench} is left behind: {e}")))
 }
 
-/// A clock that says when something is due again, for lines that shall not come too often.
+/// A timer that is due once a period, for lines that shall not come too often.
 #[derive(Debug)]
-pub(crate) struct Every {
+pub(crate) struct PeriodicTimer {
     period: Duration,
     due: Instant,
 }
 
-impl Every {
+impl PeriodicTimer {
     /// First due one period from now.
     pub fn new(period: Duration, now: Instant) -> Self {
         Self { period, due: now + period }
     }
 
-    /// Whether it is due; then the next time is one period later.
+    /// Whether the timer is due; if so, the next time is one period later.
     pub fn is_due(&mut self, now: Instant) -> bool {
         let due = now >= self.due;
         if due {

@@ -1,19 +1,19 @@
-//! A run in words: a few lines at its end, and one sentence for the report.
+//! Text on a run: a few lines at its end, and one sentence for the report.
 
 use std::path::Path;
 
-use whirlstand_ident::RunSummary;
-use whirlstand_ident::units::shown;
+use whirlstand_evaluate::RunSummary;
+use whirlstand_logs::shown::shown;
 
-use super::summary::Summarised;
+use super::summarised::Summarised;
 use crate::style;
 use crate::supervisor::Ending;
 
-/// Outputs that are told of in the verdict, those moved most first.
-const TOLD: usize = 4;
+/// Greatest number of outputs in the verdict, those moved most first.
+const MOST_OUTPUTS: usize = 4;
 
-/// The lines at the end.
-pub(super) fn words(out: &Path, runs: &[Summarised]) -> String {
+/// The lines that are printed at the end of a run.
+pub(super) fn closing_lines(out: &Path, runs: &[Summarised]) -> String {
     let mut text = String::new();
     for run in runs {
         text.push_str(&of_run(run));
@@ -42,7 +42,7 @@ fn of_run(run: &Summarised) -> String {
     let mut text = format!("{} {verdict}\n", style::strong(&run.name));
     let mut row = |head: &str, body: String| text.push_str(&format!("  {head:<12}{body}\n"));
     if let Ending::Failed(failure) = &run.ending {
-        for line in &failure.last_words {
+        for line in &failure.last_lines {
             row("", style::dim(line));
         }
     }
@@ -92,7 +92,7 @@ fn response(figures: &RunSummary, at_s: f64) -> String {
     if moved.is_empty() {
         return "nothing that could be seen".into();
     }
-    let told = moved.iter().take(TOLD).map(|(name, o, d)| match d.recovery_s {
+    let told = moved.iter().take(MOST_OUTPUTS).map(|(name, o, d)| match d.recovery_s {
         Some(back) => format!("{name} by {}, back after {back:.2} s", shown(d.peak, &o.unit)),
         None => format!("{name} by {}, not back", shown(d.peak, &o.unit)),
     });

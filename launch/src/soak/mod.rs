@@ -1,10 +1,10 @@
-//! `whirlstand soak`: every node of a bench is injured at random times, and the bench must survive.
+//! `whirlstand soak`: faults are injected into every node of a bench at random times, and the bench must survive.
 //!
 //! After a fault the bench has recovered when the plant has applied [`CALM_STEPS`] commands in a row that came in
-//! time. The failsafe is held against the launch file: no more than `misses_to_failsafe` steps may hold an old
+//! time. The failsafe is compared with the launch file: no more than `misses_to_failsafe` steps may hold an old
 //! command before the inputs go to neutral.
 
-mod injury;
+mod fault_injector;
 mod result;
 
 use std::process::ExitCode;
@@ -14,23 +14,23 @@ use crate::error::Failure;
 use crate::file::{DEFAULT, Plan, jobs};
 use crate::run::{fly, unique_bench};
 use crate::supervisor::Ending;
-use injury::{Surgeon, Wound};
+use fault_injector::{FaultInjector, FaultKind};
 use result::SoakResult;
 
 /// Bench time of a soak: it ends when all faults are done, long before.
 const FOR_EVER_S: f64 = 1e6;
 
-/// Runs the command.
+/// Runs the command `soak`.
 pub(crate) fn soak(args: &SoakArgs) -> Result<ExitCode, Failure> {
     if args.rounds == 0 {
         return Err(Failure::Mend("--rounds 0: at least one round is expected".into()));
     }
     let plan = plan(args)?;
     let nodes = nodes(args, &plan)?;
-    let wound = match args.fault {
-        FaultArg::Kill => Wound::Kill,
+    let kind = match args.fault {
+        FaultArg::Kill => FaultKind::Kill,
         FaultArg::Stop if args.stop_for > 0.0 && args.stop_for.is_finite() => {
-            Wound::Stop(std::time::Duration::from_secs_f64(args.stop_for))
+            FaultKind::Stop(std::time::Duration::from_secs_f64(args.stop_for))
         }
         FaultArg::Stop => {
             return Err(Failure::Mend(format!("--stop-for {}: a time above 0 s is expected", args.stop_for)));
@@ -41,12 +41,12 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<ExitCode, Failure> {
         .tempdir()
         .map_err(|e| Failure::file("make a folder in", &std::env::temp_dir(), &e))?;
     let seed = args.overrides.seed.unwrap_or(1);
-    let mut surgeon = Surgeon::new(&plan.config, &nodes, wound, args.rounds, seed);
-    let ran = fly(&plan, folder.path(), &mut surgeon)?;
+    let mut injector = FaultInjector::new(&plan.config, &nodes, kind, args.rounds, seed);
+    let ran = fly(&plan, folder.path(), &mut injector)?;
     if let Ending::Interrupted(signal) = ran.outcome.ending {
         return Ok(ExitCode::from(128 + signal as u8));
     }
-    let result = SoakResult::new(args, &plan, seed, surgeon, &ran);
+    let result = SoakResult::new(args, &plan, seed, injector, &ran);
     if let Some(path) = &args.json {
         crate::command::write_json(&result, path)?;
     }
@@ -65,7 +65,9 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
     };
     let mut plan = job.plan;
     if plan.config.transport == whirlstand_bus::Transport::Inproc {
-        return Err(Failure::Mend("soak injures processes: transport iceoryx2 or zenoh is expected".into()));
+        return Err(Failure::Mend(
+            "soak injects faults into processes: transport iceoryx2 or zenoh is expected".into(),
+        ));
     }
     plan.expect.clear();
     plan.config.bench = unique_bench(&format!("soak-{}", plan.name));
@@ -76,7 +78,7 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
     Ok(plan)
 }
 
-/// The nodes to injure.
+/// The nodes that get the faults.
 fn nodes(args: &SoakArgs, plan: &Plan) -> Result<Vec<String>, Failure> {
     let all: Vec<_> = plan.nodes.iter().filter(|n| !n.section.external).map(|n| n.name.clone()).collect();
     if let Some(unknown) = args.nodes.iter().find(|n| !all.contains(n)) {

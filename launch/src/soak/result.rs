@@ -1,12 +1,12 @@
-//! What a soak found, as a table and as JSON.
+//! Results of a soak test, as a table and as JSON.
 
 use serde::Serialize;
 use whirlstand_nodes::config::Mode;
 
-use super::injury::{CALM_STEPS, Fault, Surgeon};
+use super::fault_injector::{CALM_STEPS, FaultInjector, InjectedFault};
 use crate::cli::{FaultArg, SoakArgs};
 use crate::file::Plan;
-use crate::run::Ran;
+use crate::run::FinishedRun;
 use crate::style;
 use crate::supervisor::Ending;
 
@@ -24,8 +24,8 @@ pub(super) struct SoakResult {
     calm_steps: u64,
     misses_to_failsafe: u32,
     wall_s: f64,
-    nodes: Vec<OfNode>,
-    faults: Vec<Fault>,
+    nodes: Vec<NodeFaults>,
+    faults: Vec<InjectedFault>,
     problems: Vec<String>,
     /// Nothing went wrong.
     pub ok: bool,
@@ -33,7 +33,7 @@ pub(super) struct SoakResult {
 
 /// All faults of one node.
 #[derive(Debug, Serialize)]
-struct OfNode {
+struct NodeFaults {
     node: String,
     faults: usize,
     recovered: usize,
@@ -44,8 +44,8 @@ struct OfNode {
     recovery_s_max: Option<f64>,
 }
 
-impl OfNode {
-    fn new(node: &str, all: &[Fault]) -> Self {
+impl NodeFaults {
+    fn new(node: &str, all: &[InjectedFault]) -> Self {
         let faults: Vec<_> = all.iter().filter(|f| f.node == node).collect();
         let mut recoveries: Vec<f64> = faults.iter().filter_map(|f| f.recovery_s).collect();
         recoveries.sort_by(f64::total_cmp);
@@ -63,17 +63,17 @@ impl OfNode {
 }
 
 impl SoakResult {
-    pub fn new(args: &SoakArgs, plan: &Plan, seed: u64, surgeon: Surgeon, ran: &Ran) -> Self {
-        let mut problems: Vec<String> = surgeon
+    pub fn new(args: &SoakArgs, plan: &Plan, seed: u64, injector: FaultInjector, ran: &FinishedRun) -> Self {
+        let mut problems: Vec<String> = injector
             .faults
             .iter()
             .filter_map(|f| f.problem.as_ref().map(|p| format!("{} at {:.2} s: {p}", f.node, f.at_s)))
             .collect();
-        if surgeon.left() > 0 {
-            problems.push(format!("{} faults were never reached", surgeon.left()));
+        if injector.left() > 0 {
+            problems.push(format!("{} faults were never reached", injector.left()));
         }
         if let Ending::Failed(failure) = &ran.outcome.ending {
-            let words = failure.last_words.join(" / ");
+            let words = failure.last_lines.join(" / ");
             problems.push(format!("{} {} [{words}]", failure.node, failure.how));
         }
         for node in &ran.outcome.killed_at_end {
@@ -82,7 +82,7 @@ impl SoakResult {
         problems.extend(ran.residue.clone());
         problems.extend(ran.log.as_deref().and_then(unreadable));
         let mut names: Vec<String> = plan.nodes.iter().map(|n| n.name.clone()).collect();
-        names.retain(|n| surgeon.faults.iter().any(|f| f.node == *n));
+        names.retain(|n| injector.faults.iter().any(|f| f.node == *n));
         Self {
             schema: "whirlstand.soak.v1",
             launch: plan.name.clone(),
@@ -97,8 +97,8 @@ impl SoakResult {
             calm_steps: CALM_STEPS,
             misses_to_failsafe: plan.config.plant.misses_to_failsafe,
             wall_s: ran.outcome.wall.as_secs_f64(),
-            nodes: names.iter().map(|n| OfNode::new(n, &surgeon.faults)).collect(),
-            faults: surgeon.faults,
+            nodes: names.iter().map(|n| NodeFaults::new(n, &injector.faults)).collect(),
+            faults: injector.faults,
             ok: problems.is_empty(),
             problems,
         }

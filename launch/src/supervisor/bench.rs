@@ -6,10 +6,12 @@ use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::node::{Node, Phase, in_words};
+use super::node::{Node, Phase, duration_text};
 use super::notify::Notice;
 use super::signals::Signals;
-use super::{BenchSpec, Ending, Event, HealthBook, HealthSource, Observer, Outcome, StopStage, TICK, Wish};
+use super::{
+    BenchSpec, Continuation, Ending, Event, HealthSource, HealthTable, Observer, Outcome, StopStage, TICK,
+};
 
 /// The launcher itself was stopped or starved if it looks this late; silence of the nodes then means nothing.
 const STARVED: Duration = Duration::from_secs(1);
@@ -34,11 +36,11 @@ pub(crate) fn supervise(
         signals,
         health,
         observer,
-        book: HealthBook::default(),
+        table: HealthTable::default(),
         ending: None,
         stage: StopStage::First,
         killed_at_end: Vec::new(),
-        looked: started,
+        updated: started,
         not_silent_before: started,
     };
     loop {
@@ -47,7 +49,7 @@ pub(crate) fn supervise(
             break;
         }
         bench.wait()?;
-        bench.look(Instant::now());
+        bench.update(Instant::now());
     }
     Ok(Outcome {
         ending: bench.ending.unwrap_or(Ending::Complete),
@@ -58,7 +60,7 @@ pub(crate) fn supervise(
             .map(|n| (n.spec.name.clone(), n.restarts))
             .collect(),
         killed_at_end: bench.killed_at_end,
-        health: bench.book,
+        health: bench.table,
         wall: started.elapsed(),
     })
 }
@@ -69,13 +71,13 @@ struct Bench<'a> {
     signals: Signals,
     health: &'a mut dyn HealthSource,
     observer: &'a mut dyn Observer,
-    book: HealthBook,
+    table: HealthTable,
     /// Set once the run is ending.
     ending: Option<Ending>,
     /// The nodes of this stage and of those before are asked to end.
     stage: StopStage,
     killed_at_end: Vec<String>,
-    looked: Instant,
+    updated: Instant,
     /// Silence counts from here at the earliest.
     not_silent_before: Instant,
 }
@@ -133,9 +135,9 @@ impl Bench<'_> {
             fds.push(PollFd::from_borrowed_fd(process.ended(), PollFlags::IN));
             fds.push(PollFd::from_borrowed_fd(process.notify.as_fd(), PollFlags::IN));
             // A closed pipe stays readable for ever.
-            for words in [&process.stdout, &process.stderr] {
-                if words.is_open() {
-                    fds.push(PollFd::from_borrowed_fd(words.as_fd(), PollFlags::IN));
+            for console in [&process.stdout, &process.stderr] {
+                if console.is_open() {
+                    fds.push(PollFd::from_borrowed_fd(console.as_fd(), PollFlags::IN));
                 }
             }
         }
@@ -146,16 +148,16 @@ impl Bench<'_> {
         }
     }
 
-    fn look(&mut self, now: Instant) {
-        if now.duration_since(self.looked) > STARVED {
+    fn update(&mut self, now: Instant) {
+        if now.duration_since(self.updated) > STARVED {
             self.not_silent_before = now;
         }
-        self.looked = now;
+        self.updated = now;
         while let Some(signal) = self.signals.next() {
             self.interrupted(signal, now);
         }
         while let Some(health) = self.health.next() {
-            self.book.hear(health, now);
+            self.table.hear(health, now);
         }
         for i in 0..self.nodes.len() {
             for notice in self.nodes[i].notices() {
@@ -172,7 +174,7 @@ impl Bench<'_> {
             self.check_deadlines(i, now);
         }
         self.next_stage(now);
-        if self.observer.tick(now, &self.book) == Wish::End {
+        if self.observer.tick(now, &self.table) == Continuation::End {
             self.end(Ending::Complete, now);
         }
     }
@@ -252,8 +254,8 @@ impl Bench<'_> {
         match node.phase {
             Phase::Starting(Some(limit)) if now >= limit => {
                 let waited = match node.spec.readiness {
-                    super::Readiness::Notify(limit) => in_words(limit),
-                    super::Readiness::Start => in_words(Duration::ZERO),
+                    super::Readiness::Notify(limit) => duration_text(limit),
+                    super::Readiness::Start => duration_text(Duration::ZERO),
                 };
                 node.kill(format!(
                     "was not ready within {waited} (a program that does not send READY=1 to NOTIFY_SOCKET needs \
@@ -261,14 +263,17 @@ impl Bench<'_> {
                 ));
             }
             Phase::Running if silent > node.spec.hang_timeout => {
-                node.kill(format!("hung: no Health for {}, it was killed", in_words(node.spec.hang_timeout)));
+                node.kill(format!(
+                    "hung: no Health for {}, it was killed",
+                    duration_text(node.spec.hang_timeout)
+                ));
             }
             Phase::Stopping(limit) if now >= limit => {
                 let event =
                     Event::KilledAtEnd { node: node.spec.name.clone(), after: node.spec.stop_timeout };
                 node.kill(format!(
                     "was killed {} after it was asked to end",
-                    in_words(node.spec.stop_timeout)
+                    duration_text(node.spec.stop_timeout)
                 ));
                 self.killed_at_end.push(node.spec.name.clone());
                 self.observer.event(&event);
@@ -280,7 +285,7 @@ impl Bench<'_> {
     /// For how long a running node has said nothing of its health; none for programs that never do.
     fn silence(&self, i: usize, now: Instant) -> Duration {
         let node = &self.nodes[i];
-        let heard = self.book.get(&node.spec.name).filter(|h| h.latest.pid == node.pid()).map(|h| h.heard);
+        let heard = self.table.get(&node.spec.name).filter(|h| h.latest.pid == node.pid()).map(|h| h.heard);
         if heard.is_none() && !node.spec.publishes_health {
             return Duration::ZERO;
         }

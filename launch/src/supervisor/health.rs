@@ -1,4 +1,4 @@
-//! What the nodes say of themselves: the newest `Health` of each, added up over restarts.
+//! The newest `Health` of each node, with counts added up over restarts.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -39,12 +39,12 @@ impl Counts {
     }
 }
 
-/// What is known of one node.
+/// Health of one node.
 #[derive(Debug, Clone)]
 pub(crate) struct NodeHealth {
     /// The newest message.
     pub latest: Health,
-    /// When it came.
+    /// Time at which it came.
     pub heard: Instant,
     /// Counts of the processes before this one.
     before: Counts,
@@ -59,9 +59,9 @@ impl NodeHealth {
 
 /// The newest health of every node.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct HealthBook(BTreeMap<String, NodeHealth>);
+pub(crate) struct HealthTable(BTreeMap<String, NodeHealth>);
 
-impl HealthBook {
+impl HealthTable {
     /// Takes in one message. A new process number means that the node was restarted.
     pub fn hear(&mut self, health: Health, now: Instant) {
         let name = health.node_name().to_string();
@@ -79,12 +79,12 @@ impl HealthBook {
         }
     }
 
-    /// One node.
+    /// Health of one node; `None` before its first message.
     pub fn get(&self, node: &str) -> Option<&NodeHealth> {
         self.0.get(node)
     }
 
-    /// All nodes by name.
+    /// Health of all nodes, by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &NodeHealth)> {
         self.0.iter().map(|(name, health)| (name.as_str(), health))
     }
@@ -113,12 +113,12 @@ mod tests {
 
     #[test]
     fn counts_add_up_over_restarts() {
-        let mut book = HealthBook::default();
+        let mut table = HealthTable::default();
         for (pid, steps, lost) in [(7, 10, 0), (7, 20, 1), (8, 5, 0), (8, 6, 2), (9, 1, 0)] {
-            book.hear(health(pid, steps, lost), Instant::now());
+            table.hear(health(pid, steps, lost), Instant::now());
         }
-        let counts = book.get("controller").unwrap().counts();
-        assert_eq!((counts.steps, counts.lost, book.lost()), (20 + 6 + 1, 3, 3));
-        assert!(book.get("plant").is_none());
+        let counts = table.get("controller").unwrap().counts();
+        assert_eq!((counts.steps, counts.lost, table.lost()), (20 + 6 + 1, 3, 3));
+        assert!(table.get("plant").is_none());
     }
 }

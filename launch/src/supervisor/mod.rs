@@ -4,13 +4,13 @@
 //! a signal, a `Health` message, or a deadline that was stated beforehand.
 
 mod bench;
+mod console;
 mod health;
 mod node;
 mod notify;
 mod process;
 mod signals;
 mod threaded;
-mod words;
 
 #[cfg(test)]
 mod tests;
@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bus::{Bus, OpenError};
 
 pub(crate) use bench::supervise;
-pub(crate) use health::{Counts, HealthBook};
+pub(crate) use health::{Counts, HealthTable};
 pub(crate) use process::CommandLine;
 pub(crate) use threaded::{ThreadEnd, supervise_thread};
 
@@ -89,7 +89,7 @@ pub(crate) struct NodeFailure {
     /// What happened to it: "ended with exit code 1".
     pub how: String,
     /// What it said last.
-    pub last_words: Vec<String>,
+    pub last_lines: Vec<String>,
     /// The node said that the user can mend it (exit code 2, or it could not be started).
     pub mendable: bool,
 }
@@ -102,7 +102,7 @@ pub(crate) struct Outcome {
     pub restarts: Vec<(String, u32)>,
     /// Nodes that had to be killed at the end because they did not answer SIGTERM.
     pub killed_at_end: Vec<String>,
-    pub health: HealthBook,
+    pub health: HealthTable,
     /// Wall-clock time from the first start to the last end.
     pub wall: Duration,
 }
@@ -131,7 +131,7 @@ pub(crate) trait Observer {
     /// Something happened to a node.
     fn event(&mut self, event: &Event);
     /// Called at least every [`TICK`], and after every event.
-    fn tick(&mut self, now: Instant, health: &HealthBook) -> Wish;
+    fn tick(&mut self, now: Instant, health: &HealthTable) -> Continuation;
     /// The launcher has joined the bench; no node runs yet.
     ///
     /// # Errors
@@ -141,12 +141,12 @@ pub(crate) trait Observer {
     }
 }
 
-/// What an observer wants of the run.
+/// Whether an observer lets the run go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Wish {
-    /// It shall go on.
+pub(crate) enum Continuation {
+    /// The run goes on.
     GoOn,
-    /// It has gone on for long enough: end it in order, as if the plant had flown all its steps.
+    /// The run ends in order, as if the plant had flown all its steps.
     End,
 }
 

@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
+use super::console::RecentLines;
 use super::notify::{Notice, NotifySocket};
 use super::process::{Process, ending};
-use super::words::LastWords;
 use super::{NodeFailure, NodeSpec, Readiness};
 
-/// Where a node stands.
+/// Phase of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Phase {
     /// Not started yet, or to be started again.
@@ -22,20 +22,20 @@ pub(crate) enum Phase {
     Running,
     /// Asked to end; killed at this time.
     Stopping(Instant),
-    /// Over.
+    /// Ended, and not to be started again.
     Ended,
 }
 
 /// How a process ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct End {
-    /// In words.
+    /// How the process ended, as text.
     pub how: String,
-    /// With exit code 0.
+    /// True for exit code 0.
     pub well: bool,
-    /// With exit code 2: trying again does not help.
+    /// True for exit code 2: trying again does not help.
     pub mendable: bool,
-    /// Before it was ready.
+    /// True when the process ended before it was ready.
     pub before_ready: bool,
 }
 
@@ -50,7 +50,7 @@ pub(crate) struct Node {
     pub locators: Vec<String>,
     /// When the present process became ready.
     pub ready_since: Option<Instant>,
-    last_words: LastWords,
+    recent_lines: RecentLines,
     /// Why the supervisor itself killed it.
     blame: Option<String>,
 }
@@ -64,7 +64,7 @@ impl Node {
             restarts: 0,
             locators: Vec::new(),
             ready_since: None,
-            last_words: LastWords::default(),
+            recent_lines: RecentLines::default(),
             blame: None,
         }
     }
@@ -104,7 +104,7 @@ impl Node {
         self.process.as_ref().map_or(0, Process::pid)
     }
 
-    /// What the node told on its notify socket.
+    /// Messages of the node on its notify socket.
     pub fn notices(&mut self) -> Vec<Notice> {
         let notices = self.process.as_ref().map_or_else(Vec::new, |p| p.notify.drain());
         for notice in &notices {
@@ -115,12 +115,12 @@ impl Node {
         notices
     }
 
-    /// The lines that the node wrote since the last call; they are kept as its last words.
+    /// The lines that the node wrote since the last call; the last of them are kept.
     pub fn lines(&mut self) -> Vec<String> {
         let Some(process) = &mut self.process else { return Vec::new() };
         let mut lines = process.stderr.drain();
         lines.extend(process.stdout.drain());
-        lines.iter().for_each(|line| self.last_words.push(line.clone()));
+        lines.iter().for_each(|line| self.recent_lines.push(line.clone()));
         lines
     }
 
@@ -165,7 +165,7 @@ impl Node {
 
     /// The failure that ends the run.
     pub fn failure(&self, how: String, mendable: bool) -> NodeFailure {
-        NodeFailure { node: self.spec.name.clone(), how, last_words: self.last_words.lines(), mendable }
+        NodeFailure { node: self.spec.name.clone(), how, last_lines: self.recent_lines.lines(), mendable }
     }
 
     /// When this node is to be killed if nothing happens before.
@@ -181,7 +181,7 @@ impl Node {
 /// Environment variable with the addresses of a node's peers, separated by commas.
 pub(crate) const CONNECT: &str = "WHIRLSTAND_ZENOH_CONNECT";
 
-/// A time in words.
-pub(crate) fn in_words(time: Duration) -> String {
+/// A time as text.
+pub(crate) fn duration_text(time: Duration) -> String {
     format!("{} s", (time.as_secs_f64() * 1e3).round() / 1e3)
 }

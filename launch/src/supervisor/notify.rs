@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Longest datagram that is read; longer ones are cut, and the cut line is dropped.
 const LONGEST: usize = 8192;
 
-/// What a node tells.
+/// A message of a node on its notify socket.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Notice {
     /// `READY=1`: its ports are open.

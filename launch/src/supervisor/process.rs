@@ -7,10 +7,10 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open};
 
+use super::console::ConsoleReader;
 use super::notify::NotifySocket;
-use super::words::Words;
 
-/// What to start.
+/// A program to start.
 #[derive(Debug, Clone)]
 pub(crate) struct CommandLine {
     /// Program.
@@ -30,8 +30,8 @@ pub(crate) struct Process {
     pid: Pid,
     pidfd: OwnedFd,
     pub notify: NotifySocket,
-    pub stdout: Words,
-    pub stderr: Words,
+    pub stdout: ConsoleReader,
+    pub stderr: ConsoleReader,
 }
 
 impl Process {
@@ -79,12 +79,12 @@ impl Process {
         Ok(process)
     }
 
-    fn pipes(child: &mut Child) -> io::Result<(Pid, OwnedFd, Words, Words)> {
+    fn pipes(child: &mut Child) -> io::Result<(Pid, OwnedFd, ConsoleReader, ConsoleReader)> {
         let missing = || io::Error::other("a standard stream is not piped");
         let pid = Pid::from_child(child);
         let pidfd = pidfd_open(pid, PidfdFlags::empty())?;
-        let stdout = Words::new(child.stdout.take().ok_or_else(missing)?.into())?;
-        let stderr = Words::new(child.stderr.take().ok_or_else(missing)?.into())?;
+        let stdout = ConsoleReader::new(child.stdout.take().ok_or_else(missing)?.into())?;
+        let stderr = ConsoleReader::new(child.stderr.take().ok_or_else(missing)?.into())?;
         Ok((pid, pidfd, stdout, stderr))
     }
 
@@ -128,7 +128,7 @@ impl Drop for Process {
     }
 }
 
-/// How a process ended, in words.
+/// How a process ended, as text.
 pub(crate) fn ending(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("ended with exit code {code}"),

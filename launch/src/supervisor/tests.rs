@@ -47,9 +47,9 @@ impl Observer for Watch {
         self.events.push(event.clone());
     }
 
-    fn tick(&mut self, now: Instant, _: &HealthBook) -> Wish {
+    fn tick(&mut self, now: Instant, _: &HealthTable) -> Continuation {
         assert!(now.duration_since(self.since) < HUNG, "hung: {:?}", self.events);
-        Wish::GoOn
+        Continuation::GoOn
     }
 }
 
@@ -118,8 +118,8 @@ fn a_node_that_fails_for_good_ends_the_run_with_its_last_words() {
         run(vec![plant("sleep 100"), sh("controller", "echo to stdout; echo no gain given >&2; exit 3")]);
     let Ending::Failed(failure) = &outcome.ending else { panic!("{:?}", outcome.ending) };
     assert_eq!((failure.node.as_str(), failure.how.as_str()), ("controller", "ended with exit code 3"));
-    assert!(failure.last_words.contains(&"no gain given".to_string()), "{failure:?}");
-    assert!(failure.last_words.contains(&"to stdout".to_string()), "{failure:?}");
+    assert!(failure.last_lines.contains(&"no gain given".to_string()), "{failure:?}");
+    assert!(failure.last_lines.contains(&"to stdout".to_string()), "{failure:?}");
     assert!(!failure.mendable);
     assert!(watch.lines.contains(&("controller".into(), "no gain given".into())));
 }

@@ -8,7 +8,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use whirlstand_msgs::Health;
 
 use super::signals::Signals;
-use super::{Ending, Event, HealthBook, HealthSource, NodeFailure, Observer, Outcome, TICK, Wish};
+use super::{Continuation, Ending, Event, HealthSource, HealthTable, NodeFailure, Observer, Outcome, TICK};
 
 /// How the thread ended: the last report of each node, or what went wrong and whether the user can mend it.
 pub(crate) type ThreadEnd = Result<Vec<Health>, (String, bool)>;
@@ -32,7 +32,7 @@ pub(crate) fn supervise_thread(
         drop(open);
         end
     })?;
-    let mut book = HealthBook::default();
+    let mut table = HealthTable::default();
     let mut interrupted = None;
     while !thread.is_finished() {
         let mut fds = [PollFd::new(&signals, PollFlags::IN), PollFd::new(&ended, PollFlags::IN)];
@@ -50,18 +50,18 @@ pub(crate) fn supervise_thread(
         }
         let now = Instant::now();
         while let Some(report) = health.next() {
-            book.hear(report, now);
+            table.hear(report, now);
         }
-        if observer.tick(now, &book) == Wish::End {
+        if observer.tick(now, &table) == Continuation::End {
             stop();
         }
     }
     let failed = |how: String, mendable: bool| {
-        Ending::Failed(NodeFailure { node: "bench".into(), how, last_words: Vec::new(), mendable })
+        Ending::Failed(NodeFailure { node: "bench".into(), how, last_lines: Vec::new(), mendable })
     };
     let ending = match thread.join() {
         Ok(Ok(reports)) => {
-            reports.into_iter().for_each(|report| book.hear(report, Instant::now()));
+            reports.into_iter().for_each(|report| table.hear(report, Instant::now()));
             interrupted.map_or(Ending::Complete, Ending::Interrupted)
         }
         Ok(Err((error, mendable))) => failed(format!("failed: {error}"), mendable),
@@ -72,7 +72,7 @@ pub(crate) fn supervise_thread(
         ending,
         restarts: Vec::new(),
         killed_at_end: Vec::new(),
-        health: book,
+        health: table,
         wall: started.elapsed(),
     })
 }

@@ -3,9 +3,9 @@
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage, Value};
 
 use super::ros::Definition;
+use super::visit::{MOST_ELEMENTS, MOST_NESTING, PathStack, Visit};
 use super::wire::Wire;
-use super::{MOST_ELEMENTS, MOST_NESTING, PathStack, Visit};
-use crate::segment::Topic;
+use crate::log_file::Topic;
 
 /// Takes the messages of one topic apart.
 pub(super) enum Decoder {

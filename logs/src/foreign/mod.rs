@@ -7,6 +7,7 @@
 
 mod decoder;
 mod ros;
+mod visit;
 mod wire;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -14,25 +15,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::log::Log;
-use crate::mapping::Mapping;
+use crate::log_file::Topic;
+use crate::mapping::{Mapping, Source};
 use crate::multi::{Collector, MultiError};
+use crate::read_error::ReadError;
 use crate::record::Record;
-use crate::segment::Topic;
-use crate::stream::ReadError;
 
 use decoder::Decoder;
 
-/// Arrays longer than this are not signals.
-const MOST_ELEMENTS: usize = 256;
-
-/// Nesting deeper than this is damage.
-const MOST_NESTING: usize = 32;
-
 /// Messages of a topic from which its fields are learnt; arrays may have any length from message to message.
 const LEARNT_FROM: u64 = 20;
-
-/// Receives the numbers of a message: path within the message, value.
-type Visit<'a> = dyn FnMut(&str, f64) + 'a;
 
 /// Why a log of another program cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -115,7 +107,8 @@ pub fn catalogue(log: &Log) -> Result<Catalogue, ReadError> {
 pub fn read_foreign(path: &Path, mappings: &[Mapping]) -> Result<Record, ForeignError> {
     let log = Log::open(path)?;
     let Catalogue { signals, unreadable } = catalogue(&log)?;
-    let mut collector = Collector::new(path, signals, &unreadable, mappings)?;
+    let offered: Vec<Source> = signals.into_iter().map(Source::without_unit).collect();
+    let mut collector = Collector::new(path, &offered, &unreadable, mappings)?;
     let mut stream = log.stream()?;
     let mut decoders = Decoders::default();
     let mut source = String::new();
@@ -135,38 +128,4 @@ pub fn read_foreign(path: &Path, mappings: &[Mapping]) -> Result<Record, Foreign
         let _ = decoder.visit(message.data, &mut visit);
     }
     Ok(collector.finish(&unreadable)?)
-}
-
-/// The path to where a decoder is in a message.
-struct PathStack {
-    text: String,
-}
-
-impl PathStack {
-    fn new() -> Self {
-        Self { text: String::new() }
-    }
-
-    /// Runs `inside` one field deeper.
-    fn field<R>(&mut self, name: &str, inside: impl FnOnce(&mut Self) -> R) -> R {
-        let length = self.text.len();
-        if length > 0 {
-            self.text.push('.');
-        }
-        self.text.push_str(name);
-        let result = inside(self);
-        self.text.truncate(length);
-        result
-    }
-
-    /// Runs `inside` at an element.
-    fn element<R>(&mut self, index: usize, inside: impl FnOnce(&mut Self) -> R) -> R {
-        use std::fmt::Write;
-        let length = self.text.len();
-        // Writing into a String cannot fail.
-        let _ = write!(self.text, "[{index}]");
-        let result = inside(self);
-        self.text.truncate(length);
-        result
-    }
 }

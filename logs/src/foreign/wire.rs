@@ -1,7 +1,7 @@
 //! Bytes of ROS messages: CDR (OMG DDS-XTypes 1.3, section 7.4, plain encodings) and the ROS 1 serialisation.
 
 use super::ros::{Count, Definition, Field, Kind};
-use super::{MOST_ELEMENTS, MOST_NESTING, PathStack, Visit};
+use super::visit::{MOST_ELEMENTS, MOST_NESTING, PathStack, Visit};
 
 /// How values are laid out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,8 +1,14 @@
-//! Onto a slower clock: a windowed sinc of zero phase keeps what lies above the new Nyquist frequency from folding back.
+//! Onto a slower clock: what lies above the new Nyquist frequency must not fold back.
+//!
+//! A windowed sinc suppresses all of it and colours white noise a little; the mean over each period leaves white noise
+//! white and lets a part of what is fast fold back. The first is for signals without gaps that are looked at; the second
+//! for records with samples missing whose noise is judged.
 
 use std::f64::consts::PI;
 
-use super::{Clock, TOLERANCE, interpolate};
+use super::clock::{Clock, TOLERANCE};
+use super::linear::interpolate;
+use crate::sampling::median_interval;
 
 /// Edges of the low-pass as shares of the new rate: flat up to the first, 60 dB down from the second on.
 const PASS: f64 = 0.4;
@@ -75,4 +81,45 @@ fn bessel_i0(x: f64) -> f64 {
         }
     }
     sum
+}
+
+/// Mean over one period about each point of a slower clock. Every sample stands for one step of the signal about it and
+/// counts with the part of that step inside the period, so that the mean is not early or late where samples lie on the
+/// edge. Samples that are NaN do not count; NaN where none does.
+pub fn averaged(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
+    let own = median_interval(time).unwrap_or(clock.period);
+    let reach = 0.5 * (clock.period + own);
+    (0..clock.points)
+        .map(|k| {
+            let t = clock.at(k);
+            let from = time.partition_point(|v| *v <= t - reach);
+            let until = time.partition_point(|v| *v < t + reach);
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for (at, value) in time[from..until].iter().zip(&values[from..until]) {
+                let weight = (reach - (at - t).abs()).min(own);
+                if value.is_finite() && weight > TOLERANCE * own {
+                    sum += weight * value;
+                    weights += weight;
+                }
+            }
+            if weights > 0.0 { sum / weights } else { f64::NAN }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_average_is_neither_early_nor_late() {
+        let time: Vec<f64> = (0..1000).map(|i| f64::from(i) * 0.01).collect();
+        let line: Vec<f64> = time.iter().map(|t| 3.0 * t).collect();
+        for period in [0.02, 0.03, 0.04, 0.05] {
+            let clock = Clock { start: 0.4, period, points: 100 };
+            for (k, mean) in averaged(&time, &line, &clock).iter().enumerate() {
+                assert!((mean - 3.0 * clock.at(k)).abs() < 1e-9, "{period} {k}: {mean}");
+            }
+        }
+    }
 }

@@ -4,119 +4,36 @@
 //! - Onto a slower clock: first a low-pass that keeps what lies above the new Nyquist frequency from folding back.
 //!   It is a windowed sinc (Kaiser, 60 dB, flat to 0.4 of the new rate), of zero phase (Oppenheim, Schafer,
 //!   Discrete-Time Signal Processing, 3rd ed., sections 4.6.1 and 7.5.3).
-//! - Control signals are held from sample to sample; onto a slower clock, each new value is the mean over its
-//!   interval, which moves the vehicle as far.
+//! - Control signals are held from sample to sample; each new value is the mean over its interval, which moves the
+//!   vehicle as far.
 //!
-//! Where a signal pauses for more than a few of its intervals, there is NaN, not an invention; a control signal that
-//! is only sent when it changes is held, however long.
+//! Where a signal pauses for longer than [`crate::sampling::LONGEST_BRIDGED`], there is NaN, not an invention; a control
+//! signal that is only sent when it changes is held, however long.
+//!
+//! [`onto`] does all this for a signal with a clock of its own, and [`resample`] for many. [`held`], [`interpolated`] and
+//! [`averaged`] are for the columns of a record, where a NaN says that a sensor gave no fresh value.
 
+mod clock;
+mod hold;
+mod linear;
 mod low_pass;
+
+pub use clock::{Clock, ClockError};
+pub use hold::held;
+pub use linear::interpolated;
+pub use low_pass::averaged;
 
 use std::ops::Range;
 
-use crate::record::{Record, RecordError};
-use crate::sampling::{Sampling, pauses};
+use crate::record::Record;
+use crate::sampling::{LONGEST_BRIDGED, median_interval, pauses};
 use crate::series::Series;
+use clock::TOLERANCE;
+use linear::interpolate;
 use low_pass::decimate;
-
-/// Longest pause that is interpolated, in median intervals.
-const BRIDGE: f64 = 3.5;
 
 /// A clock slower than a signal by less than this does not count as slower.
 const SAME_RATE: f64 = 1.05;
-
-/// Times so close to a sample's are the sample's, in periods of the clock.
-const TOLERANCE: f64 = 1e-6;
-
-/// An even clock.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Clock {
-    /// First point, s.
-    pub start: f64,
-    /// Distance of points, s.
-    pub period: f64,
-    /// Number of points.
-    pub points: usize,
-}
-
-/// Why there is no common clock.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum ClockError {
-    /// The period is not a positive number.
-    #[error("a clock needs a positive period")]
-    Period,
-    /// There is no time that all signals cover, or too little to sample.
-    #[error("the signals have no time in common: {0}")]
-    NoOverlap(String),
-    /// More points than memory should be spent on.
-    #[error("{0} points are too many: choose a longer period or a shorter part of the log")]
-    TooMany(String),
-    /// The result is not a record.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-}
-
-/// More points than any log that fits in memory.
-const MOST_POINTS: f64 = 1e9;
-
-impl Clock {
-    /// The clock from `start` to `end`.
-    ///
-    /// # Errors
-    /// [`ClockError::Period`] and [`ClockError::TooMany`].
-    pub fn over(start: f64, end: f64, period: f64) -> Result<Self, ClockError> {
-        if !(period > 0.0 && period.is_finite() && start.is_finite() && end.is_finite()) {
-            return Err(ClockError::Period);
-        }
-        let points = ((end - start) / period + TOLERANCE).floor() + 1.0;
-        if points > MOST_POINTS {
-            return Err(ClockError::TooMany(format!("{points:.0}")));
-        }
-        Ok(Self { start, period, points: points.max(0.0) as usize })
-    }
-
-    /// The clock of `period` over the time that all series have in common; without a period, that of the fastest.
-    ///
-    /// # Errors
-    /// [`ClockError`].
-    pub fn common(series: &[Series], period: Option<f64>) -> Result<Self, ClockError> {
-        let ends = |s: &Series| Some((*s.time().first()?, *s.time().last()?));
-        let spans: Vec<(f64, f64)> = series.iter().filter_map(ends).collect();
-        let start = spans.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
-        let end = spans.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
-        let fastest =
-            series.iter().filter_map(|s| Sampling::of(s.time()).period).fold(f64::INFINITY, f64::min);
-        if spans.len() < series.len() || spans.is_empty() || start >= end {
-            let told: Vec<String> = series
-                .iter()
-                .map(|s| match ends(s) {
-                    Some((from, to)) => format!("{} from {from} s to {to} s", s.name),
-                    None => format!("{} has no sample", s.name),
-                })
-                .collect();
-            return Err(ClockError::NoOverlap(told.join(", ")));
-        }
-        Self::over(start, end, period.unwrap_or(fastest))
-    }
-
-    /// Time of a point.
-    pub fn at(&self, point: usize) -> f64 {
-        self.start + self.period * point as f64
-    }
-
-    /// All points.
-    pub fn times(&self) -> Vec<f64> {
-        (0..self.points).map(|k| self.at(k)).collect()
-    }
-
-    /// The points in a span of time.
-    fn within(&self, from: f64, to: f64) -> Range<usize> {
-        let first = ((from - self.start) / self.period - TOLERANCE).ceil().max(0.0) as usize;
-        let end = ((to - self.start) / self.period + TOLERANCE).floor() + 1.0;
-        let end = (end.max(0.0) as usize).min(self.points);
-        first.min(end)..end
-    }
-}
 
 /// Brings series onto one clock. Signals for which `held` says so are held, not interpolated.
 ///
@@ -159,15 +76,16 @@ impl Record {
         for (name, delay) in delays {
             let Some(at) = self.signals().iter().position(|s| s.name == *name) else { continue };
             let (own, values) = (series[at].time(), series[at].values());
-            let median = Sampling::of(own).period.unwrap_or(0.0);
+            let median = median_interval(own).unwrap_or(0.0);
             let moved: Vec<f64> = self
                 .time
                 .iter()
                 .map(|t| {
                     let t = t + delay;
                     let after = own.partition_point(|s| *s <= t);
-                    let near =
-                        after > 0 && after < own.len() && own[after] - own[after - 1] <= BRIDGE * median;
+                    let near = after > 0
+                        && after < own.len()
+                        && own[after] - own[after - 1] <= LONGEST_BRIDGED * median;
                     if near { interpolate(own, values, t) } else { f64::NAN }
                 })
                 .collect();
@@ -178,27 +96,31 @@ impl Record {
 }
 
 /// The values of a series at the points of a clock; NaN where it has none.
-pub fn onto(series: &Series, clock: &Clock, held: bool) -> Vec<f64> {
-    let mut out = vec![f64::NAN; clock.points];
+pub fn onto(series: &Series, clock: &Clock, holds: bool) -> Vec<f64> {
     let (time, values) = (series.time(), series.values());
-    let median = Sampling::of(time).period.unwrap_or(clock.period);
-    if held {
-        hold(time, values, median, clock, &mut out);
-        for (from, to) in pauses(time, BRIDGE) {
-            // The points after the last period that a value holds, and before the next value.
-            out[clock.within(from + median, to - TOLERANCE * clock.period)].fill(f64::NAN);
-        }
-        return out;
+    let median = median_interval(time).unwrap_or(clock.period);
+    if holds {
+        return held_while_sent(time, values, median, clock);
     }
-    for part in parts(time, BRIDGE * median) {
-        let (time, values) = (&time[part.clone()], &values[part]);
-        if clock.period <= SAME_RATE * median {
-            for k in clock.within(time[0], time[time.len() - 1]) {
-                out[k] = interpolate(time, values, clock.at(k));
-            }
-        } else {
-            decimate(time, values, median, clock, &mut out);
-        }
+    if clock.period <= SAME_RATE * median {
+        return interpolated(time, values, clock);
+    }
+    let mut out = vec![f64::NAN; clock.points];
+    for part in parts(time, LONGEST_BRIDGED * median) {
+        decimate(&time[part.clone()], &values[part], median, clock, &mut out);
+    }
+    out
+}
+
+/// A held signal from its first value to one interval after its last, but for its pauses.
+fn held_while_sent(time: &[f64], values: &[f64], median: f64, clock: &Clock) -> Vec<f64> {
+    let mut out = vec![f64::NAN; clock.points];
+    let (Some(first), Some(last)) = (time.first(), time.last()) else { return out };
+    let sent = clock.within(*first, last + median);
+    out[sent.clone()].copy_from_slice(&held(time, values, clock, values[0])[sent]);
+    for (from, to) in pauses(time) {
+        // The points after the last period that a value holds, and before the next value.
+        out[clock.within(from + median, to - TOLERANCE * clock.period)].fill(f64::NAN);
     }
     out
 }
@@ -217,43 +139,6 @@ fn parts(time: &[f64], longest: f64) -> Vec<Range<usize>> {
         parts.push(start..time.len());
     }
     parts
-}
-
-/// Linear between samples, constant beyond the ends.
-fn interpolate(time: &[f64], values: &[f64], t: f64) -> f64 {
-    let after = time.partition_point(|s| *s <= t);
-    if after == 0 {
-        return values[0];
-    }
-    if after == time.len() {
-        return values[after - 1];
-    }
-    let (t0, t1) = (time[after - 1], time[after]);
-    let share = (t - t0) / (t1 - t0);
-    values[after - 1] + share * (values[after] - values[after - 1])
-}
-
-/// The value held at each point; onto a slower clock, its mean from the point to the next.
-fn hold(time: &[f64], values: &[f64], median: f64, clock: &Clock, out: &mut [f64]) {
-    let (Some(first), Some(last)) = (time.first(), time.last()) else { return };
-    let end = last + median;
-    let slower = clock.period > SAME_RATE * median;
-    for k in clock.within(*first, end) {
-        let from = clock.at(k).max(*first);
-        let mut i = time.partition_point(|s| *s <= from + TOLERANCE * clock.period).saturating_sub(1);
-        if !slower {
-            out[k] = values[i];
-            continue;
-        }
-        let to = (from + clock.period).min(end);
-        let (mut at, mut sum) = (from, 0.0);
-        while at < to {
-            let next = time.get(i + 1).copied().unwrap_or(f64::INFINITY).min(to);
-            sum += values[i] * (next - at).max(0.0);
-            (at, i) = (next, i + 1);
-        }
-        out[k] = if to > from { sum / (to - from) } else { values[i.min(values.len() - 1)] };
-    }
 }
 
 #[cfg(test)]

@@ -18,12 +18,13 @@
 
 mod dimension;
 mod symbols;
+mod unit;
 
 use std::str::FromStr;
 
 pub use self::dimension::Dimension;
-use self::dimension::{NONE, TIME};
 use self::symbols::lookup;
+pub use self::unit::Unit;
 
 /// Why a text is not a unit or a quantity.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -70,52 +71,6 @@ pub enum UnitError {
         /// The expected dimension, as an SI unit.
         expected: String,
     },
-}
-
-/// A unit: how to reach SI, and what kind of quantity it measures.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Unit {
-    factor: f64,
-    offset: f64,
-    dimension: Dimension,
-}
-
-impl Unit {
-    /// The pure number.
-    pub const ONE: Self = Self { factor: 1.0, offset: 0.0, dimension: NONE };
-    /// The second.
-    pub const SECOND: Self = Self { factor: 1.0, offset: 0.0, dimension: TIME };
-
-    /// The value in SI of `value` in this unit.
-    pub fn to_si(&self, value: f64) -> f64 {
-        // A unit of SI leaves every bit as it is, NaN payloads and signed zeros too.
-        if self.is_si() { value } else { value * self.factor + self.offset }
-    }
-
-    /// The value in this unit of `value` in SI.
-    pub fn from_si(&self, value: f64) -> f64 {
-        if self.is_si() { value } else { (value - self.offset) / self.factor }
-    }
-
-    /// True when values need no conversion.
-    pub fn is_si(&self) -> bool {
-        self.factor == 1.0 && self.offset == 0.0
-    }
-
-    /// How many SI units this one is, the zero point aside: what a slope or a standard deviation is multiplied by.
-    pub fn factor(&self) -> f64 {
-        self.factor
-    }
-
-    /// What kind of quantity the unit measures.
-    pub fn dimension(&self) -> Dimension {
-        self.dimension
-    }
-
-    /// The coherent SI unit of the same dimension, empty for a pure number.
-    pub fn si_symbol(&self) -> String {
-        self.dimension.to_string()
-    }
 }
 
 impl FromStr for Unit {

@@ -2,11 +2,11 @@
 
 use std::f64::consts::PI;
 
-use super::Unit;
 use super::dimension::{
     ACCELERATION, ANGLE, Dimension, ENERGY, FLUX, FORCE, FREQUENCY, LENGTH, NONE, POWER, PRESSURE, RATE,
     RESISTANCE, SPEED, TEMPERATURE, TIME, VOLTAGE,
 };
+use super::unit::Unit;
 
 /// A symbol of the table: factor and offset to SI, dimension, and whether SI prefixes may stand before it.
 pub struct Symbol {

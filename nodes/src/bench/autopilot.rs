@@ -1,6 +1,6 @@
 //! Latency of the bridges to autopilots, from the bus to the wire and back, beside a bare echo of the same datagrams.
 //!
-//! This process is the plant and the autopilot in one: it publishes a step, takes the sensors from the wire, answers at
+//! This process is the plant and the autopilot in one: it publishes a step, takes the sensors from the autopilot, answers at
 //! once, and takes the command from the bus. The node in between is a process of its own, as the echo is.
 
 use std::net::UdpSocket;
@@ -16,8 +16,9 @@ use whirlstand_bus::{Bus, Publisher, Subscriber, Transport};
 use whirlstand_msgs::{Command, Imu, Message, Truth, valid};
 
 use super::fleet::Fleet;
+use super::measured_bench::config;
 use super::round_trips::{PERIOD, RoundTrips};
-use super::{BenchError, Figure, Member, Options, config};
+use super::{BenchError, Figure, Member, Options};
 use crate::config::{Mode, Role};
 use crate::setup::Setup;
 
@@ -59,19 +60,6 @@ fn free_port() -> Result<u16, BenchError> {
     socket()?.local_addr().map(|a| a.port()).map_err(process("ask for a port"))
 }
 
-/// Sends every datagram back, for ever.
-///
-/// # Errors
-/// [`BenchError::Process`] when the port cannot be had.
-pub(super) fn run_echo(port: u16) -> Result<(), BenchError> {
-    let socket = UdpSocket::bind(("127.0.0.1", port)).map_err(process("bind the echo's port"))?;
-    let mut buffer = [0; 2048];
-    loop {
-        let (length, from) = socket.recv_from(&mut buffer).map_err(process("receive"))?;
-        socket.send_to(&buffer[..length], from).map_err(process("send"))?;
-    }
-}
-
 fn echo(options: &Options) -> Result<RoundTrips, BenchError> {
     let port = free_port()?;
     let _fleet = Fleet::start(options, [("the echo".to_string(), Member::Echo { port })])?;
@@ -94,7 +82,7 @@ fn echo(options: &Options) -> Result<RoundTrips, BenchError> {
 }
 
 /// The autopilot's side: sensors in, outputs back.
-struct Wire {
+struct AutopilotStandIn {
     kind: BridgeKind,
     sensors: UdpSocket,
     peer: u16,
@@ -106,7 +94,7 @@ struct Wire {
     buffer: Vec<u8>,
 }
 
-impl Wire {
+impl AutopilotStandIn {
     fn new(kind: BridgeKind) -> Result<(Self, BridgeOptions), BenchError> {
         let sensors = socket()?;
         let own = sensors.local_addr().map_err(process("ask for a port"))?.port();
@@ -231,7 +219,7 @@ impl Standing {
 }
 
 fn bridge(options: &Options, kind: BridgeKind) -> Result<RoundTrips, BenchError> {
-    let (mut wire, bridge) = Wire::new(kind)?;
+    let (mut autopilot, bridge) = AutopilotStandIn::new(kind)?;
     let mut config = config(kind.name(), Transport::Iceoryx2, Mode::Realtime, u64::MAX)?;
     config.period_ns = PERIOD.as_nanos() as u64;
     config.bridge = Some(BridgeConfig { kind, options: bridge });
@@ -247,11 +235,14 @@ fn bridge(options: &Options, kind: BridgeKind) -> Result<RoundTrips, BenchError>
     let mut fleet = Fleet::start(options, [(kind.name().to_string(), node)])?;
     let until = Instant::now() + PATIENCE;
     // The first step is repeated, as a plant repeats it, until the node is there and has answered.
-    wire.sensors.set_read_timeout(Some(Duration::from_millis(20))).map_err(process("set a time limit"))?;
+    autopilot
+        .sensors
+        .set_read_timeout(Some(Duration::from_millis(20)))
+        .map_err(process("set a time limit"))?;
     loop {
-        wire.greet()?;
+        autopilot.greet()?;
         plant.publish(0)?;
-        let _ = wire.answer();
+        let _ = autopilot.answer();
         if plant.command(0, Duration::from_millis(20))? {
             break;
         }
@@ -260,12 +251,12 @@ fn bridge(options: &Options, kind: BridgeKind) -> Result<RoundTrips, BenchError>
         }
     }
     // What was streamed before the run is not of it.
-    while wire.answer().is_ok() {}
-    wire.sensors.set_read_timeout(Some(PATIENCE)).map_err(process("set a time limit"))?;
+    while autopilot.answer().is_ok() {}
+    autopilot.sensors.set_read_timeout(Some(PATIENCE)).map_err(process("set a time limit"))?;
     let latencies = RoundTrips::take(options.seconds, &mut |i| {
         let step = u64::from(i) + 1;
         plant.publish(step)?;
-        wire.answer()?;
+        autopilot.answer()?;
         if plant.command(step, PATIENCE)? {
             return Ok(());
         }

@@ -19,8 +19,9 @@ use whirlstand_bus::{Bus, Transport};
 use whirlstand_msgs::{Command, Imu, Message};
 use whirlstand_vehicle::Vehicle;
 
+use super::measured_bench::config;
 use super::round_trips::{Exchange, PERIOD, RoundTrips};
-use super::{BenchError, Figure, Options, config};
+use super::{BenchError, Figure, Options};
 use crate::NodeError;
 use crate::bridge::link::{Address, Link};
 use crate::bridge::vehicle::run_vehicle;

@@ -13,7 +13,7 @@ pub(super) struct Cyclictest(Child);
 
 /// How late it woke.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Wakes {
+pub(super) struct WakeUpLatency {
     /// Wakes by whole microseconds of latency.
     bins: Vec<(f64, u64)>,
     /// Wakes beyond the last bin.
@@ -41,18 +41,18 @@ impl Cyclictest {
     }
 
     /// Waits for its end, which its own `-D` sets, and reads its histogram.
-    pub(super) fn finish(self) -> Result<Wakes, BenchError> {
+    pub(super) fn finish(self) -> Result<WakeUpLatency, BenchError> {
         let failed = |why: String| BenchError::Member { who: "cyclictest".into(), why };
         let output = self.0.wait_with_output().map_err(|e| failed(e.to_string()))?;
         let text = String::from_utf8_lossy(&output.stdout);
         if !output.status.success() {
             return Err(failed(String::from_utf8_lossy(&output.stderr).trim().into()));
         }
-        Wakes::parse(&text).ok_or_else(|| failed(format!("no histogram in \"{text}\"")))
+        WakeUpLatency::parse(&text).ok_or_else(|| failed(format!("no histogram in \"{text}\"")))
     }
 }
 
-impl Wakes {
+impl WakeUpLatency {
     /// Reads lines `000012 000345`, `# Histogram Overflows: 00000` and `# Max Latencies: 00023`.
     fn parse(text: &str) -> Option<Self> {
         let mut wakes = Self { bins: Vec::new(), overflow: 0, max_us: f64::NAN };
@@ -108,9 +108,9 @@ mod tests {
         let text = "# /dev/cpu_dma_latency set to 0us\n# Histogram\n000000 000000\n000003 000090\n000007 000009\n\
                     001200 000001\n# Min Latencies: 00003\n# Avg Latencies: 00015\n# Max Latencies: 01200\n\
                     # Histogram Overflows: 00000\n# Histogram Overflow at cycle number:\n# Thread 0:\n";
-        let wakes = Wakes::parse(text).unwrap();
+        let wakes = WakeUpLatency::parse(text).unwrap();
         assert_eq!((wakes.quantile(0.5), wakes.quantile(0.99), wakes.quantile(0.999)), (3.0, 7.0, 1200.0));
         assert_eq!((wakes.max_us, wakes.beyond(Duration::from_millis(1))), (1200.0, 1));
-        assert_eq!(Wakes::parse("cyclictest: not found"), None);
+        assert_eq!(WakeUpLatency::parse("cyclictest: not found"), None);
     }
 }

@@ -4,14 +4,14 @@ use std::io::{Read, Write};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use super::member::Words;
+use super::member::MemberReport;
 use super::{BenchError, Member, Options};
 
 /// How long a member may take to end once it should.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Time between two looks whether a member has ended.
-const LOOK: Duration = Duration::from_millis(5);
+const POLL_PERIOD: Duration = Duration::from_millis(5);
 
 /// Members that run; what is left of them is killed when this goes.
 pub(super) struct Fleet {
@@ -38,10 +38,10 @@ impl Fleet {
         while Instant::now() < until {
             if let Some(at) = self.members.iter_mut().position(|(_, c)| !matches!(c.try_wait(), Ok(None))) {
                 let (who, child) = self.members.remove(at);
-                words(&who, child)?;
+                member_report(&who, child)?;
                 return Err(BenchError::Member { who, why: "it ended too early".into() });
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_PERIOD);
         }
         Ok(())
     }
@@ -55,12 +55,12 @@ impl Fleet {
     }
 
     /// Waits for a member's end and returns its words.
-    pub(super) fn finish(&mut self, who: &str) -> Result<Words, BenchError> {
+    pub(super) fn finish(&mut self, who: &str) -> Result<MemberReport, BenchError> {
         self.finish_within(who, PATIENCE)
     }
 
     /// As [`Self::finish`], for a member that ends by itself within `time`.
-    pub(super) fn finish_within(&mut self, who: &str, time: Duration) -> Result<Words, BenchError> {
+    pub(super) fn finish_within(&mut self, who: &str, time: Duration) -> Result<MemberReport, BenchError> {
         let at = self.members.iter().position(|(name, _)| name == who).ok_or_else(|| BenchError::Member {
             who: who.into(),
             why: "it was not started, or is over".into(),
@@ -71,10 +71,10 @@ impl Fleet {
                 let why = format!("it did not end within {} s", time.as_secs_f64());
                 return Err(BenchError::Member { who: who.into(), why });
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_PERIOD);
         }
         let (who, child) = self.members.remove(at);
-        words(&who, child)
+        member_report(&who, child)
     }
 }
 
@@ -105,7 +105,7 @@ fn start(options: &Options, member: &Member) -> std::io::Result<Child> {
     Ok(child)
 }
 
-fn words(who: &str, mut child: Child) -> Result<Words, BenchError> {
+fn member_report(who: &str, mut child: Child) -> Result<MemberReport, BenchError> {
     let failed = |why: String| BenchError::Member { who: who.into(), why };
     let status = child.wait().map_err(|e| failed(e.to_string()))?;
     let (mut out, mut err) = (String::new(), String::new());

@@ -5,11 +5,13 @@ use whirlstand_bus::ring::Ring;
 use whirlstand_bus::{Bus, BusConfig};
 
 use super::BenchError;
+use super::echo::run_echo;
 use crate::NodeError;
 use crate::config::{NodeConfig, RealtimeOptions, Role};
 use crate::os::{StopFlag, apply_realtime};
 use crate::plant::Plant;
-use crate::process::{get_ready, run_node_until, run_plant};
+use crate::process::{run_node_until, run_plant};
+use crate::ready::get_ready;
 use crate::setup::Setup;
 
 /// One process of a measurement.
@@ -46,7 +48,7 @@ pub enum Member {
 /// What a member says at its end, as JSON on standard output.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default)]
-pub(super) struct Words {
+pub(super) struct MemberReport {
     /// Steps of a node, messages of a recorder, laps of a ring.
     pub count: u64,
     /// Wall-clock time of these, s, where the member knows it.
@@ -63,31 +65,31 @@ pub(super) struct Words {
 /// # Errors
 /// [`BenchError`] when the member fails.
 pub fn run_member(member: &Member) -> Result<String, BenchError> {
-    let words = match member {
+    let report = match member {
         Member::Node { role, config } => node(*role, config)?,
         Member::Ring { position, bus, bare, laps, cpus } => {
             apply_realtime(&RealtimeOptions { cpus: cpus.clone(), ..RealtimeOptions::default() })
                 .map_err(NodeError::from)?;
             let ring = Ring { bus: bus.as_ref().clone(), bare: *bare, laps: *laps };
             let seconds = ring.run(*position)?.map_or(0.0, |t| t.as_secs_f64());
-            Words { count: *laps, seconds, ..Words::default() }
+            MemberReport { count: *laps, seconds, ..MemberReport::default() }
         }
         Member::Echo { port } => {
-            super::autopilot::run_echo(*port)?;
-            Words::default()
+            run_echo(*port)?;
+            MemberReport::default()
         }
     };
-    serde_json::to_string(&words)
+    serde_json::to_string(&report)
         .map_err(|e| BenchError::Member { who: "a member".into(), why: e.to_string() })
 }
 
-fn node(role: Role, config: &NodeConfig) -> Result<Words, NodeError> {
+fn node(role: Role, config: &NodeConfig) -> Result<MemberReport, NodeError> {
     let stop = StopFlag::on_signals()
         .map_err(|source| NodeError::System { action: "install signal handlers", source })?;
     if role != Role::Plant {
         let health = run_node_until(role, config, &stop)?;
         let (count, lost, rejected) = (health.steps, health.lost, health.rejected);
-        return Ok(Words { count, lost, rejected, ..Words::default() });
+        return Ok(MemberReport { count, lost, rejected, ..MemberReport::default() });
     }
     let setup = Setup::new(config)?;
     let bus = Bus::open(&Setup::bus_config(config, role))?;
@@ -96,7 +98,7 @@ fn node(role: Role, config: &NodeConfig) -> Result<Words, NodeError> {
     let health = run_plant(&bus, &mut plant, &stop)?;
     let latencies = plant.latencies();
     let quantile = |q| latencies.value_at_quantile(q);
-    Ok(Words {
+    Ok(MemberReport {
         count: health.steps,
         seconds: plant.looped_for().as_secs_f64(),
         misses: health.deadline_misses,

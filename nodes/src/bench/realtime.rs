@@ -6,7 +6,8 @@ use whirlstand_bus::{Transport, remove_residue};
 
 use super::cyclictest::Cyclictest;
 use super::fleet::Fleet;
-use super::{BenchError, Figure, Member, Options, config};
+use super::measured_bench::config;
+use super::{BenchError, Figure, Member, Options};
 use crate::config::{Mode, RealtimeOptions, Role};
 
 /// Steps per second.

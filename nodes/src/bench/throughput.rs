@@ -9,8 +9,9 @@ use whirlstand_bus::{BusConfig, Transport, WaitStrategy, remove_residue};
 use whirlstand_vehicle::{Simulator, Vehicle};
 
 use super::fleet::Fleet;
-use super::member::Words;
-use super::{BenchError, Figure, Member, Options, config};
+use super::measured_bench::config;
+use super::member::MemberReport;
+use super::{BenchError, Figure, Member, Options};
 use crate::config::{Mode, NodeConfig, RealtimeOptions, RecorderConfig, Role};
 use crate::os::StopFlag;
 
@@ -157,7 +158,11 @@ fn name(position: usize) -> String {
 }
 
 /// Runs a bench for the time that was asked for; the words of plant and recorder.
-fn fly(options: &Options, config: &NodeConfig, endpoints: &[String]) -> Result<(Words, Words), BenchError> {
+fn fly(
+    options: &Options,
+    config: &NodeConfig,
+    endpoints: &[String],
+) -> Result<(MemberReport, MemberReport), BenchError> {
     let mut roles = vec![Role::Estimator, Role::Controller, Role::Plant];
     if config.recorder.is_some() {
         roles.insert(0, Role::Recorder);
@@ -182,7 +187,7 @@ fn fly(options: &Options, config: &NodeConfig, endpoints: &[String]) -> Result<(
         fleet.stop(Role::Recorder.name());
         fleet.finish(Role::Recorder.name())?
     } else {
-        Words::default()
+        MemberReport::default()
     };
     sweep(&config.bench);
     Ok((plant, recorder))

@@ -1,6 +1,6 @@
 //! The Kalman filter, wired to the vehicle's sensors.
 
-use whirlstand_control::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, Plant, Sensors};
+use whirlstand_control::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, SampledPlant, Sensors};
 use whirlstand_msgs::{Estimate, Head, Imu, MAX_INPUTS, Message, Odometry, flags};
 use whirlstand_vehicle::{Engine, Output, Vehicle};
 
@@ -110,7 +110,7 @@ impl Filter {
 /// [`EstimatorError`].
 pub fn filter_of(
     vehicle: &Vehicle,
-    plant: &Plant,
+    plant: &SampledPlant,
     options: &EstimatorOptions,
     engine: Engine,
 ) -> Result<Estimator, EstimatorError> {

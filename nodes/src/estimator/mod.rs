@@ -19,10 +19,10 @@ use whirlstand_msgs::{Command, Estimate, Health, Imu, MAX_INPUTS, NodeState, Odo
 use crate::clock::{Clock, Turn};
 use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
+use crate::follower::Follower;
 use crate::gate::Gate;
 use crate::peers::Peers;
 use crate::ports::receive;
-use crate::process::Follower;
 use crate::setup::Setup;
 use filter::Filter;
 pub use filter::filter_of;

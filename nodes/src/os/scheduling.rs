@@ -15,7 +15,7 @@ pub enum RealtimeError {
          launch file"
     )]
     Priority {
-        /// What was asked for.
+        /// Priority that was asked for.
         priority: u8,
         /// The system's answer.
         source: io::Error,
@@ -29,9 +29,9 @@ pub enum RealtimeError {
          in the launch file, or the cpuset of the container or service"
     )]
     Affinity {
-        /// What was asked for.
+        /// CPUs that were asked for.
         cpus: Vec<usize>,
-        /// What the process may use now.
+        /// CPUs that the process may use now.
         allowed: Vec<usize>,
         /// The system's answer.
         source: io::Error,
@@ -43,7 +43,7 @@ pub enum RealtimeError {
          under systemd, or with the capability CAP_IPC_LOCK; or take `lock_memory` out of the launch file"
     )]
     LockMemory {
-        /// RLIMIT_MEMLOCK, in words.
+        /// RLIMIT_MEMLOCK as text.
         limit: String,
         /// The system's answer.
         source: io::Error,

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 pub struct MonotonicTime(pub u64);
 
 impl MonotonicTime {
-    /// Now.
+    /// The present time.
     pub fn now() -> Self {
         let mut t = libc::timespec { tv_sec: 0, tv_nsec: 0 };
         // SAFETY: `t` is a valid timespec to write to; CLOCK_MONOTONIC always exists on Linux.

@@ -146,7 +146,7 @@ impl Plant {
         }
     }
 
-    /// When to take a turn even if no message comes.
+    /// Time at which to take a turn even if no message comes.
     pub fn wake_at(&self) -> Instant {
         let due = self.peers.due();
         match self.phase {
@@ -191,7 +191,7 @@ impl Plant {
         };
     }
 
-    /// Steps done.
+    /// Number of steps done.
     pub fn steps_done(&self) -> u64 {
         self.step
     }
@@ -206,7 +206,7 @@ impl Plant {
         self.looped
     }
 
-    /// What the plant reports of itself.
+    /// The health report of the plant.
     pub fn health(&mut self) -> &whirlstand_msgs::Health {
         self.count();
         &self.peers.report

@@ -14,7 +14,7 @@ use crate::recorder::QUEUE_DEPTH;
 const WINDOW: u64 = QUEUE_DEPTH as u64 / 2;
 
 /// Steps after which it is worth looking for news of the recorder.
-const LOOK: u64 = WINDOW / 4;
+const POLL_STEPS: u64 = WINDOW / 4;
 
 /// Keeps count of how far the recorder has come.
 pub(super) struct Pace {
@@ -39,7 +39,7 @@ impl Pace {
     /// Whether step `step` may be published now. After waiting in vain the recorder counts as absent, and
     /// nobody waits for it until it says something again.
     pub(super) fn may_go_on(&mut self, step: u64, now: Instant) -> Result<bool, NodeError> {
-        if step.saturating_sub(self.recorded) < LOOK {
+        if step.saturating_sub(self.recorded) < POLL_STEPS {
             return Ok(true);
         }
         let mut refused = 0;

@@ -7,7 +7,7 @@
 //! `log.2.mcap`, then `log.3.mcap`; so does a recorder that sees the steps go back, which means that the plant
 //! was restarted.
 
-mod segment;
+mod log_files;
 mod topic;
 
 use std::path::PathBuf;
@@ -15,41 +15,31 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, Publisher};
 use whirlstand_logs::{Channel, LogWriter};
-use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Health, Imu, Message, NodeState, Odometry, Progress, Setpoint, Truth,
-};
+use whirlstand_msgs::{Health, Message, NodeState, Progress};
 
 use crate::clock::Turn;
 use crate::config::{NodeConfig, Role};
 use crate::error::NodeError;
 use crate::peers::Peers;
 use crate::setup::Setup;
-use segment::Segments;
-use topic::Topic;
+use log_files::LogFiles;
+pub use topic::QUEUE_DEPTH;
+use topic::Topics;
 
-/// Queue of each topic.
-pub const QUEUE_DEPTH: usize = 1024;
+/// Time between two polls of the queues. At 100,000 steps/s a queue takes 10 ms to fill.
+pub const POLL_PERIOD: Duration = Duration::from_millis(1);
 
-/// Time between two looks at the queues. At 100,000 steps/s a queue takes 10 ms to fill.
-pub const LOOK_PERIOD: Duration = Duration::from_millis(1);
-
-/// Time between two looks in realtime, where messages are few and the loop must not be disturbed.
-pub const LOOK_PERIOD_REALTIME: Duration = Duration::from_millis(5);
+/// Time between two polls in realtime, where messages are few and the loop must not be disturbed.
+pub const POLL_PERIOD_REALTIME: Duration = Duration::from_millis(5);
 
 /// How long the last messages of a run may be on their way after the end was asked for.
 const LAST_MESSAGES: Duration = Duration::from_secs(2);
 
 /// The recorder as a state machine.
 pub struct Recorder {
-    segments: Segments,
+    files: LogFiles,
     log: Option<LogWriter>,
-    imu: Topic<Imu>,
-    odometry: Topic<Odometry>,
-    estimate: Topic<Estimate>,
-    command: Topic<Command>,
-    setpoint: Topic<Setpoint>,
-    truth: Topic<Truth>,
-    disturbance: Topic<Disturbance>,
+    topics: Topics,
     health: Channel<Health>,
     progress: Publisher<Progress>,
     peers: Peers,
@@ -73,25 +63,19 @@ impl Recorder {
             value: "nothing".into(),
             reason: "a recorder needs to know where to write".into(),
         })?;
-        let mut segments = Segments::new(config, recorder, setup);
-        let mut log = segments.next()?;
+        let mut files = LogFiles::new(config, recorder, setup);
+        let mut log = files.next()?;
         let listens_to: Vec<Role> = [Role::Plant, Role::Estimator, Role::Controller]
             .into_iter()
             .filter(|&r| r == Role::Plant || config.peers.contains(&r))
             .collect();
         Ok(Self {
-            imu: Topic::open(bus, &mut log)?,
-            odometry: Topic::open(bus, &mut log)?,
-            estimate: Topic::open(bus, &mut log)?,
-            command: Topic::open(bus, &mut log)?,
-            setpoint: Topic::open(bus, &mut log)?,
-            truth: Topic::open(bus, &mut log)?,
-            disturbance: Topic::open(bus, &mut log)?,
+            topics: Topics::open(bus, &mut log)?,
             health: log.channel()?,
             progress: bus.publisher()?,
             peers: Peers::open(bus, Role::Recorder, listens_to.clone())?,
             awaits: listens_to,
-            segments,
+            files,
             log: Some(log),
             told: None,
             written_before: 0,
@@ -101,7 +85,7 @@ impl Recorder {
         })
     }
 
-    /// Writes what waits.
+    /// Writes the messages that wait.
     ///
     /// # Errors
     /// The log cannot be written, or the transport fails.
@@ -110,19 +94,14 @@ impl Recorder {
         let before = log.messages();
         // Truth first: what it has reached bounds how much of the other topics can be waiting.
         for _ in 0..QUEUE_DEPTH {
-            let Some(truth) = self.truth.receive(&mut self.refused)? else { break };
-            if self.truth.step().is_some_and(|last| truth.head.step < last) {
-                log = self.begin_segment(log)?;
+            let Some(truth) = self.topics.truth.receive(&mut self.refused)? else { break };
+            if self.topics.truth.step().is_some_and(|last| truth.head.step < last) {
+                log = self.begin_file(log)?;
             }
-            self.truth.write(&mut log, &truth)?;
+            self.topics.truth.write(&mut log, &truth)?;
         }
-        let reached = self.truth.step();
-        self.disturbance.drain(&mut log, &mut self.refused)?;
-        self.odometry.drain(&mut log, &mut self.refused)?;
-        self.imu.drain(&mut log, &mut self.refused)?;
-        self.estimate.drain(&mut log, &mut self.refused)?;
-        self.command.drain(&mut log, &mut self.refused)?;
-        self.setpoint.drain(&mut log, &mut self.refused)?;
+        let reached = self.topics.truth.step();
+        self.topics.drain_followers(&mut log, &mut self.refused)?;
         while let Some(health) = self.peers.receive()? {
             self.peers.hear(&health);
             log.write(&self.health, &health)?;
@@ -147,23 +126,17 @@ impl Recorder {
         self.stopping.get_or_insert(now + LAST_MESSAGES);
     }
 
-    /// Messages that never reached the log.
+    /// Number of messages that never reached the log.
     pub fn lost(&self) -> u64 {
-        self.imu.lost()
-            + self.odometry.lost()
-            + self.estimate.lost()
-            + self.command.lost()
-            + self.setpoint.lost()
-            + self.truth.lost()
-            + self.disturbance.lost()
+        self.topics.lost()
     }
 
-    /// Messages in the log, all files of this recorder together.
+    /// Number of messages in the log, all files of this recorder together.
     pub fn written(&self) -> u64 {
         self.written_before + self.log.as_ref().map_or(0, LogWriter::messages)
     }
 
-    /// What this node reports of itself.
+    /// The health report of the recorder.
     pub fn health(&mut self) -> &Health {
         let written = self.log.as_ref().map_or(0, LogWriter::messages);
         self.count(written);
@@ -172,7 +145,7 @@ impl Recorder {
 
     /// The files written so far.
     pub fn paths(&self) -> &[PathBuf] {
-        self.segments.paths()
+        self.files.paths()
     }
 
     fn finish(&mut self) -> Result<Turn, NodeError> {
@@ -191,23 +164,18 @@ impl Recorder {
         let reached = |last: Option<u64>| last.is_some_and(|l| l >= plant.step);
         let awaits = |role| self.awaits.contains(&role);
         plant.state == Some(NodeState::Stopping)
-            && reached(self.imu.step())
-            && reached(self.truth.step())
-            && (!awaits(Role::Estimator) || reached(self.estimate.step()))
-            && (!awaits(Role::Controller) || reached(self.command.step()) && reached(self.setpoint.step()))
+            && reached(self.topics.imu.step())
+            && reached(self.topics.truth.step())
+            && (!awaits(Role::Estimator) || reached(self.topics.estimate.step()))
+            && (!awaits(Role::Controller)
+                || reached(self.topics.command.step()) && reached(self.topics.setpoint.step()))
     }
 
-    fn begin_segment(&mut self, log: LogWriter) -> Result<LogWriter, NodeError> {
+    fn begin_file(&mut self, log: LogWriter) -> Result<LogWriter, NodeError> {
         self.written_before += log.finish()?.messages;
-        let mut log = self.segments.next()?;
-        tracing::warn!(path = %self.segments.current().display(), "the plant began a new run: next log file");
-        self.imu.move_to(&mut log)?;
-        self.odometry.move_to(&mut log)?;
-        self.estimate.move_to(&mut log)?;
-        self.command.move_to(&mut log)?;
-        self.setpoint.move_to(&mut log)?;
-        self.truth.move_to(&mut log)?;
-        self.disturbance.move_to(&mut log)?;
+        let mut log = self.files.next()?;
+        tracing::warn!(path = %self.files.current().display(), "the plant began a new run: next log file");
+        self.topics.move_to(&mut log)?;
         self.health = log.channel()?;
         Ok(log)
     }
@@ -229,7 +197,7 @@ impl Recorder {
     fn count(&mut self, written: u64) {
         let lost = self.lost();
         let report = &mut self.peers.report;
-        report.head.step = self.truth.step().unwrap_or(0);
+        report.head.step = self.topics.truth.step().unwrap_or(0);
         report.steps = self.written_before + written;
         report.lost = lost;
         report.rejected = self.refused;

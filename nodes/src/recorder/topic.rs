@@ -1,12 +1,14 @@
-//! One topic on its way into the log.
+//! The topics of the loop on their way into the log.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_logs::{Channel, LogWriter};
-use whirlstand_msgs::Message;
+use whirlstand_msgs::{Command, Disturbance, Estimate, Imu, Message, Odometry, Setpoint, Truth};
 
-use super::QUEUE_DEPTH;
 use crate::error::NodeError;
 use crate::ports::receive;
+
+/// Queue of each topic.
+pub const QUEUE_DEPTH: usize = 1024;
 
 pub(super) struct Topic<M: Message> {
     subscriber: Subscriber<M>,
@@ -15,7 +17,7 @@ pub(super) struct Topic<M: Message> {
 }
 
 impl<M: Message> Topic<M> {
-    pub(super) fn open(bus: &Bus, log: &mut LogWriter) -> Result<Self, NodeError> {
+    fn open(bus: &Bus, log: &mut LogWriter) -> Result<Self, NodeError> {
         let channel = log.channel()?;
         Ok(Self { subscriber: bus.subscriber(QUEUE_DEPTH)?, channel, last: None })
     }
@@ -43,7 +45,7 @@ impl<M: Message> Topic<M> {
     }
 
     /// Writes what waits, at most one queue full, so that the turn ends even when the publisher is faster.
-    pub(super) fn drain(&mut self, log: &mut LogWriter, refused: &mut u64) -> Result<(), NodeError> {
+    fn drain(&mut self, log: &mut LogWriter, refused: &mut u64) -> Result<(), NodeError> {
         for _ in 0..QUEUE_DEPTH {
             let Some(message) = self.receive(refused)? else { break };
             self.write(log, &message)?;
@@ -51,8 +53,7 @@ impl<M: Message> Topic<M> {
         Ok(())
     }
 
-    /// Goes on in another file.
-    pub(super) fn move_to(&mut self, log: &mut LogWriter) -> Result<(), NodeError> {
+    fn move_to(&mut self, log: &mut LogWriter) -> Result<(), NodeError> {
         self.channel = log.channel()?;
         self.last = None;
         Ok(())
@@ -63,7 +64,48 @@ impl<M: Message> Topic<M> {
         self.last.map(|m| m.head().step)
     }
 
-    pub(super) fn lost(&self) -> u64 {
+    fn lost(&self) -> u64 {
         self.subscriber.lost()
     }
 }
+
+macro_rules! topics {
+    ($leader:ident: $leading:ident, $($name:ident: $message:ident),* $(,)?) => {
+        /// The topics that carry the loop, on their way into the log.
+        pub(super) struct Topics {
+            /// What it has reached bounds how much of the others can be waiting.
+            pub(super) $leader: Topic<$leading>,
+            $(pub(super) $name: Topic<$message>,)*
+        }
+
+        impl Topics {
+            pub(super) fn open(bus: &Bus, log: &mut LogWriter) -> Result<Self, NodeError> {
+                Ok(Self { $leader: Topic::open(bus, log)?, $($name: Topic::open(bus, log)?,)* })
+            }
+
+            /// Writes what waits on each topic but the leading one, at most one queue full of it.
+            pub(super) fn drain_followers(
+                &mut self,
+                log: &mut LogWriter,
+                refused: &mut u64,
+            ) -> Result<(), NodeError> {
+                $(self.$name.drain(log, refused)?;)*
+                Ok(())
+            }
+
+            /// Goes on in another file.
+            pub(super) fn move_to(&mut self, log: &mut LogWriter) -> Result<(), NodeError> {
+                self.$leader.move_to(log)?;
+                $(self.$name.move_to(log)?;)*
+                Ok(())
+            }
+
+            /// Messages that never reached the recorder, all topics together.
+            pub(super) fn lost(&self) -> u64 {
+                [self.$leader.lost(), $(self.$name.lost()),*].iter().sum()
+            }
+        }
+    };
+}
+
+whirlstand_logs::loop_topics!(topics);

@@ -13,95 +13,23 @@
 //! assert!(vehicle.to_toml().contains("delay_s = 0.08"));
 //! ```
 
+mod field;
+mod kind;
+mod names;
 mod place;
+mod resolve;
 mod serial;
 mod table;
 
+pub use field::FieldValue;
+pub use kind::Kind;
 pub use place::{Matrix, Place};
-pub use serial::FieldValue;
-pub use table::{Need, Parameter, PlaceKind, SPECS, Scale, Spec};
+pub use table::{Parameter, PlaceKind, Requirement, SPECS, Scale, Spec};
 
+use whirlstand_msgs::names::did_you_mean;
 use whirlstand_msgs::units::Dimension;
 
 use crate::error::EffectError;
-
-/// Which effect.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[expect(missing_docs, reason = "each is described in the table")]
-pub enum Kind {
-    InputDelay,
-    ActuatorLag,
-    InputGain,
-    GainDrift,
-    InputBias,
-    DeadZone,
-    InputSaturation,
-    RateLimit,
-    Backlash,
-    InputCoupling,
-    ParameterChange,
-    QuadraticDrag,
-    CoulombFriction,
-    CubicStiffness,
-    UnmodelledMode,
-    StepDisturbance,
-    PulseDisturbance,
-    PeriodicDisturbance,
-    Turbulence,
-    ModeTransition,
-    SensorBias,
-    SensorDrift,
-    SensorScale,
-    SensorDelay,
-    SensorLag,
-    Misalignment,
-    Vibration,
-    Noise,
-    Quantization,
-    OutputSaturation,
-    Dropouts,
-    Outliers,
-}
-
-impl Kind {
-    /// The row of the table.
-    pub fn spec(self) -> &'static Spec {
-        &SPECS[self as usize]
-    }
-
-    /// Name in files, for example `input_delay`.
-    pub fn name(self) -> &'static str {
-        self.spec().name
-    }
-
-    /// All effects.
-    pub fn all() -> impl Iterator<Item = Self> {
-        SPECS.iter().map(|s| s.kind)
-    }
-
-    /// The effect of that name.
-    ///
-    /// # Errors
-    /// When there is none; the message names the nearest.
-    pub fn from_name(name: &str) -> Result<Self, EffectError> {
-        SPECS.iter().find(|s| s.name == name).map(|s| s.kind).ok_or_else(|| EffectError {
-            effect: name.into(),
-            place: String::new(),
-            field: Some("effect".into()),
-            reason: format!(
-                "there is no effect '{name}'{}; effects are {}",
-                crate::error::nearest(name, SPECS.iter().map(|s| s.name)),
-                crate::error::list(SPECS.iter().map(|s| s.name)),
-            ),
-        })
-    }
-}
-
-impl std::fmt::Display for Kind {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
 
 /// One effect at one place.
 #[derive(Debug, Clone, PartialEq)]
@@ -195,7 +123,7 @@ impl Effect {
         format!(
             "'{name}' is not a key of {}{}; keys are {}",
             self.kind,
-            crate::error::nearest(name, known()),
+            did_you_mean(name, known()),
             crate::error::list(known())
         )
     }

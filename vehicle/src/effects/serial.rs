@@ -6,18 +6,11 @@ use serde::de::{Deserialize, Deserializer, Error as _, MapAccess, Visitor};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use whirlstand_msgs::units::{Quantity, Unit, UnitError};
 
-use super::{Effect, Kind, Need, Scale};
+use super::Effect;
+use super::field::FieldValue;
+use super::kind::Kind;
+use super::table::{Requirement, Scale};
 use crate::error::EffectError;
-
-/// The value of a key, as written.
-#[derive(Debug, Clone, PartialEq, serde::Deserialize)]
-#[serde(untagged)]
-pub enum FieldValue {
-    /// A number, in SI.
-    Number(f64),
-    /// A text: a quantity such as `"5 deg"`, or the value of a text parameter.
-    Text(String),
-}
 
 impl Effect {
     /// An effect from the keys of a table, `effect` and `where` aside.
@@ -40,14 +33,17 @@ impl Effect {
         for (name, value) in fields {
             effect.take_field(name.as_ref(), value)?;
         }
-        let one_of: Vec<_> = spec.parameters.iter().filter(|p| p.need == Need::OneOf).collect();
+        let one_of: Vec<_> = spec.parameters.iter().filter(|p| p.requirement == Requirement::OneOf).collect();
         for (p, value) in spec.parameters.iter().zip(&mut effect.values) {
-            if let (Need::Default(default), None) = (p.need, &value) {
+            if let (Requirement::Default(default), None) = (p.requirement, &value) {
                 *value = Some(default);
             }
         }
-        let missing =
-            spec.parameters.iter().zip(&effect.values).find(|(p, v)| p.need == Need::Required && v.is_none());
+        let missing = spec
+            .parameters
+            .iter()
+            .zip(&effect.values)
+            .find(|(p, v)| p.requirement == Requirement::Required && v.is_none());
         if let Some((p, _)) = missing {
             return Err(effect.error(Some(p.name), "is missing".into()));
         }

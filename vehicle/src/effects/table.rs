@@ -1,6 +1,6 @@
 //! The table of effects: names, places and parameters. Everything else about them is derived from it.
 
-use super::Kind;
+use super::kind::Kind;
 
 /// What an effect's `where` names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,7 +50,7 @@ pub enum Scale {
 
 /// Whether a parameter must be given.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Need {
+pub enum Requirement {
     /// It must.
     Required,
     /// It may be left out.
@@ -71,7 +71,7 @@ pub struct Parameter {
     /// Largest valid value.
     pub upper: f64,
     /// Whether it must be given.
-    pub need: Need,
+    pub requirement: Requirement,
 }
 
 /// One row of the table.
@@ -96,15 +96,15 @@ const INF: f64 = f64::INFINITY;
 const LONGEST_DELAY: f64 = 60.0;
 
 const fn p(name: &'static str, scale: Scale, lower: f64, upper: f64) -> Parameter {
-    Parameter { name, scale, lower, upper, need: Need::Required }
+    Parameter { name, scale, lower, upper, requirement: Requirement::Required }
 }
 
 const fn optional(name: &'static str, scale: Scale, lower: f64, upper: f64, default: f64) -> Parameter {
-    Parameter { name, scale, lower, upper, need: Need::Default(default) }
+    Parameter { name, scale, lower, upper, requirement: Requirement::Default(default) }
 }
 
 const fn one_of(name: &'static str, scale: Scale) -> Parameter {
-    Parameter { name, scale, lower: -INF, upper: INF, need: Need::OneOf }
+    Parameter { name, scale, lower: -INF, upper: INF, requirement: Requirement::OneOf }
 }
 
 const fn row(

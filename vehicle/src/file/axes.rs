@@ -45,8 +45,8 @@ pub(super) fn axes(file: &Table<'_>, states: &[State], inputs: &[Input]) -> Resu
             text.parse::<SignalUnit>()
                 .map_err(|e: whirlstand_msgs::units::UnitError| node.error(e.to_string()))
         };
-        let gain = table.need("gain")?.quantity(signal_unit(rate_unit)?.unit())?;
-        let time = table.need("time_constant_s")?;
+        let gain = table.requirement("gain")?.quantity(signal_unit(rate_unit)?.unit())?;
+        let time = table.requirement("time_constant_s")?;
         let time_constant = time.magnitude(&Unit::SECOND)?;
         if time_constant == 0.0 {
             return Err(time.error("must be above 0"));

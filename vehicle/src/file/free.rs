@@ -3,9 +3,11 @@
 use std::fmt::Write as _;
 
 use super::table::{Node, Table};
-use super::write::{number, push, quoted};
+use super::text::{number, push, quoted};
 use crate::effects::{Effect, Kind, Place};
-use crate::error::{FileError, list, nearest};
+use whirlstand_msgs::names::did_you_mean;
+
+use crate::error::{FileError, list};
 use crate::free::{Free, Provenance, Target};
 use crate::model::Vehicle;
 
@@ -77,12 +79,12 @@ fn entry_target(node: &Node<'_>, vehicle: &Vehicle) -> Result<Target, FileError>
 
 fn effect_target(table: &Table<'_>, effect: &Node<'_>, vehicle: &Vehicle) -> Result<Target, FileError> {
     let kind = Kind::from_name(effect.text()?).map_err(|e| effect.error(e.reason))?;
-    let place = table.need("where")?;
-    let parameter = table.need("parameter")?;
+    let place = table.requirement("where")?;
+    let parameter = table.requirement("parameter")?;
     let (place_text, parameter_text) = (place.text()?, parameter.text()?);
     let names = || kind.spec().parameters.iter().map(|p| p.name);
     let name = names().find(|n| *n == parameter_text).ok_or_else(|| {
-        let hint = nearest(parameter_text, names());
+        let hint = did_you_mean(parameter_text, names());
         parameter.error(format!("{kind} has no parameter '{parameter_text}'{hint}; it has {}", list(names())))
     })?;
     let index = vehicle.effects.iter().position(|e| e.kind() == kind && e.place() == place_text);

@@ -2,6 +2,8 @@
 
 mod axes;
 mod free;
+mod map;
 mod read;
 mod table;
+mod text;
 mod write;

@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 use toml::de::DeTable;
+use whirlstand_msgs::names::did_you_mean;
 use whirlstand_msgs::units::Unit;
 
 use super::axes;
@@ -23,6 +24,7 @@ const KEYS: &[&str] = &[
     "effects",
     "free",
     "fit",
+    "map",
     "provenance",
     axes::KEYS[0],
     axes::KEYS[1],
@@ -79,6 +81,7 @@ impl Vehicle {
             effects: Vec::new(),
             free: Vec::new(),
             fit: Vec::new(),
+            map: Vec::new(),
             provenance: super::free::provenance(&file)?,
             source_text: text.into(),
             folder: folder_of(origin),
@@ -91,6 +94,7 @@ impl Vehicle {
         }
         vehicle.free = super::free::free(&file, &vehicle)?;
         vehicle.fit = super::free::fit(&file, &vehicle)?;
+        vehicle.map = super::map::map(&file, &vehicle)?;
         Ok(vehicle)
     }
 }
@@ -110,7 +114,7 @@ fn units_of_inputs(inputs: &[Input]) -> Vec<SignalUnit> {
 
 /// Elements of an array of tables; a bare name stands for a table with nothing but that name.
 fn signals<'a>(file: &Table<'a>, key: &str) -> Result<Vec<Node<'a>>, FileError> {
-    let nodes = file.need(key)?.array()?;
+    let nodes = file.requirement(key)?.array()?;
     if nodes.is_empty() {
         return Err(file.error(Some(key), "must not be empty"));
     }
@@ -138,7 +142,7 @@ fn states(file: &Table<'_>) -> Result<Vec<State>, FileError> {
         .iter()
         .map(|node| {
             let table = node.table(&["name", "unit"])?;
-            Ok(State { name: unique(&table.need("name")?, &mut seen)?, unit: unit(&table)? })
+            Ok(State { name: unique(&table.requirement("name")?, &mut seen)?, unit: unit(&table)? })
         })
         .collect()
 }
@@ -147,7 +151,7 @@ fn inputs(file: &Table<'_>) -> Result<Vec<Input>, FileError> {
     let mut seen = Vec::new();
     let mut read = |node: &Node<'_>| {
         let table = node.table(&["name", "unit", "lower", "upper", "rate_limit"])?;
-        let name = unique(&table.need("name")?, &mut seen)?;
+        let name = unique(&table.requirement("name")?, &mut seen)?;
         let unit = unit(&table)?;
         let limit = |key, default| table.get(key).map_or(Ok(default), |n: Node<'_>| n.quantity(unit.unit()));
         let lower = limit("lower", f64::NEG_INFINITY)?;
@@ -189,7 +193,7 @@ fn outputs(file: &Table<'_>, states: &[State]) -> Result<Vec<Output>, FileError>
     let mut seen = Vec::new();
     let read = |node: &Node<'_>| {
         let table = node.table(&["name", "unit", "noise", "bias", "quantization", "every", "vibration"])?;
-        let name = unique(&table.need("name")?, &mut seen)?;
+        let name = unique(&table.requirement("name")?, &mut seen)?;
         let mut unit = unit(&table)?;
         if table.get("unit").is_none()
             && let Some(state) = states.iter().find(|s| s.name == name)
@@ -214,7 +218,7 @@ fn vibration(node: &Node<'_>, unit: &SignalUnit) -> Result<Vibration, FileError>
     let table = node.table(&["frequency_hz", "phase_rad", "harmonics", "off", "on", "flying"])?;
     let of = |text: &str| text.parse::<Unit>().map_err(|e| node.error(e.to_string()));
     let amplitude = |key| table.get(key).map_or(Ok(0.0), |n: Node<'_>| n.magnitude(unit.unit()));
-    let frequency_hz = table.need("frequency_hz")?.magnitude(&of("Hz")?)?;
+    let frequency_hz = table.requirement("frequency_hz")?.magnitude(&of("Hz")?)?;
     let phase_rad = table.get("phase_rad").map_or(Ok(0.0), |n| n.quantity(&of("rad")?))?;
     let harmonics = match table.get("harmonics") {
         None => vec![1.0],
@@ -283,7 +287,7 @@ fn outputs_name_states(
         };
         let j = states.iter().position(|s| s.name == output.name).ok_or_else(|| {
             let names = || states.iter().map(|s| s.name.as_str());
-            let hint = crate::error::nearest(&output.name, names());
+            let hint = did_you_mean(&output.name, names());
             let known = crate::error::list(names());
             let name = &output.name;
             error(
@@ -302,9 +306,9 @@ fn outputs_name_states(
 
 fn effect(node: &Node<'_>, vehicle: &Vehicle) -> Result<Effect, FileError> {
     let table = node.open_table()?;
-    let kind_node = table.need("effect")?;
+    let kind_node = table.requirement("effect")?;
     let kind = Kind::from_name(kind_node.text()?).map_err(|e| kind_node.error(e.reason))?;
-    let place = table.need("where")?.text()?;
+    let place = table.requirement("where")?.text()?;
     let mut fields = Vec::new();
     for (key, value) in table.entries().filter(|(key, _)| !["effect", "where"].contains(key)) {
         let value = if value.is_text() {

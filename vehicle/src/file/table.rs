@@ -4,7 +4,9 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use whirlstand_msgs::units::{Quantity, Unit};
 
-use crate::error::{FileError, list, nearest};
+use whirlstand_msgs::names::did_you_mean;
+
+use crate::error::{FileError, list};
 
 /// The text a node belongs to.
 #[derive(Clone, Copy)]
@@ -154,7 +156,7 @@ impl<'a> Table<'a> {
         let name = key.get_ref().as_ref();
         let reason = format!(
             "there is no such key{}; valid keys here are {}",
-            nearest(name, known.iter().copied()),
+            did_you_mean(name, known.iter().copied()),
             list(known.iter().copied())
         );
         Err(self.source.error(Some(key.span().start), &self.field(name), reason))
@@ -173,7 +175,7 @@ impl<'a> Table<'a> {
         Some(Node::new(self.source, value, self.field(key)))
     }
 
-    pub fn need(&self, key: &str) -> Result<Node<'a>, FileError> {
+    pub fn requirement(&self, key: &str) -> Result<Node<'a>, FileError> {
         self.get(key).ok_or_else(|| self.error(None, format!("{key} is missing")))
     }
 

@@ -1,11 +1,10 @@
 //! From [`Vehicle`] to text.
 
-use std::fmt::Write as _;
-
 use nalgebra::DMatrix;
 
+use super::text::{number, push, quoted};
 use crate::effects::Effect;
-use crate::model::{SignalUnit, Vehicle};
+use crate::model::{Input, Output, SignalUnit, Vehicle};
 
 impl Vehicle {
     /// The vehicle as the text of a vehicle file, which reads back as the same vehicle.
@@ -48,59 +47,12 @@ impl Vehicle {
             push_matrix(&mut text, "D", &self.d, &outputs, &inputs);
         }
         super::free::push_free(&mut text, self);
+        super::map::push_map(&mut text, self);
         for state in &self.states {
-            push(&mut text, "\n[[states]]");
-            push(
-                &mut text,
-                &format!("name = {}\nunit = {}", quoted(&state.name), quoted(&state.unit.to_string())),
-            );
+            push_head(&mut text, "states", &state.name, &state.unit);
         }
-        for input in &self.inputs {
-            push(&mut text, "\n[[inputs]]");
-            push(
-                &mut text,
-                &format!("name = {}\nunit = {}", quoted(&input.name), quoted(&input.unit.to_string())),
-            );
-            for (key, value) in
-                [("lower", input.lower), ("upper", input.upper), ("rate_limit", input.rate_limit)]
-            {
-                if value.is_finite() {
-                    push(&mut text, &format!("{key} = {}", number(value, input.unit.factor())));
-                }
-            }
-        }
-        for output in &self.outputs {
-            let factor = output.unit.factor();
-            push(&mut text, "\n[[outputs]]");
-            push(
-                &mut text,
-                &format!("name = {}\nunit = {}", quoted(&output.name), quoted(&output.unit.to_string())),
-            );
-            let values =
-                [("noise", output.noise), ("bias", output.bias), ("quantization", output.quantization)];
-            for (key, value) in values {
-                if value != 0.0 {
-                    push(&mut text, &format!("{key} = {}", number(value, factor)));
-                }
-            }
-            if output.every != 1 {
-                push(&mut text, &format!("every = {}", output.every));
-            }
-            if let Some(v) = &output.vibration {
-                let harmonics = v.harmonics.iter().map(|h| format!("{h:?}")).collect::<Vec<_>>().join(", ");
-                push(
-                    &mut text,
-                    &format!(
-                        "vibration = {{ frequency_hz = {:?}, phase_rad = {:?}, harmonics = [{harmonics}], off = {}, on = {}, flying = {} }}",
-                        v.frequency_hz,
-                        v.phase_rad,
-                        number(v.off, factor),
-                        number(v.on, factor),
-                        number(v.flying, factor)
-                    ),
-                );
-            }
-        }
+        self.inputs.iter().for_each(|input| push_input(&mut text, input));
+        self.outputs.iter().for_each(|output| push_output(&mut text, output));
         push_effects(&mut text, &self.effects);
         text
     }
@@ -115,9 +67,46 @@ impl Vehicle {
     }
 }
 
-pub fn push(text: &mut String, line: &str) {
-    text.push_str(line);
-    text.push('\n');
+fn push_head(text: &mut String, table: &str, name: &str, unit: &SignalUnit) {
+    push(text, &format!("\n[[{table}]]\nname = {}\nunit = {}", quoted(name), quoted(&unit.to_string())));
+}
+
+fn push_input(text: &mut String, input: &Input) {
+    push_head(text, "inputs", &input.name, &input.unit);
+    for (key, value) in [("lower", input.lower), ("upper", input.upper), ("rate_limit", input.rate_limit)] {
+        if value.is_finite() {
+            push(text, &format!("{key} = {}", number(value, input.unit.factor())));
+        }
+    }
+}
+
+fn push_output(text: &mut String, output: &Output) {
+    let factor = output.unit.factor();
+    push_head(text, "outputs", &output.name, &output.unit);
+    for (key, value) in
+        [("noise", output.noise), ("bias", output.bias), ("quantization", output.quantization)]
+    {
+        if value != 0.0 {
+            push(text, &format!("{key} = {}", number(value, factor)));
+        }
+    }
+    if output.every != 1 {
+        push(text, &format!("every = {}", output.every));
+    }
+    if let Some(v) = &output.vibration {
+        let harmonics = v.harmonics.iter().map(|h| format!("{h:?}")).collect::<Vec<_>>().join(", ");
+        push(
+            text,
+            &format!(
+                "vibration = {{ frequency_hz = {:?}, phase_rad = {:?}, harmonics = [{harmonics}], off = {}, on = {}, flying = {} }}",
+                v.frequency_hz,
+                v.phase_rad,
+                number(v.off, factor),
+                number(v.on, factor),
+                number(v.flying, factor)
+            ),
+        );
+    }
 }
 
 fn push_matrix(
@@ -151,25 +140,4 @@ fn push_effects(text: &mut String, effects: &[Effect]) {
             push(text, &format!("{name} = {}", quoted(value)));
         }
     }
-}
-
-/// The shortest number that reads back, times the factor, as `si`; else all digits of the quotient.
-pub fn number(si: f64, factor: f64) -> String {
-    let exact = si / factor;
-    let mut text = String::with_capacity(24);
-    for digits in 0..17 {
-        text.clear();
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{exact:.digits$e}");
-        if let Ok(short) = text.parse::<f64>()
-            && short * factor == si
-        {
-            return format!("{short:?}");
-        }
-    }
-    format!("{exact:?}")
-}
-
-pub fn quoted(text: &str) -> String {
-    toml::Value::String(text.into()).to_string()
 }

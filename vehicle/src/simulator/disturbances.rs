@@ -101,7 +101,7 @@ impl Disturbances {
         self.pulses.iter().flat_map(|p| [p.from, p.until]).filter(|m| m.0 < u64::MAX).collect()
     }
 
-    /// The constant part over the segment that begins at this offset.
+    /// The constant part over the substep that begins at this offset.
     pub fn held(&self, step: u64, start_s: f64, out: &mut [f64]) {
         out.copy_from_slice(&self.external);
         for pulse in &self.pulses {

@@ -1,4 +1,4 @@
-//! A vehicle with effects on its motion: chains on the inputs, segments of a period, nonlinear parts.
+//! A vehicle with effects on its motion: chains on the inputs, substeps of a period, nonlinear parts.
 
 use super::compile::{Rest, System};
 use super::disturbances::Disturbances;
@@ -91,7 +91,7 @@ impl Extended {
         }
     }
 
-    /// Moves z over one period, segment by segment; `drive` holds the inputs, then what is added to the derivatives.
+    /// Moves z over one period, substep by substep; `drive` holds the inputs, then what is added to the derivatives.
     pub fn advance(
         &mut self,
         step: u64,
@@ -101,17 +101,17 @@ impl Extended {
         sensors: &mut Sensors,
     ) {
         disturbances.set_oscillators(step, z);
-        for segment in self.schedule.segments(step) {
+        for substep in self.schedule.substeps(step) {
             let (v, held) = drive.split_at_mut(self.chains.len());
             for (value, delay) in v.iter_mut().zip(&self.delays) {
-                let changed = schedule::reached((0, delay.fraction_s), 0, segment.start_s, self.period_s);
+                let changed = schedule::reached((0, delay.fraction_s), 0, substep.start_s, self.period_s);
                 *value = if changed { delay.newer() } else { delay.older() };
             }
-            disturbances.held(step, segment.start_s, held);
-            sensors.remember(segment.start_s, z, v);
+            disturbances.held(step, substep.start_s, held);
+            sensors.remember(substep.start_s, z, v);
             match &mut self.nonlinear {
-                Some(nonlinear) => nonlinear.advance(segment, z, drive),
-                None => segment.levels[0].advance(z, drive, &mut self.scratch),
+                Some(nonlinear) => nonlinear.advance(substep, z, drive),
+                None => substep.levels[0].advance(z, drive, &mut self.scratch),
             }
         }
     }

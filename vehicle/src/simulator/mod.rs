@@ -37,9 +37,9 @@ use self::inputs::RateLimit;
 use self::kernel::Kernel;
 use self::sensors::Sensors;
 use crate::discretise::discretise;
-use crate::effects::{Effect, Place};
+use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
-use crate::model::{Engine, Vehicle};
+use crate::model::{Engine, Input, Vehicle};
 
 /// Beyond this a state has lost all meaning; it is held there and [`Simulator::diverged`] tells.
 const LARGEST: f64 = 1e12;
@@ -61,9 +61,9 @@ pub struct Simulator {
     drive: Vec<f64>,
     applied: Vec<f64>,
     limits: Vec<Limit>,
-    /// How many entries of `drive` are in use by the plain plant: without disturbance the inputs alone.
+    /// How many entries of `drive` are in use by the plain dynamics: without disturbance the inputs alone.
     driven: usize,
-    plant: Plant,
+    dynamics: Dynamics,
     disturbances: Disturbances,
     sensors: Sensors,
     engine: Engine,
@@ -77,11 +77,34 @@ struct Limit {
     rate: Option<RateLimit>,
 }
 
+impl Limit {
+    fn new(input: &Input, period_s: f64, resting: f64) -> Self {
+        let rate = input.rate_limit;
+        let rate = rate.is_finite().then(|| RateLimit::new(rate, period_s, resting));
+        Self { lower: input.lower, upper: input.upper, rate }
+    }
+}
+
+/// Whether an effect changes the motion, not only what sensors show of it. A lag of a sensor moves with the states.
+fn acts_on_motion((effect, place): &(Effect, Place)) -> bool {
+    !matches!(place, Place::Output(_) | Place::OutputPair(..)) || effect.kind() == Kind::SensorLag
+}
+
 #[derive(Debug, Clone)]
-enum Plant {
+enum Dynamics {
     /// No effect on the motion: one matrix product a step.
     Plain(Kernel),
     Extended(Box<Extended>),
+}
+
+/// The dynamics without effects: inputs, then a disturbance on every state. `None` when they overflow in one period.
+fn plain(vehicle: &Vehicle, period_s: f64) -> Option<Dynamics> {
+    let (n, m) = vehicle.b.shape();
+    let mut inputs = DMatrix::zeros(n, m + n);
+    inputs.view_mut((0, 0), (n, m)).copy_from(&vehicle.b);
+    inputs.view_mut((0, m), (n, n)).fill_with_identity();
+    let (phi, gamma) = discretise(&vehicle.a, &inputs, period_s).ok()?;
+    Some(Dynamics::Plain(Kernel::new(&phi, &gamma)))
 }
 
 impl Simulator {
@@ -134,41 +157,22 @@ impl Simulator {
         let sensors = Sensors::new(vehicle, &system, &effects, period_s, seed);
         let disturbances = Disturbances::new(&effects, system.oscillators.clone(), n, period_s, seed);
 
-        let acts_on_motion = |(e, p): &(Effect, Place)| {
-            !matches!(p, Place::Output(_) | Place::OutputPair(..))
-                || e.kind() == crate::effects::Kind::SensorLag
-        };
         let resting = |(i, input): (usize, &crate::model::Input)| {
             let command = before.and_then(|b| b.get(i)).filter(|u| u.is_finite());
             command.map_or_else(|| input.neutral(), |u| u.clamp(input.lower, input.upper))
         };
         let resting: Vec<f64> = vehicle.inputs.iter().enumerate().map(resting).collect();
-        let plant = if effects.iter().any(acts_on_motion) || sensors.has_delay() {
+        let dynamics = if effects.iter().any(acts_on_motion) || sensors.has_delay() {
             let extended = Extended::new(&effects, &system, &resting, period_s, &sensors, &disturbances);
-            Plant::Extended(Box::new(extended.map_err(|e| match e {
+            Dynamics::Extended(Box::new(extended.map_err(|e| match e {
                 SimulatorError::NotFinite { .. } => not_finite(),
                 other => other,
             })?))
         } else {
-            let mut inputs = DMatrix::zeros(n, m + n);
-            inputs.view_mut((0, 0), (n, m)).copy_from(&vehicle.b);
-            inputs.view_mut((0, m), (n, n)).fill_with_identity();
-            let (phi, gamma) = discretise(&vehicle.a, &inputs, period_s).map_err(|_| not_finite())?;
-            Plant::Plain(Kernel::new(&phi, &gamma))
+            plain(vehicle, period_s).ok_or_else(not_finite)?
         };
-        let limits = vehicle
-            .inputs
-            .iter()
-            .zip(&resting)
-            .map(|(input, resting)| Limit {
-                lower: input.lower,
-                upper: input.upper,
-                rate: input
-                    .rate_limit
-                    .is_finite()
-                    .then(|| RateLimit::new(input.rate_limit, period_s, *resting)),
-            })
-            .collect();
+        let limits = vehicle.inputs.iter().zip(&resting);
+        let limits = limits.map(|(input, resting)| Limit::new(input, period_s, *resting)).collect();
         let mut simulator = Self {
             n,
             m,
@@ -180,7 +184,7 @@ impl Simulator {
             applied: resting,
             limits,
             driven: m,
-            plant,
+            dynamics,
             disturbances,
             sensors,
             engine: if seed.is_some() { Engine::default() } else { Engine::Off },
@@ -192,9 +196,9 @@ impl Simulator {
 
     /// Sets inputs to their resting values and filters to where those lead.
     fn rest(&mut self) {
-        match &mut self.plant {
-            Plant::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
-            Plant::Extended(extended) => {
+        match &mut self.dynamics {
+            Dynamics::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
+            Dynamics::Extended(extended) => {
                 extended.rest(&mut self.z, &mut self.drive);
                 self.disturbances.set_oscillators(self.step, &mut self.z);
             }
@@ -214,7 +218,7 @@ impl Simulator {
     pub fn set_state(&mut self, state: &[f64]) {
         self.z[..self.n].copy_from_slice(state);
         self.diverged = false;
-        if let Plant::Extended(extended) = &self.plant {
+        if let Dynamics::Extended(extended) = &self.dynamics {
             extended.settle_sensors(&mut self.z, &self.drive);
         }
         self.sensors.fill_past(&self.z, &self.drive);
@@ -244,9 +248,9 @@ impl Simulator {
                 Some(rate) => rate.next(wanted),
             };
         }
-        match &mut self.plant {
-            Plant::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
-            Plant::Extended(extended) => {
+        match &mut self.dynamics {
+            Dynamics::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
+            Dynamics::Extended(extended) => {
                 // The middle of the period: what drifts with time then has the right mean over it.
                 let t = (self.step as f64 + 0.5) * self.period_s;
                 extended.command(&self.applied, t, &mut self.drive);
@@ -257,12 +261,12 @@ impl Simulator {
     /// Goes on to the next step under the input in force.
     #[inline]
     pub fn advance(&mut self) {
-        match &mut self.plant {
-            Plant::Plain(kernel) => {
+        match &mut self.dynamics {
+            Dynamics::Plain(kernel) => {
                 kernel.advance(&mut self.z, &self.drive[..self.driven], &mut self.scratch);
                 self.step += 1;
             }
-            Plant::Extended(_) => self.advance_extended(),
+            Dynamics::Extended(_) => self.advance_extended(),
         }
     }
 
@@ -277,7 +281,7 @@ impl Simulator {
     }
 
     fn advance_extended(&mut self) {
-        let Plant::Extended(extended) = &mut self.plant else { return };
+        let Dynamics::Extended(extended) = &mut self.dynamics else { return };
         let (z, drive) = (&mut self.z, &mut self.drive);
         extended.advance(self.step, z, drive, &self.disturbances, &mut self.sensors);
         for value in &mut self.z {

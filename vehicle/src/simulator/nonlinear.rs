@@ -3,18 +3,18 @@
 //! The linear part is solved exactly by its exponential. Smooth nonlinearities are integrated around it with the
 //! integrating-factor Runge-Kutta method of order 4 (Lawson, SIAM J. Numer. Anal. 4, 1967); the step is halved
 //! until it is short against the nonlinearity and the linear part. Friction is a constant while a state keeps its
-//! sign. Where a sign would change, the step is halved down to 1/4096 of a segment; there the friction force is
+//! sign. Where a sign would change, the step is halved down to 1/4096 of a substep; there the friction force is
 //! the one, within its limits, that ends the step at rest, so that sticking is sticking and nothing chatters.
 
 use super::kernel::Kernel;
-use super::schedule::Segment;
+use super::schedule::Substep;
 use crate::effects::{Effect, Kind, Place};
 
-/// Deepest halving of a segment.
+/// Deepest halving of a substep.
 const DEEPEST: usize = 12;
 /// Deepest halving for the sake of smooth nonlinearities.
 const DEEPEST_SMOOTH: usize = 6;
-/// Halvings that a segment must offer: Lawson's method looks at half a step of the deepest.
+/// Halvings that a substep must offer: Lawson's method looks at half a step of the deepest.
 pub const LEVELS: usize = DEEPEST + 2;
 
 #[derive(Debug, Clone)]
@@ -103,13 +103,13 @@ impl Nonlinear {
         })
     }
 
-    /// Advances z over a segment under constant inputs (v, then the derivatives' own).
-    pub fn advance(&mut self, segment: &Segment, z: &mut [f64], inputs: &[f64]) {
+    /// Advances z over a substep under constant inputs (v, then the derivatives' own).
+    pub fn advance(&mut self, substep: &Substep, z: &mut [f64], inputs: &[f64]) {
         let mut done = 0usize;
         // Progress in units of the deepest step; a step of level l is 2^(DEEPEST - l) of them.
         while done < 1 << DEEPEST {
-            let mut level = self.level(segment.length_s, z).max(alignment(done));
-            while !self.attempt(segment, level, z, inputs) {
+            let mut level = self.level(substep.length_s, z).max(alignment(done));
+            while !self.attempt(substep, level, z, inputs) {
                 level += 1;
             }
             z.copy_from_slice(&self.result);
@@ -117,7 +117,7 @@ impl Nonlinear {
         }
     }
 
-    /// How often the segment must be halved for its smooth part.
+    /// How often the substep must be halved for its smooth part.
     fn level(&self, length_s: f64, z: &[f64]) -> usize {
         let slope = self.smooth.iter().map(|s| match *s {
             Smooth::Drag(i, c) => 2.0 * (c * z[i]).abs(),
@@ -141,8 +141,8 @@ impl Nonlinear {
     }
 
     /// One step of this level from `z` into `result`; false when it must be halved first.
-    fn attempt(&mut self, segment: &Segment, level: usize, z: &[f64], inputs: &[f64]) -> bool {
-        let levels = &segment.levels[level..];
+    fn attempt(&mut self, substep: &Substep, level: usize, z: &[f64], inputs: &[f64]) -> bool {
+        let levels = &substep.levels[level..];
         self.inputs.copy_from_slice(inputs);
         for f in &mut self.friction {
             let (positive, negative) = f.against;
@@ -153,7 +153,7 @@ impl Nonlinear {
             };
             self.inputs[self.m + f.state] += f.force;
         }
-        self.lawson(levels, segment.length_s * 0.5f64.powi(level as i32), z);
+        self.lawson(levels, substep.length_s * 0.5f64.powi(level as i32), z);
         // The second derivative of x abs(x) jumps at zero: the step that crosses it is made short.
         let kinked = |s: &Smooth| matches!(*s, Smooth::Drag(i, _) if self.result[i] * z[i] < 0.0);
         if level < DEEPEST_SMOOTH && self.smooth.iter().any(kinked) {

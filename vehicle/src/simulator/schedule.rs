@@ -1,7 +1,7 @@
-//! One period cut into segments in which nothing but the state changes.
+//! One period cut into substeps in which nothing but the state changes.
 //!
 //! Cuts come from fractional delays, in every period alike, and from single events: the edges of a pulse, a mode
-//! transition. Over a segment all inputs are constant, so one matrix exponential solves it exactly.
+//! transition. Over a substep all inputs are constant, so one matrix exponential solves it exactly.
 
 use nalgebra::DMatrix;
 
@@ -16,7 +16,7 @@ pub type Moment = (u64, f64);
 
 /// A stretch of a period.
 #[derive(Debug, Clone)]
-pub struct Segment {
+pub struct Substep {
     /// Offset from the period's start, s.
     pub start_s: f64,
     /// Length, s.
@@ -25,19 +25,19 @@ pub struct Segment {
     pub levels: Vec<Kernel>,
 }
 
-/// Which segments make up which period.
+/// Which substeps make up which period.
 #[derive(Debug, Clone)]
 pub struct Schedule {
-    /// From which step on which segments are used, ascending, beginning with step 0.
-    regular: Vec<(u64, Vec<Segment>)>,
+    /// From which step on which substeps are used, ascending, beginning with step 0.
+    regular: Vec<(u64, Vec<Substep>)>,
     /// Single periods with cuts of their own, ascending.
-    special: Vec<(u64, Vec<Segment>)>,
+    special: Vec<(u64, Vec<Substep>)>,
     next_regular: usize,
     next_special: usize,
 }
 
 impl Schedule {
-    /// `cuts_s` cut every period; `events` only their own; `levels` is how often a segment can be halved.
+    /// `cuts_s` cut every period; `events` only their own; `levels` is how often a substep can be halved.
     pub fn new(
         system: &System,
         period_s: f64,
@@ -46,7 +46,7 @@ impl Schedule {
         levels: usize,
     ) -> Result<Self, SimulatorError> {
         let transitions: Vec<Moment> = system.transitions_s.iter().map(|t| split(*t, period_s)).collect();
-        let build = |step: u64, extra: &[f64]| -> Result<Vec<Segment>, SimulatorError> {
+        let build = |step: u64, extra: &[f64]| -> Result<Vec<Substep>, SimulatorError> {
             let mut cuts: Vec<f64> =
                 [0.0].into_iter().chain(cuts_s.iter().copied()).chain(extra.iter().copied()).collect();
             cuts.sort_by(f64::total_cmp);
@@ -57,7 +57,7 @@ impl Schedule {
                 .map(|(&start_s, end)| {
                     let passed = |t: &&Moment| reached(**t, step, start_s, period_s);
                     let stage = transitions.iter().filter(passed).count();
-                    segment(&system.stages[stage], system.n, start_s, end - start_s, levels)
+                    substep(&system.stages[stage], system.n, start_s, end - start_s, levels)
                 })
                 .collect()
         };
@@ -84,8 +84,8 @@ impl Schedule {
         Ok(Self { regular, special, next_regular: 0, next_special: 0 })
     }
 
-    /// The segments of a period; steps must be asked for in ascending order.
-    pub fn segments(&mut self, step: u64) -> &[Segment] {
+    /// The substeps of a period; steps must be asked for in ascending order.
+    pub fn substeps(&mut self, step: u64) -> &[Substep] {
         while self.regular.get(self.next_regular + 1).is_some_and(|(from, _)| *from <= step) {
             self.next_regular += 1;
         }
@@ -93,7 +93,7 @@ impl Schedule {
             self.next_special += 1;
         }
         match self.special.get(self.next_special) {
-            Some((at, segments)) if *at == step => segments,
+            Some((at, substeps)) if *at == step => substeps,
             _ => &self.regular[self.next_regular].1,
         }
     }
@@ -104,13 +104,13 @@ pub fn reached(moment: Moment, step: u64, offset_s: f64, period_s: f64) -> bool 
     moment.0 < step || moment.0 == step && moment.1 <= offset_s + 2.0 * TIME_TOLERANCE * period_s
 }
 
-fn segment(
+fn substep(
     (a, b): &(DMatrix<f64>, DMatrix<f64>),
     n: usize,
     start_s: f64,
     length_s: f64,
     levels: usize,
-) -> Result<Segment, SimulatorError> {
+) -> Result<Substep, SimulatorError> {
     let (size, m) = b.shape();
     let mut inputs = DMatrix::zeros(size, m + n);
     inputs.view_mut((0, 0), (size, m)).copy_from(b);
@@ -124,5 +124,5 @@ fn segment(
             Ok(Kernel::new(&phi, &gamma))
         })
         .collect::<Result<_, SimulatorError>>()?;
-    Ok(Segment { start_s, length_s, levels })
+    Ok(Substep { start_s, length_s, levels })
 }

@@ -1,4 +1,4 @@
-//! The line that ArduPilot reads.
+//! The line of JSON that ArduPilot reads.
 //!
 //! ArduPilot's reader searches for keys in the text, expects no blank behind a colon, and takes the last line that has
 //! a line feed on both sides.

@@ -30,7 +30,7 @@ pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
 /// ArduPilot repeats an unanswered packet once a second and needs longer than this to start.
 const SILENCE: Duration = Duration::from_millis(500);
 
-/// How pulses are read.
+/// Options of the link to ArduPilot, and how its pulses are read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ArdupilotOptions {

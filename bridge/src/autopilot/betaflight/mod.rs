@@ -27,7 +27,7 @@ use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::mixer::MAX_OUTPUTS;
 use crate::sensors::Sensors;
 
-pub use packet::{FDM_BYTES, PacketError, RC_BYTES, parse_motors, parse_raw, raw_bytes};
+pub use packet::{FDM_BYTES, Flavour, PacketError, RC_BYTES, parse_motors, parse_raw, raw_bytes};
 
 /// The ports by number: packets of pulses, packets of motors, state, channels.
 pub const PORTS: [u16; 4] = [9001, 9002, 9003, 9004];
@@ -46,17 +46,6 @@ pub const NATIVE_ORDER: [usize; 4] = [2, 3, 4, 1];
 /// Time between two packets of channels: a receiver's 50 Hz.
 const CHANNEL_PERIOD: Duration = Duration::from_millis(20);
 
-/// How state packets are to be written: Betaflight reads them in two ways, fixed when it is compiled.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Flavour {
-    /// As Gazebo's plugin writes them; Betaflight's own default.
-    #[default]
-    Gazebo,
-    /// As the bridges to X-Plane and RealFlight write them (`ENABLE_GAZEBO_BRIDGE=0`).
-    Legacy,
-}
-
 /// Which packets hold the outputs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -69,7 +58,7 @@ pub enum Packets {
     Motors,
 }
 
-/// How Betaflight is spoken to.
+/// Options of the link to Betaflight.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BetaflightOptions {
@@ -79,9 +68,9 @@ pub struct BetaflightOptions {
     pub bind: String,
     /// The four ports, as Betaflight was compiled.
     pub ports: [u16; 4],
-    /// How it reads the state.
+    /// Format in which Betaflight reads state packets.
     pub flavour: Flavour,
-    /// Where its outputs are taken from.
+    /// Packets from which the outputs are taken.
     pub packets: Packets,
 }
 

@@ -4,8 +4,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::time::Duration;
 
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
-use super::Flavour;
 use crate::autopilot::RC_CHANNELS;
 use crate::sensors::Sensors;
 
@@ -25,15 +25,26 @@ const MOTOR_RANGE: std::ops::RangeInclusive<f64> = -0.001..=1.001;
 /// Pulses beyond this are no pulses, us; zero is an output that is not in use.
 const PULSES: std::ops::RangeInclusive<f64> = 500.0..=2500.0;
 
+/// How state packets are to be written: Betaflight reads them in two ways, fixed when it is compiled.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Flavour {
+    /// As Gazebo's plugin writes them; Betaflight's own default.
+    #[default]
+    Gazebo,
+    /// As the bridges to X-Plane and RealFlight write them (`ENABLE_GAZEBO_BRIDGE=0`).
+    Legacy,
+}
+
 /// Why bytes are not a packet of Betaflight.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PacketError {
     /// Another length.
     #[error("{found} bytes came where {expected} are expected")]
     Length {
-        /// What came.
+        /// Bytes received.
         found: usize,
-        /// What the packet has.
+        /// Bytes that the packet has.
         expected: usize,
     },
     /// A count of motors that the packet has no room for.

@@ -40,7 +40,7 @@ const HEARTBEAT_PERIOD_NS: u64 = 1_000_000_000;
 /// Until PX4 asks for another one.
 const STATE_PERIOD_NS: u64 = 5_000_000;
 
-/// How PX4 is spoken to.
+/// Options of the link to PX4.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Px4Options {

@@ -1,6 +1,6 @@
 //! `whirlstand blind`: what diagnosis finds of hidden effects, by trials whose answers are sealed while it runs.
 
-mod judge;
+mod runner;
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -9,18 +9,15 @@ use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use signal_hook::consts::{SIGINT, SIGTERM};
-use whirlstand_ident::blind::{Case, Commands, Plan, Scored, Setting, TRIALS_PER_SEED, Tally};
+use whirlstand_blind::{Case, Commands, Generator, Loops, Plan, Scored, Setting, TRIALS_PER_SEED, Tally};
 use whirlstand_vehicle::Kind;
 
-use self::judge::Judge;
+use self::runner::TrialRunner;
 use super::vehicles::find;
-use super::{print, simulate, write, write_json};
-use crate::cli::{BlindArgs, BlindCase};
+use super::{INTERRUPTED, print, simulate, write, write_json};
+use crate::cli::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
 use crate::error::Failure;
 use crate::style;
-
-/// Exit code of a run that was interrupted, as shells have it.
-const INTERRUPTED: u8 = 130;
 
 /// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: what was done by then is told.
 pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
@@ -33,7 +30,7 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
         Some(jobs) => jobs.get(),
         None => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
     };
-    let judge = Judge::new(args, jobs)?;
+    let runner = TrialRunner::new(args, jobs)?;
     let bar = ProgressBar::new(plans.len() as u64);
     let template = ProgressStyle::with_template("{bar:24.cyan/dim} {pos}/{len} trials  {elapsed}  {msg}");
     bar.set_style(template.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -41,7 +38,7 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::run)?;
     }
-    let results = judge.run(&plans, &setting, jobs, &bar, &stop);
+    let results = runner.run(&plans, &setting, jobs, &bar, &stop);
     bar.finish_and_clear();
     let (mut trials, skipped) = results?;
     trials.extend(earlier);
@@ -70,7 +67,7 @@ fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
         return Ok(ExitCode::from(u8::from(missed > 0)));
     }
     if args.only.is_some() {
-        print(&tally.trials.iter().map(whirlstand_ident::blind::opened).collect::<String>())?;
+        print(&tally.trials.iter().map(whirlstand_blind::opened).collect::<String>())?;
     } else {
         let painted = text.replace("MISSED", &style::bad("MISSED"));
         let again = match tally.failures().next() {
@@ -107,30 +104,32 @@ fn setting(args: &BlindArgs) -> Result<Setting, Failure> {
     };
     let record = super::log::read(path, &args.map)?;
     let period_s = simulate::period(&record, None)?;
-    let inputs = simulate::inputs(vehicle, &record)?;
-    let start = record.time.first().copied().unwrap_or(0.0);
-    let count = (record.duration() / period_s * (1.0 + 1e-12)).floor() as usize + 1;
-    let mut next = 0;
-    let mut now: Vec<f64> = vehicle.inputs.iter().map(whirlstand_vehicle::Input::neutral).collect();
-    let mut commands = Commands { period_s, inputs: vec![Vec::with_capacity(count); now.len()] };
-    for step in 0..count {
-        let t = start + step as f64 * period_s;
-        while record.time.get(next).is_some_and(|time| *time <= t + 1e-9 * period_s) {
-            for (u, column) in now.iter_mut().zip(&inputs) {
-                // A gap in the record holds the last value.
-                *u = if column[next].is_finite() { column[next] } else { *u };
-            }
-            next += 1;
-        }
-        commands.inputs.iter_mut().zip(&now).for_each(|(column, u)| column.push(*u));
+    let (_, inputs) = simulate::commands(vehicle, &record, period_s)?;
+    Ok(Setting { commands: Some(Commands { period_s, inputs }), ..setting })
+}
+
+/// What the trials are drawn from.
+fn generator(args: &BlindArgs) -> Generator {
+    match args.generator {
+        BlindGenerator::Reference => Generator::Reference,
+        BlindGenerator::Shifted => Generator::Shifted,
     }
-    Ok(Setting { commands: Some(commands), ..setting })
+}
+
+/// Whether a law flies them.
+fn loops(args: &BlindArgs) -> Loops {
+    match args.control_loop {
+        BlindLoop::Open => Loops::Open,
+        BlindLoop::Closed => Loops::Closed,
+        BlindLoop::Both => Loops::Both,
+    }
 }
 
 /// The first so many plans of the seed that are wanted, or the one that is asked for.
 fn plans(args: &BlindArgs) -> Result<Vec<Plan>, Failure> {
+    let (generator, loops) = (generator(args), loops(args));
     if let Some(number) = args.only {
-        return Ok(vec![Plan::new(number)]);
+        return Ok(vec![Plan::new(number, generator, loops)]);
     }
     let effects: Vec<Kind> = args
         .effects
@@ -158,33 +157,38 @@ fn plans(args: &BlindArgs) -> Result<Vec<Plan>, Failure> {
         .checked_mul(TRIALS_PER_SEED)
         .filter(|first| *first < 1 << 53)
         .ok_or_else(|| Failure::Mend(format!("--seed {}: at most 9000000000 is expected", args.seed)))?;
-    let all = (first..first + TRIALS_PER_SEED).map(Plan::new);
+    let all = (first..first + TRIALS_PER_SEED).map(|number| Plan::new(number, generator, loops));
     Ok(all.filter(|p| p.wanted(&cases, &effects)).take(args.trials).collect())
 }
 
 /// The call as it can be repeated.
 fn call(args: &BlindArgs) -> String {
-    let mut words = vec!["whirlstand blind".to_string()];
+    let mut arguments = vec!["whirlstand blind".to_string()];
     match args.only {
-        Some(number) => words.push(format!("--only {number}")),
-        None => words.push(format!("--trials {} --seed {}", args.trials, args.seed)),
+        Some(number) => arguments.push(format!("--only {number}")),
+        None => arguments.push(format!("--trials {} --seed {}", args.trials, args.seed)),
     }
-    words.extend(args.vehicle.iter().map(|v| format!("--vehicle {v}")));
-    words.extend(args.input.iter().map(|i| format!("--input {}", i.display())));
-    let drawn = Setting::default();
-    if args.length != drawn.lengths_s {
-        words.push(format!("--length {}:{}", args.length.0, args.length.1));
+    arguments.extend(args.vehicle.iter().map(|v| format!("--vehicle {v}")));
+    arguments.extend(args.input.iter().map(|i| format!("--input {}", i.display())));
+    if args.generator != BlindGenerator::Reference {
+        arguments.push(format!("--generator {}", generator(args).name()));
     }
-    if args.rate != drawn.rates_hz {
-        let rates: Vec<String> = args.rate.iter().map(f64::to_string).collect();
-        words.push(format!("--rate {}", rates.join(",")));
+    match args.control_loop {
+        BlindLoop::Open => {}
+        BlindLoop::Closed => arguments.push("--loop closed".into()),
+        BlindLoop::Both => arguments.push("--loop both".into()),
+    }
+    arguments.extend(args.length.map(|(from, to)| format!("--length {from}:{to}")));
+    if let Some(rates) = &args.rate {
+        let rates: Vec<String> = rates.iter().map(f64::to_string).collect();
+        arguments.push(format!("--rate {}", rates.join(",")));
     }
     if !args.effects.is_empty() {
-        words.push(format!("--effects {}", args.effects.join(",")));
+        arguments.push(format!("--effects {}", args.effects.join(",")));
     }
     if !args.kinds.is_empty() {
         let kinds: Vec<&str> = args.kinds.iter().map(|k| k.word()).collect();
-        words.push(format!("--kinds {}", kinds.join(",")));
+        arguments.push(format!("--kinds {}", kinds.join(",")));
     }
-    words.join(" ")
+    arguments.join(" ")
 }

@@ -6,13 +6,13 @@
 
 use std::time::{Duration, Instant};
 
+use whirlstand_bridge::attitude_receiver::{AttitudeReceiver, TelemetryProtocol};
 use whirlstand_bridge::autopilot::{
     Autopilot, AutopilotConfig, AutopilotKind, Event, Outputs, Parts, Rc, Stage,
 };
 use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bridge::mixer::{FrameKind, Mixer};
 use whirlstand_bridge::sensors::{Errors, Motion, SensorModel};
-use whirlstand_bridge::witness::{Language, Witness};
 
 use super::super::hil::links::Links;
 use super::super::hil::state::Flight;
@@ -34,10 +34,12 @@ const SETTLE: Duration = Duration::from_millis(1500);
 const LEVEL: f64 = 0.1;
 
 /// Where the autopilots speak to a ground station.
-fn usual_place(kind: AutopilotKind) -> (&'static str, Language) {
+fn usual_place(kind: AutopilotKind) -> (&'static str, TelemetryProtocol) {
     match kind {
-        AutopilotKind::Px4Hil | AutopilotKind::ArdupilotJson => ("udpin://0.0.0.0:14550", Language::Mavlink),
-        AutopilotKind::BetaflightSitl => ("tcpout://127.0.0.1:5761", Language::Msp),
+        AutopilotKind::Px4Hil | AutopilotKind::ArdupilotJson => {
+            ("udpin://0.0.0.0:14550", TelemetryProtocol::Mavlink)
+        }
+        AutopilotKind::BetaflightSitl => ("tcpout://127.0.0.1:5761", TelemetryProtocol::Msp),
     }
 }
 
@@ -46,7 +48,7 @@ struct Check<'a> {
     name: &'static str,
     autopilot: Box<dyn Autopilot>,
     links: Links,
-    witness: Witness,
+    attitude_receiver: AttitudeReceiver,
     telemetry: Link,
     model: SensorModel,
     mixer: Mixer,
@@ -88,14 +90,14 @@ pub fn check_autopilot(
     let Parts { mixer, rc, .. } = autopilot
         .parts(&setup.vehicle, false, 1e9 / config.period_ns as f64)
         .map_err(|e| wrong(format!("bridge.{}", e.path.join(".")), name, e.message))?;
-    let (usual, language) = usual_place(autopilot.kind);
+    let (usual, protocol) = usual_place(autopilot.kind);
     let place = options.telemetry.as_deref().unwrap_or(usual);
     let address: Address = place.parse().map_err(|e| wrong("--telemetry".into(), place, format!("{e}")))?;
     let now = Instant::now();
     let mut check = Check {
         name,
         links: Links::new(&autopilot)?,
-        witness: Witness::new(language),
+        attitude_receiver: AttitudeReceiver::new(protocol),
         telemetry: Link::new(address),
         model: SensorModel::new(autopilot.sensors.clone(), config.period_ns, config.seed),
         rc,
@@ -136,7 +138,7 @@ impl Check<'_> {
     }
 
     fn attitude(&self) -> Option<[f64; 3]> {
-        self.witness.attitude(AGE, self.now())
+        self.attitude_receiver.attitude(AGE, self.now())
     }
 
     /// Stands level for at most `limit`, until `done` says what it found.
@@ -227,10 +229,10 @@ impl Check<'_> {
         while let Ok(Received::Stream(length) | Received::Datagram(length)) =
             self.telemetry.receive(&mut buffer)
         {
-            self.witness.receive(&buffer[..length], now);
+            self.attitude_receiver.receive(&buffer[..length], now);
         }
         let mut ask = Vec::new();
-        self.witness.ask(now, &mut ask);
+        self.attitude_receiver.ask(now, &mut ask);
         if !ask.is_empty() {
             self.telemetry.sender().send(&ask);
         }
@@ -313,11 +315,11 @@ impl Check<'_> {
             self.fly(SETTLE, |_| tilt::motion(axis, from, to, RAMP));
             if to != 0.0 {
                 let finding = match (before, self.attitude()) {
-                    (Some(before), Some(after)) => Some(tilt::judge(axis, to - from, before, after)),
+                    (Some(before), Some(after)) => Some(tilt::check(axis, to - from, before, after)),
                     _ if told => Some(Err(format!("{}: the telemetry stopped", AXES[axis].0))),
                     _ => None,
                 };
-                let answer = if armed { reaction::judge(axis, to - from, &still, &moved) } else { None };
+                let answer = if armed { reaction::check(axis, to - from, &still, &moved) } else { None };
                 for finding in [finding, answer].into_iter().flatten() {
                     (self.say)(finding.map_or_else(Finding::Wrong, Finding::Good));
                 }

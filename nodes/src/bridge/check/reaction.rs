@@ -33,7 +33,7 @@ impl Demands {
 ///
 /// # Errors
 /// What is wrong, in words.
-pub(super) fn judge(
+pub(super) fn check(
     axis: usize,
     by: f64,
     before: &Demands,
@@ -77,13 +77,13 @@ mod tests {
         };
         let even = demands([0.5; 4]);
         let left_up = demands([0.4, 0.6, 0.6, 0.4]);
-        let said = |axis, by, during: &Demands| judge(axis, by, &even, during);
+        let said = |axis, by, during: &Demands| check(axis, by, &even, during);
         assert!(said(0, 0.3, &even).is_none(), "motors that do not answer");
         assert!(said(0, -0.3, &left_up).unwrap().unwrap().contains("push back"));
         assert!(said(0, 0.3, &left_up).unwrap().unwrap_err().contains("the same way"));
         assert!(said(1, 0.3, &left_up).unwrap().unwrap_err().contains("about roll"));
         let mut broken = even;
         broken.add(&mixer, &[f64::NAN; 4]);
-        assert!(judge(0, 0.3, &broken, &left_up).is_some(), "what is no number is left out");
+        assert!(check(0, 0.3, &broken, &left_up).is_some(), "what is no number is left out");
     }
 }

@@ -35,7 +35,7 @@ pub(super) fn motion(axis: usize, from: f64, to: f64, spent: Duration) -> Motion
 ///
 /// # Errors
 /// What is wrong, in words.
-pub(super) fn judge(axis: usize, by: f64, before: [f64; 3], after: [f64; 3]) -> Result<String, String> {
+pub(super) fn check(axis: usize, by: f64, before: [f64; 3], after: [f64; 3]) -> Result<String, String> {
     let change: [f64; 3] = std::array::from_fn(|i| wrapped(after[i] - before[i]));
     let [name, words] = [AXES[axis].0, AXES[axis].1[usize::from(by < 0.0)]];
     let most = (0..3).max_by(|a, b| change[*a].abs().total_cmp(&change[*b].abs())).unwrap_or(axis);
@@ -78,7 +78,7 @@ mod tests {
     fn each_way_to_be_wrong_has_its_words() {
         let before = [0.01, -0.02, 3.1];
         let said = |axis: usize, by: f64, change: [f64; 3]| {
-            judge(axis, by, before, std::array::from_fn(|i| before[i] + change[i]))
+            check(axis, by, before, std::array::from_fn(|i| before[i] + change[i]))
         };
         for by in [TILT, -TILT] {
             assert!(said(0, by, [0.97 * by, 0.02, 0.0]).is_ok());

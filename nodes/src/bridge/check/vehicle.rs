@@ -12,8 +12,9 @@ use whirlstand_bridge::sensors::wrapped;
 use whirlstand_bridge::vehicle::Group;
 use whirlstand_msgs::valid;
 
+use super::super::vehicle::links::VehicleLinks;
 use super::super::vehicle::open_vehicle;
-use super::super::vehicle::wires::{Core, Wires, lock};
+use super::super::vehicle::shared_vehicle::{SharedVehicle, lock};
 use super::{CheckOptions, Finding};
 use crate::config::NodeConfig;
 use crate::error::NodeError;
@@ -24,13 +25,13 @@ use crate::setup::Setup;
 const TURN: f64 = 0.25;
 
 /// Between two looks.
-const LOOK: Duration = Duration::from_millis(5);
+const POLL_PERIOD: Duration = Duration::from_millis(5);
 
 /// How long a channel is moved.
-const PUSH: Duration = Duration::from_millis(600);
+const PULSE_TIME: Duration = Duration::from_millis(600);
 
 /// Change of a channel that must show, us.
-const SHOWN_US: f64 = 50.0;
+const LEAST_CHANGE_US: f64 = 50.0;
 
 /// The axes, what the hand does, and their place in the attitude.
 const AXES: [(&str, &str); 3] = [
@@ -41,8 +42,8 @@ const AXES: [(&str, &str); 3] = [
 
 /// A check under way.
 struct Check<'a> {
-    core: Mutex<Core>,
-    wires: Wires,
+    shared: Mutex<SharedVehicle>,
+    links: VehicleLinks,
     timeout: Duration,
     say: &'a mut dyn FnMut(Finding),
 }
@@ -59,11 +60,11 @@ pub fn check_vehicle(
 ) -> Result<(), NodeError> {
     let setup = Setup::new(config)?;
     let vehicle = open_vehicle(config, bridge, &setup)?;
-    let wires = Wires::new(bridge)?;
-    let core = wires.core(vehicle, Gate::new(setup.limits, 1), Instant::now());
-    let mut check = Check { core: Mutex::new(core), wires, timeout: options.timeout, say };
+    let links = VehicleLinks::new(bridge)?;
+    let shared = links.share(vehicle, Gate::new(setup.limits, 1), Instant::now());
+    let mut check = Check { shared: Mutex::new(shared), links, timeout: options.timeout, say };
     check.wait_for_vehicle()?;
-    if lock(&check.core).vehicle.is_armed() {
+    if lock(&check.shared).vehicle.is_armed() {
         (check.say)(Finding::Wrong("the vehicle is armed: disarm it, then check again".into()));
         return Ok(());
     }
@@ -74,25 +75,29 @@ pub fn check_vehicle(
     if options.outputs {
         check.outputs();
     }
-    let mut core = lock(&check.core);
-    let now = core.now();
-    core.vehicle.end(now);
-    core.flush();
+    let mut shared = lock(&check.shared);
+    let now = shared.now();
+    shared.vehicle.end(now);
+    shared.flush();
     Ok(())
 }
 
 impl Check<'_> {
     /// Looks again and again for `limit`, until `done` says what it found.
-    fn until<T>(&mut self, limit: Duration, mut done: impl FnMut(&mut Core) -> Option<T>) -> Option<T> {
+    fn until<T>(
+        &mut self,
+        limit: Duration,
+        mut done: impl FnMut(&mut SharedVehicle) -> Option<T>,
+    ) -> Option<T> {
         let end = Instant::now() + limit;
         while Instant::now() < end {
-            self.wires.wait(LOOK);
-            self.wires.turn(&self.core);
-            let mut core = lock(&self.core);
-            let now = core.now();
-            core.vehicle.poll(now);
-            core.flush();
-            if let Some(found) = done(&mut core) {
+            self.links.wait(POLL_PERIOD);
+            self.links.turn(&self.shared);
+            let mut shared = lock(&self.shared);
+            let now = shared.now();
+            shared.vehicle.poll(now);
+            shared.flush();
+            if let Some(found) = done(&mut shared) {
                 return Some(found);
             }
         }
@@ -101,26 +106,26 @@ impl Check<'_> {
 
     fn wait_for_vehicle(&mut self) -> Result<(), NodeError> {
         let heard =
-            self.until(self.timeout, |core| core.vehicle.telemetry().values(Group::Attitude).map(drop));
+            self.until(self.timeout, |shared| shared.vehicle.telemetry().values(Group::Attitude).map(drop));
         if heard.is_some() {
             return Ok(());
         }
-        let figures = lock(&self.core).vehicle.figures();
+        let figures = lock(&self.shared).vehicle.figures();
         let (waited_s, bytes, messages) = (self.timeout.as_secs_f64(), figures.bytes, figures.messages);
         Err(NodeError::NoVehicle { waited_s, bytes, messages })
     }
 
     /// Rate, losses and the clock.
     fn link(&mut self) {
-        let before = lock(&self.core).vehicle.figures();
+        let before = lock(&self.shared).vehicle.figures();
         let mut attitudes = 0;
         let second = Duration::from_secs(1);
-        let _: Option<()> = self.until(second, |core| {
-            let (imu, _) = core.vehicle.measure();
+        let _: Option<()> = self.until(second, |shared| {
+            let (imu, _) = shared.vehicle.measure();
             attitudes += u32::from(imu.valid & valid::FIRST != 0);
             None
         });
-        let after = lock(&self.core).vehicle.figures();
+        let after = lock(&self.shared).vehicle.figures();
         let (dropped, lost) = (after.dropped - before.dropped, after.lost - before.lost);
         let text =
             format!("the attitude comes {attitudes} times a second; {dropped} messages damaged, {lost} lost");
@@ -143,12 +148,12 @@ impl Check<'_> {
 
     fn axis(&mut self, axis: usize, name: &str, ask: &str) {
         (self.say)(Finding::Ask(format!("now {ask}")));
-        let Some(start) = lock(&self.core).vehicle.telemetry().values(Group::Attitude) else { return };
+        let Some(start) = lock(&self.shared).vehicle.telemetry().values(Group::Attitude) else { return };
         // The rate of each axis, integrated, must be what its angle did.
         let mut turned = [0.0; 3];
         let mut last = Instant::now();
-        let moved = self.until(self.timeout, |core| {
-            let telemetry = core.vehicle.telemetry();
+        let moved = self.until(self.timeout, |shared| {
+            let telemetry = shared.vehicle.telemetry();
             let angles = telemetry.values(Group::Attitude)?;
             let step = last.elapsed().as_secs_f64();
             last = Instant::now();
@@ -162,7 +167,7 @@ impl Check<'_> {
             return (self.say)(Finding::Unknown(format!("{name}: nothing moved in time")));
         };
         let most = (0..3).max_by(|a, b| change[*a].abs().total_cmp(&change[*b].abs())).unwrap_or(axis);
-        let has_rates = lock(&self.core).vehicle.telemetry().values(Group::Rates).is_some();
+        let has_rates = lock(&self.shared).vehicle.telemetry().values(Group::Rates).is_some();
         (self.say)(if most != axis {
             Finding::Wrong(format!("{name}: it is {} that moved; the axes are exchanged", AXES[most].0))
         } else if change[axis] < 0.0 {
@@ -177,14 +182,14 @@ impl Check<'_> {
             Finding::Good(format!("{name}: {:+.2} rad, and its rate agrees", change[axis]))
         });
         (self.say)(Finding::Ask("and back".into()));
-        let _: Option<()> = self.until(self.timeout, |core| {
-            let angles = core.vehicle.telemetry().values(Group::Attitude)?;
+        let _: Option<()> = self.until(self.timeout, |shared| {
+            let angles = shared.vehicle.telemetry().values(Group::Attitude)?;
             (wrapped(angles[axis] - start[axis]).abs() < 0.3 * TURN).then_some(())
         });
     }
 
     fn outputs(&mut self) {
-        let in_use = *lock(&self.core).vehicle.channels().1;
+        let in_use = *lock(&self.shared).vehicle.channels().1;
         for channel in (0..in_use.len()).filter(|c| in_use[*c]) {
             let number = channel + 1;
             let rest = self.pushed(channel, 0.0);
@@ -195,13 +200,13 @@ impl Check<'_> {
                 continue;
             };
             let change: Vec<_> = up.iter().zip(&rest).map(|(a, b)| a - b).collect();
-            let others = (0..change.len()).filter(|i| *i != channel && change[*i].abs() > SHOWN_US);
+            let others = (0..change.len()).filter(|i| *i != channel && change[*i].abs() > LEAST_CHANGE_US);
             let others: Vec<_> = others.map(|i| (i + 1).to_string()).collect();
             (self.say)(match change.get(channel) {
-                Some(c) if *c > SHOWN_US && others.is_empty() => {
+                Some(c) if *c > LEAST_CHANGE_US && others.is_empty() => {
                     Finding::Good(format!("channel {number}: {c:+.0} us came back for +100"))
                 }
-                Some(c) if *c < -SHOWN_US => {
+                Some(c) if *c < -LEAST_CHANGE_US => {
                     Finding::Wrong(format!("channel {number}: {c:+.0} us came back for +100"))
                 }
                 _ if !others.is_empty() => {
@@ -217,15 +222,15 @@ impl Check<'_> {
 
     /// The vehicle's channels after one of ours was pushed for a while.
     fn pushed(&mut self, channel: usize, by_us: f64) -> Option<Vec<f64>> {
-        let end = Instant::now() + PUSH;
+        let end = Instant::now() + PULSE_TIME;
         let mut newest = None;
-        let _: Option<()> = self.until(PUSH, |core| {
-            let now = core.now();
-            core.vehicle.push(channel, by_us, now);
-            core.flush();
+        let _: Option<()> = self.until(PULSE_TIME, |shared| {
+            let now = shared.now();
+            shared.vehicle.push(channel, by_us, now);
+            shared.flush();
             // What comes in the second half knows of the push.
-            if Instant::now() + PUSH / 2 > end {
-                newest = core.vehicle.told_channels(PUSH / 2, now);
+            if Instant::now() + PULSE_TIME / 2 > end {
+                newest = shared.vehicle.told_channels(PULSE_TIME / 2, now);
             }
             None
         });

@@ -14,7 +14,7 @@ const DEPTH: usize = 64;
 
 /// What the vehicle did at a step, and how wrong its sensors were.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct At {
+pub(super) struct VehicleSample {
     pub step: u64,
     pub motion: Motion,
     pub errors: Errors,
@@ -53,7 +53,7 @@ impl Inbox {
     ///
     /// # Errors
     /// The transport fails.
-    pub(super) fn drain(&mut self, states: &StateMap) -> Result<Option<At>, NodeError> {
+    pub(super) fn drain(&mut self, states: &StateMap) -> Result<Option<VehicleSample>, NodeError> {
         let mut newest = None;
         loop {
             if self.waiting.is_none() {
@@ -81,7 +81,7 @@ impl Inbox {
         }
     }
 
-    fn see(&mut self, imu: &Imu, truth: &Truth, states: &StateMap) -> Option<At> {
+    fn see(&mut self, imu: &Imu, truth: &Truth, states: &StateMap) -> Option<VehicleSample> {
         let x = truth.x.get(..truth.states as usize).unwrap_or_default();
         if x.iter().any(|x| !x.is_finite()) {
             self.refused += 1;
@@ -91,7 +91,7 @@ impl Inbox {
         let odometry = self.newest_odometry.filter(|o| o.head.step == step);
         let motion = states.motion(x);
         let errors = self.errors.of(imu, odometry.as_ref(), &motion);
-        Some(At { step, motion, errors })
+        Some(VehicleSample { step, motion, errors })
     }
 
     /// Messages lost on the way here.

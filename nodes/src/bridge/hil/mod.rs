@@ -27,23 +27,23 @@ use whirlstand_msgs::{Command, Health, Message, NodeState, Setpoint};
 use crate::clock::{Clock, Turn};
 use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
+use crate::follower::Follower;
 use crate::gate::InputLimits;
 use crate::peers::Peers;
-use crate::process::Follower;
 use crate::setup::Setup;
-use inbox::{At, Inbox};
+use inbox::{Inbox, VehicleSample};
 use links::Links;
 use state::{Fault, Flight};
 
 /// So much of nothing but what cannot be read is told as a wrong link.
-const GIBBERISH: u64 = 200;
+const UNREADABLE_BYTES: u64 = 200;
 
 /// How long the pilot's channels say at the end that they are disarmed: some of their periods.
-const FAREWELL: Duration = Duration::from_millis(100);
+const DISARM_TIME: Duration = Duration::from_millis(100);
 
 /// Longest time awake for an answer: one of an autopilot on this machine that computes fast costs no wake-up then. At
 /// most so much, because a node of high priority must not starve the autopilot that it waits for.
-const LOOK: Duration = Duration::from_micros(50);
+const SPIN_TIME: Duration = Duration::from_micros(50);
 
 /// The node.
 pub struct Hil {
@@ -64,7 +64,7 @@ pub struct Hil {
     patience: Duration,
     period: Duration,
     /// What the vehicle did last, as the sensors saw it.
-    at: Option<At>,
+    at: Option<VehicleSample>,
     /// When the standing vehicle is to be sensed again.
     stand_due: Instant,
     /// When sensors were sent last.
@@ -165,7 +165,7 @@ impl Hil {
 
     /// Reads the sensors `periods` after the last time and sends them.
     fn sense(&mut self, periods: u64) {
-        let Some(At { motion, errors, .. }) = self.at else { return };
+        let Some(VehicleSample { motion, errors, .. }) = self.at else { return };
         let periods = periods + std::mem::take(&mut self.held_back);
         if self.autopilot.hold_back(self.now()) {
             // The turn of this period is part of the next reading: none of it may be missing from the gyroscope's sum.
@@ -201,7 +201,7 @@ impl Hil {
         let until = Instant::now() + patience;
         loop {
             self.listen();
-            if self.autopilot.is_answered() || !self.links.wait(until, LOOK) {
+            if self.autopilot.is_answered() || !self.links.wait(until, SPIN_TIME) {
                 return;
             }
         }
@@ -299,7 +299,7 @@ impl Hil {
     /// Tells the autopilot to disarm while its link is still there, more than once because datagrams get lost.
     fn disarm(&mut self) {
         self.flight.forget();
-        let until = Instant::now() + FAREWELL;
+        let until = Instant::now() + DISARM_TIME;
         while Instant::now() < until {
             self.sense(1);
             let next = Instant::now() + self.period;
@@ -319,7 +319,7 @@ impl Hil {
         if counts.dropped() > 0 && self.told.dropped() == 0 {
             tracing::warn!("{} sent what its protocol does not know: {counts:?}", self.name);
         }
-        let nothing_else = |c: &Counts| c.outputs == 0 && c.malformed > GIBBERISH;
+        let nothing_else = |c: &Counts| c.outputs == 0 && c.malformed > UNREADABLE_BYTES;
         if nothing_else(&counts) && !nothing_else(&self.told) {
             tracing::warn!(
                 "{} bytes or packets came, and none is of {}: on a serial line, is the baud rate right?",

@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bus::Bus;
 
-use super::ears::{Counts, Ear, Ears};
-use super::wires::Core;
+use super::bus_receiver::{BusReceiver, Counts};
+use super::duplicate_filter::Reader;
+use super::shared_vehicle::SharedVehicle;
 use crate::config::{NodeConfig, Role};
 use crate::error::NodeError;
 use crate::os::StopFlag;
@@ -31,7 +32,11 @@ impl Commands {
     ///
     /// # Errors
     /// The bus cannot be opened.
-    pub fn start(config: &NodeConfig, core: Arc<Mutex<Core>>, stop: StopFlag) -> Result<Self, NodeError> {
+    pub fn start(
+        config: &NodeConfig,
+        shared: Arc<Mutex<SharedVehicle>>,
+        stop: StopFlag,
+    ) -> Result<Self, NodeError> {
         let mut bus_config = Setup::bus_config(config, Role::Plant);
         bus_config.node = "plant-commands".into();
         for endpoint in &mut bus_config.zenoh.listen {
@@ -52,12 +57,12 @@ impl Commands {
                         Ok(bus) => bus,
                         Err(e) => return Err(e.into()),
                     };
-                    let mut ears = Ears::open(&bus, Ear::Commands)?;
+                    let mut receiver = BusReceiver::open(&bus, Reader::Commands)?;
                     // Nobody waits any more when the starting thread has failed.
                     let _ = ready.send(bus.locators().to_vec());
                     while !own.is_set() && !stop.is_set() {
                         bus.wait_until(Instant::now() + LONGEST_SLEEP, || {
-                            ears.listen(&core, &counts).map(|()| false)
+                            receiver.receive_all(&shared, &counts).map(|()| false)
                         })?;
                     }
                     Ok(())

@@ -7,7 +7,7 @@ use std::time::Duration;
 use gilrs::{Axis, Button, Gamepad, Gilrs};
 use whirlstand_bridge::config::{BridgeConfig, PilotSource};
 
-use super::wires::{Core, lock};
+use super::shared_vehicle::{SharedVehicle, lock};
 use crate::error::NodeError;
 
 /// Between two reports while nothing moves: a gamepad that is plugged in says nothing while it rests.
@@ -17,7 +17,7 @@ const REPORT: Duration = Duration::from_millis(20);
 ///
 /// # Errors
 /// The system has no gamepads.
-pub(super) fn listen(bridge: &BridgeConfig, core: Arc<Mutex<Core>>) -> Result<(), NodeError> {
+pub(super) fn listen(bridge: &BridgeConfig, shared: Arc<Mutex<SharedVehicle>>) -> Result<(), NodeError> {
     let Some(pilot) = bridge.options.pilot.as_ref().filter(|p| p.source == PilotSource::Gamepad) else {
         return Ok(());
     };
@@ -34,7 +34,7 @@ pub(super) fn listen(bridge: &BridgeConfig, core: Arc<Mutex<Core>>) -> Result<()
             Ok(gamepads) => {
                 // Nobody waits any more when the starting thread has failed.
                 let _ = ready.send(None);
-                follow(gamepads, &wanted, &core);
+                follow(gamepads, &wanted, &shared);
             }
             Err(e) => {
                 let _ = ready.send(Some(e.to_string()));
@@ -49,7 +49,7 @@ pub(super) fn listen(bridge: &BridgeConfig, core: Arc<Mutex<Core>>) -> Result<()
 }
 
 /// Tells the sticks for as long as the process lives. A gamepad that is gone is silent, and the pilot counts as lost.
-fn follow(mut gamepads: Gilrs, wanted: &str, core: &Mutex<Core>) {
+fn follow(mut gamepads: Gilrs, wanted: &str, shared: &Mutex<SharedVehicle>) {
     let mut known = None;
     loop {
         while gamepads.next_event_blocking(Some(REPORT)).is_some() {}
@@ -61,9 +61,9 @@ fn follow(mut gamepads: Gilrs, wanted: &str, core: &Mutex<Core>) {
             known = Some(gamepad.name().to_string());
         }
         let us = channels(&gamepad);
-        let mut core = lock(core);
-        let now = core.now();
-        core.vehicle.stick(&us, now);
+        let mut shared = lock(shared);
+        let now = shared.now();
+        shared.vehicle.stick(&us, now);
     }
 }
 

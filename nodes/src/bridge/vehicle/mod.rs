@@ -2,24 +2,25 @@
 //!
 //! Two threads: this one waits for bytes and deadlines, publishes the measurements and keeps the steps, and stays awake a
 //! little for the answer; the other waits for commands on the bus and puts those on the wire that come later. Between
-//! them is the [`Core`], behind a lock that is held for microseconds. A command is sent at once: the period of latency that the law accounts for is spent on
+//! them is the [`SharedVehicle`], behind a lock that is held for microseconds. A command is sent at once: the period of latency that the law accounts for is spent on
 //! the way to the vehicle. What is late, early, repeated or not finite is refused by the same gate as in the
 //! simulated plant.
 
+mod bus_receiver;
 mod commands;
-mod ears;
+mod duplicate_filter;
 #[cfg(feature = "gamepad")]
 mod gamepad;
-mod needs;
-pub(super) mod wires;
+pub(super) mod links;
+mod open;
+mod requirements;
+pub(super) mod shared_vehicle;
 
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
-use whirlstand_bridge::channels::Input;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, Pace};
-use whirlstand_bridge::mavlink::Signing;
-use whirlstand_bridge::vehicle::{Bench, Figures, Group, Vehicle};
+use whirlstand_bridge::vehicle::{Figures, Group};
 use whirlstand_bus::{Bus, Publisher};
 use whirlstand_msgs::{Head, Health, Imu, NodeState, Odometry};
 
@@ -28,19 +29,21 @@ use crate::error::NodeError;
 use crate::gate::Gate;
 use crate::os::StopFlag;
 use crate::peers::Peers;
-use crate::process::get_ready;
+use crate::ready::get_ready;
 use crate::setup::Setup;
+use bus_receiver::BusReceiver;
 use commands::Commands;
-use ears::{Ear, Ears};
-use needs::read_key;
-use wires::{Core, Wires, lock};
+use duplicate_filter::Reader;
+use links::VehicleLinks;
+pub use open::{inputs_of, open_vehicle};
+use shared_vehicle::{SharedVehicle, lock};
 
 /// Longest sleep: a request to end that comes just before the sleep is noticed after it.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
 /// Longest time awake for the command that answers a measurement: that of a controller that computes fast costs no
 /// wake-up then. At most so much, because a node of high priority must not starve the controller that it waits for.
-const AWAKE: Duration = Duration::from_micros(50);
+const SPIN_TIME: Duration = Duration::from_micros(50);
 
 /// Repetition of an unanswered step 0.
 const REPEAT: Duration = Duration::from_millis(200);
@@ -64,8 +67,8 @@ enum Phase {
 
 /// The bridge as a node.
 struct VehicleNode {
-    core: Arc<Mutex<Core>>,
-    wires: Wires,
+    shared: Arc<Mutex<SharedVehicle>>,
+    links: VehicleLinks,
     imu: Publisher<Imu>,
     odometry: Option<Publisher<Odometry>>,
     peers: Peers,
@@ -86,7 +89,7 @@ struct VehicleNode {
     last_imu: Imu,
     told_failsafe: bool,
     commands: Commands,
-    ears: Ears,
+    receiver: BusReceiver,
 }
 
 /// Runs the bridge in the plant's place until the last step, or until `stop` asks for the end.
@@ -97,23 +100,23 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
     let setup = Setup::new(config)?;
     let vehicle = open_vehicle(config, bridge, &setup)?;
     let gate = Gate::new(setup.limits, config.plant.misses_to_failsafe);
-    let wires = Wires::new(bridge)?;
-    let core = Arc::new(Mutex::new(wires.core(vehicle, gate, Instant::now())));
+    let links = VehicleLinks::new(bridge)?;
+    let shared = Arc::new(Mutex::new(links.share(vehicle, gate, Instant::now())));
     #[cfg(feature = "gamepad")]
-    gamepad::listen(bridge, core.clone())?;
+    gamepad::listen(bridge, shared.clone())?;
     #[cfg(not(feature = "gamepad"))]
-    needs::refuse_gamepad(bridge)?;
-    let commands = Commands::start(config, core.clone(), stop.clone())?;
+    requirements::refuse_gamepad(bridge)?;
+    let commands = Commands::start(config, shared.clone(), stop.clone())?;
     let bus = Bus::open(&Setup::bus_config(config, Role::Plant))?;
     let imu = bus.publisher()?;
-    let ears = Ears::open(&bus, Ear::Measurements)?;
+    let receiver = BusReceiver::open(&bus, Reader::Measurements)?;
     let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
     let peers = Peers::open(&bus, Role::Plant, config.peers.clone())?;
     let now = Instant::now();
     let start_timeout = Duration::from_secs_f64(config.start_timeout_s);
     let mut node = VehicleNode {
-        core,
-        wires,
+        shared,
+        links,
         imu,
         odometry,
         peers,
@@ -130,7 +133,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
         last_imu: whirlstand_msgs::Message::zeroed(),
         told_failsafe: false,
         commands,
-        ears,
+        receiver,
     };
     get_ready(Role::Plant, config, &bus, node.commands.locators())?;
     let result = node.run(stop);
@@ -141,47 +144,13 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
     Ok(node.peers.report)
 }
 
-/// The inputs of a vehicle, as a bridge wants them.
-pub fn inputs_of(vehicle: &whirlstand_vehicle::Vehicle) -> Vec<Input> {
-    let input = |i: &whirlstand_vehicle::Input| Input {
-        name: i.name.clone(),
-        full: i.upper.abs().max(i.lower.abs()),
-    };
-    vehicle.inputs.iter().map(input).collect()
-}
-
-/// The state machine for a bench.
-///
-/// # Errors
-/// [`NodeError::Config`] for options that cannot be, and a key file that cannot be read.
-pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -> Result<Vehicle, NodeError> {
-    let signing = match bridge.options.mavlink.as_ref().and_then(|m| m.signing_key.as_ref()) {
-        Some(path) => {
-            let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-            Some(Signing::new(read_key(path)?, 0, unix))
-        }
-        None => None,
-    };
-    let bench = Bench {
-        inputs: inputs_of(&setup.vehicle),
-        rate_hz: 1e9 / config.period_ns as f64,
-        wants_odometry: setup.map.has_odometry(),
-        signing,
-    };
-    Vehicle::new(bridge, bench).map_err(|e| NodeError::Config {
-        field: format!("bridge.{}", e.path.join(".")),
-        value: "what is written there".into(),
-        reason: e.message,
-    })
-}
-
 impl VehicleNode {
     fn run(&mut self, stop: &StopFlag) -> Result<(), NodeError> {
         loop {
             if stop.is_set() {
                 return Ok(());
             }
-            let fresh = self.wires.turn(&self.core);
+            let fresh = self.links.turn(&self.shared);
             let now = Instant::now();
             match self.phase {
                 Phase::Joining { until } => self.join(now, until)?,
@@ -196,7 +165,7 @@ impl VehicleNode {
                     }
                 }
                 Phase::Ending { until } => {
-                    if now >= until || lock(&self.core).gate.is_ready() {
+                    if now >= until || lock(&self.shared).gate.is_ready() {
                         return Ok(());
                     }
                 }
@@ -208,13 +177,13 @@ impl VehicleNode {
 
     /// What is due by time alone: silence noticed, heartbeats, notes, health.
     fn attend(&mut self, now: Instant) -> Result<(), NodeError> {
-        let mut core = lock(&self.core);
-        let at = core.now();
-        if at >= core.vehicle.wake_at(at) {
-            core.vehicle.poll(at);
-            core.flush();
+        let mut shared = lock(&self.shared);
+        let at = shared.now();
+        if at >= shared.vehicle.wake_at(at) {
+            shared.vehicle.poll(at);
+            shared.flush();
         }
-        while let Some(note) = core.vehicle.note() {
+        while let Some(note) = shared.vehicle.note() {
             let step = self.step.saturating_sub(1);
             if note.warn {
                 tracing::warn!(step, "{}", note.text);
@@ -222,9 +191,9 @@ impl VehicleNode {
                 tracing::info!(step, "{}", note.text);
             }
         }
-        let failed = core.vehicle.has_failed();
-        let latency = core.latency.take();
-        drop(core);
+        let failed = shared.vehicle.has_failed();
+        let latency = shared.latency.take();
+        drop(shared);
         if let Some(latency) = latency {
             self.peers.record_latency(latency);
         }
@@ -239,7 +208,7 @@ impl VehicleNode {
     fn join(&mut self, now: Instant, until: Instant) -> Result<(), NodeError> {
         self.peers.turn(now)?;
         let heard = self.peers.not_running().next().is_none();
-        let flies = lock(&self.core).vehicle.telemetry().values(Group::Attitude).is_some();
+        let flies = lock(&self.shared).vehicle.telemetry().values(Group::Attitude).is_some();
         if heard && flies {
             self.peers.set_state(NodeState::Running);
             self.phase = Phase::Answering { until: now + self.start_timeout, repeat: now + REPEAT };
@@ -252,14 +221,14 @@ impl VehicleNode {
         if !heard {
             return Err(NodeError::PeersAbsent { missing: self.peers.not_running().collect(), waited_s });
         }
-        let figures = lock(&self.core).vehicle.figures();
+        let figures = lock(&self.shared).vehicle.figures();
         Err(NodeError::NoVehicle { waited_s, bytes: figures.bytes, messages: figures.messages })
     }
 
     fn await_answer(&mut self, now: Instant, until: Instant, repeat: Instant) -> Result<(), NodeError> {
         let (ready, rejected) = {
-            let core = lock(&self.core);
-            (core.gate.is_ready(), core.gate.rejected())
+            let shared = lock(&self.shared);
+            (shared.gate.is_ready(), shared.gate.rejected())
         };
         if ready {
             self.phase = if self.step == self.steps { Phase::Ending { until: now } } else { Phase::Looping };
@@ -281,7 +250,7 @@ impl VehicleNode {
             Pace::Clock => now >= self.due,
             Pace::Telemetry => {
                 let since = now.saturating_duration_since(self.stepped);
-                let waits = fresh || lock(&self.core).vehicle.has_attitude();
+                let waits = fresh || lock(&self.shared).vehicle.has_attitude();
                 since >= self.period.mul_f64(LATEST) || (waits && since >= self.period.mul_f64(SOONEST))
             }
         }
@@ -291,14 +260,14 @@ impl VehicleNode {
     fn advance(&mut self, now: Instant) -> Result<(), NodeError> {
         let head = Head { seq: 0, step: self.step, stamp_ns: self.step * self.period_ns };
         let (imu, odometry) = {
-            let mut core = lock(&self.core);
+            let mut shared = lock(&self.shared);
             if self.step > 0 {
-                core.gate.close(false);
+                shared.gate.close(false);
             }
-            let (mut imu, mut odometry) = core.vehicle.measure();
+            let (mut imu, mut odometry) = shared.vehicle.measure();
             (imu.head, odometry.head) = (head, head);
-            core.awaited = Some(self.step);
-            core.published = Instant::now();
+            shared.awaited = Some(self.step);
+            shared.published = Instant::now();
             (imu, odometry)
         };
         if let Some(publisher) = &mut self.odometry {
@@ -318,10 +287,10 @@ impl VehicleNode {
 
     /// Stays awake for the command that answers the step that was just published.
     fn await_command(&mut self) -> Result<(), NodeError> {
-        let until = Instant::now() + AWAKE.min(self.period / 20);
+        let until = Instant::now() + SPIN_TIME.min(self.period / 20);
         loop {
-            self.ears.listen(&self.core, self.commands.counts())?;
-            if lock(&self.core).gate.is_ready() || Instant::now() >= until {
+            self.receiver.receive_all(&self.shared, self.commands.counts())?;
+            if lock(&self.shared).gate.is_ready() || Instant::now() >= until {
                 return Ok(());
             }
             std::hint::spin_loop();
@@ -333,10 +302,10 @@ impl VehicleNode {
         let now = Instant::now();
         let mut until = now + LONGEST_SLEEP;
         let waits = {
-            let core = lock(&self.core);
-            let at = core.now();
-            until = until.min(now + core.vehicle.wake_at(at).saturating_sub(at));
-            core.vehicle.has_attitude()
+            let shared = lock(&self.shared);
+            let at = shared.now();
+            until = until.min(now + shared.vehicle.wake_at(at).saturating_sub(at));
+            shared.vehicle.has_attitude()
         };
         until = until.min(self.peers.due());
         if self.phase == Phase::Looping {
@@ -345,14 +314,14 @@ impl VehicleNode {
                 Pace::Telemetry => self.stepped + self.period.mul_f64(if waits { SOONEST } else { LATEST }),
             });
         }
-        self.wires.wait(until.saturating_duration_since(now));
+        self.links.wait(until.saturating_duration_since(now));
     }
 
     fn report(&mut self, now: Instant) -> Result<(), NodeError> {
         let (misses, rejected, figures, dropped) = {
-            let mut core = lock(&self.core);
-            let figures = core.vehicle.figures();
-            (core.gate.misses(), core.gate.rejected(), figures, core.dropped())
+            let mut shared = lock(&self.shared);
+            let figures = shared.vehicle.figures();
+            (shared.gate.misses(), shared.gate.rejected(), figures, shared.dropped())
         };
         let report = &mut self.peers.report;
         report.head.step = self.step.saturating_sub(1);
@@ -365,11 +334,11 @@ impl VehicleNode {
 
     /// Leaves the vehicle at neutral.
     fn end(&mut self) {
-        let mut core = lock(&self.core);
-        let now = core.now();
-        core.vehicle.end(now);
-        core.flush();
-        tell_figures(&core.vehicle.figures(), core.dropped());
+        let mut shared = lock(&self.shared);
+        let now = shared.now();
+        shared.vehicle.end(now);
+        shared.flush();
+        tell_figures(&shared.vehicle.figures(), shared.dropped());
     }
 }
 

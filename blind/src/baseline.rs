@@ -1,0 +1,61 @@
+//! The record of an experiment in which nothing is hidden: what an effect changes is the difference from it.
+
+use whirlstand_vehicle::{Effect, Kind};
+
+use super::detect::Detector;
+use super::error::BlindError;
+use super::experiment::Experiment;
+use super::facts::Facts;
+
+/// What the record of an experiment shows of an effect.
+pub(crate) struct Baseline {
+    pub facts: Facts,
+    pub detector: Detector,
+    /// The record without hidden effects.
+    pub clean: Vec<f64>,
+}
+
+impl Baseline {
+    pub fn new(experiment: &Experiment) -> Result<Self, BlindError> {
+        let vehicle = &experiment.nominal.vehicle;
+        Ok(Self {
+            facts: Facts::new(vehicle, &experiment.commands, &experiment.x0)?,
+            detector: Detector::new(vehicle, &experiment.noise, &experiment.x0, &experiment.commands),
+            clean: experiment.record(&[], None)?,
+        })
+    }
+
+    /// What the difference of two records tells.
+    pub fn signature(&self, with: &[f64], without: &[f64]) -> Vec<f64> {
+        self.detector.signature(difference(with, without))
+    }
+
+    /// A detector that counts the scatter of the effect `other` as measurement noise.
+    pub fn detector_with_noise_of(&self, experiment: &Experiment, other: &Effect) -> Detector {
+        let vehicle = &experiment.nominal.vehicle;
+        let mut noise = experiment.noise.clone();
+        let more = match other.kind() {
+            Kind::Noise => other.parameter("std").unwrap_or(0.0),
+            Kind::Quantization => other.parameter("step").unwrap_or(0.0) / 12.0f64.sqrt(),
+            _ => 0.0,
+        };
+        if let Some(i) = vehicle.output_index(other.place()) {
+            noise.std[i] = noise.std[i].hypot(more);
+        }
+        Detector::new(vehicle, &noise, &experiment.x0, &experiment.commands)
+    }
+
+    /// Whether a record stays near what the clean one does: an effect is no crash.
+    pub fn bounded(&self, record: &[f64]) -> bool {
+        let p = self.facts.y.len();
+        (0..p).all(|i| {
+            let peak = |of: &[f64]| of.iter().skip(i).step_by(p).fold(0.0f64, |peak, y| peak.max(y.abs()));
+            peak(record) <= 10.0 * peak(&self.clean)
+        })
+    }
+}
+
+/// What one record has more than another.
+pub(crate) fn difference(with: &[f64], without: &[f64]) -> Vec<f64> {
+    with.iter().zip(without).map(|(a, b)| a - b).collect()
+}

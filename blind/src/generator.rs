@@ -1,0 +1,37 @@
+//! The two generators: the same machine with other ranges.
+
+use serde::{Deserialize, Serialize};
+
+use super::ranges::Ranges;
+use super::reference::REFERENCE;
+use super::shifted::SHIFTED;
+
+/// From which ranges a trial is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Generator {
+    /// The ranges against which the diagnosis was developed.
+    #[default]
+    Reference,
+    /// Other noise, vehicles, excitation, sizes, and other effects outside the table: what was fitted to the reference
+    /// ranges does not help here.
+    Shifted,
+}
+
+impl Generator {
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Reference => "reference",
+            Self::Shifted => "shifted",
+        }
+    }
+
+    /// What it draws from.
+    pub(crate) fn ranges(self) -> &'static Ranges {
+        match self {
+            Self::Reference => &REFERENCE,
+            Self::Shifted => &SHIFTED,
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! The generator against closed forms and the simulator; trials from draw to score.
+
+mod closed_loop;
+mod generators;
+mod motion;
+mod random;
+mod trials;

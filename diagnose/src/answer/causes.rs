@@ -1,0 +1,224 @@
+//! Causes as the answer tells them: what the search accepted, what single samples show, and what is random.
+
+use std::collections::BTreeMap;
+
+use whirlstand_vehicle::Kind;
+
+use super::schema::*;
+use super::{experiments, vibration_source};
+use crate::data::sample_effects::SampleEffect;
+use crate::model::fit::dot;
+use crate::residual::excess_noise::ExcessNoise;
+use crate::residual::narrow_band::{self, NarrowBand};
+use crate::residual::turbulence::Turbulence;
+use crate::search::select::Accepted;
+use crate::stages::findings::{Findings, estimates};
+use crate::thresholds::RIVAL_BIC;
+
+/// What is said of everything random: it has no path that a simulation could repeat.
+const RANDOM: &str = "the simulation can be like the flight in kind, not follow it";
+
+/// All causes, those of the largest gain first.
+pub(crate) fn causes(findings: &Findings<'_>) -> Vec<Cause> {
+    let residual = &findings.residual;
+    let accepted = residual.selection.accepted.iter().enumerate();
+    let mut all: Vec<Cause> =
+        accepted.map(|(term, accepted)| accepted_cause(findings, term, accepted)).collect();
+    all.extend(residual.samples.iter().map(|effect| sample_cause(findings, effect)));
+    all.extend(residual.turbulence.iter().map(|t| turbulence_cause(findings, t)));
+    all.extend(residual.narrow_band.iter().map(|line| narrow_band_cause(findings, line)));
+    all.extend(residual.noise.iter().map(|(channel, noise)| noise_cause(findings, *channel, noise)));
+    all.sort_by(|a, b| b.evidence.delta_bic.total_cmp(&a.evidence.delta_bic));
+    all
+}
+
+/// Name of the output that a channel measures.
+fn output_name(findings: &Findings<'_>, channel: usize) -> String {
+    findings.baseline.vehicle().outputs[findings.baseline.data().channels[channel].output].name.clone()
+}
+
+/// A term of the search, with its rivals.
+fn accepted_cause(findings: &Findings<'_>, term: usize, accepted: &Accepted) -> Cause {
+    let candidate = &findings.residual.selection.model.terms[term];
+    let look_alike = |rival: &crate::search::acceptance::Rival| {
+        let parameters = rival.candidate.tunables.iter().zip(&rival.values);
+        LookAlike {
+            effect: rival.candidate.kind.name().into(),
+            place: rival.candidate.place.clone(),
+            kappa: rival.kappa,
+            parameters: parameters.map(|(t, v)| (t.name.to_string(), *v)).collect(),
+            experiment: experiments::separating(candidate.kind, rival.candidate.kind).into(),
+        }
+    };
+    let mut cause = Cause {
+        effect: candidate.kind.name().into(),
+        place: candidate.place.clone(),
+        parameters: estimates(&findings.residual, term),
+        text: candidate.text.clone(),
+        evidence: Evidence {
+            delta_bic: accepted.evidence.delta_bic,
+            heldout_gain_sigma: accepted.evidence.heldout,
+            share_of_residual: share(findings, term),
+            p_value: accepted.evidence.p_value,
+            detectability: accepted.evidence.detectability,
+        },
+        indistinguishable: accepted.rivals.iter().filter(|r| r.indistinguishable()).map(look_alike).collect(),
+        notes: Vec::new(),
+    };
+    if candidate.kind == Kind::Vibration {
+        tone_notes(findings, &mut cause);
+    }
+    cause
+}
+
+fn turbulence_cause(findings: &Findings<'_>, found: &Turbulence) -> Cause {
+    let states = &findings.baseline.vehicle().states;
+    let around = |(value, error): (f64, f64)| Estimate {
+        value,
+        low: value * (-1.96 * error).exp(),
+        high: value * (1.96 * error).exp(),
+    };
+    let near = found.others.iter().filter(|(_, bic)| found.delta_bic - bic < RIVAL_BIC);
+    let look_alike = |state: usize| LookAlike {
+        effect: Kind::Turbulence.name().into(),
+        place: states[state].name.clone(),
+        kappa: 1.0,
+        parameters: BTreeMap::new(),
+        experiment: experiments::separating(Kind::Turbulence, Kind::Turbulence).into(),
+    };
+    Cause {
+        effect: Kind::Turbulence.name().into(),
+        place: states[found.state].name.clone(),
+        parameters: BTreeMap::from([
+            ("std".to_string(), around(found.std)),
+            ("bandwidth_hz".to_string(), around(found.bandwidth_hz)),
+        ]),
+        text: None,
+        evidence: Evidence {
+            delta_bic: found.delta_bic,
+            heldout_gain_sigma: 0.0,
+            share_of_residual: 0.0,
+            p_value: 0.0,
+            detectability: 2.0 * found.delta_bic,
+        },
+        indistinguishable: near.map(|(state, _)| look_alike(*state)).collect(),
+        notes: vec![format!("random: {RANDOM}")],
+    }
+}
+
+fn noise_cause(findings: &Findings<'_>, channel: usize, noise: &ExcessNoise) -> Cause {
+    let samples = findings.baseline.data().channels[channel].values.len() as f64;
+    let (value, low, high) = noise.std;
+    let power = noise.times * noise.times;
+    Cause {
+        effect: Kind::Noise.name().into(),
+        place: output_name(findings, channel),
+        parameters: BTreeMap::from([("std".to_string(), Estimate { value, low, high })]),
+        text: None,
+        evidence: Evidence {
+            delta_bic: samples * (power - 1.0 - power.ln()),
+            heldout_gain_sigma: 0.0,
+            share_of_residual: 1.0 - 1.0 / power,
+            p_value: 0.0,
+            detectability: samples,
+        },
+        indistinguishable: Vec::new(),
+        notes: vec![format!("in all {:.1} times what the vehicle file declares", noise.times)],
+    }
+}
+
+fn narrow_band_cause(findings: &Findings<'_>, found: &NarrowBand) -> Cause {
+    let around = |(value, half): (f64, f64)| Estimate { value, low: value - half, high: value + half };
+    let samples = findings.baseline.data().channels[found.channel].values.len() as f64;
+    let mut cause = Cause {
+        effect: Kind::Vibration.name().into(),
+        place: output_name(findings, found.channel),
+        parameters: BTreeMap::from([
+            ("frequency_hz".to_string(), around(found.frequency_hz)),
+            ("amplitude".to_string(), around(found.amplitude)),
+        ]),
+        text: None,
+        evidence: Evidence {
+            delta_bic: found.gain - 2.0 * samples.ln(),
+            heldout_gain_sigma: 0.0,
+            share_of_residual: found.share,
+            p_value: 0.0,
+            detectability: found.gain,
+        },
+        indistinguishable: Vec::new(),
+        notes: vec![format!("its frequency wanders: {RANDOM}")],
+    };
+    tone_notes(findings, &mut cause);
+    let others = findings.residual.narrow_band.iter();
+    let others = others.filter(|s| s.channel != found.channel && narrow_band::same(s, found));
+    let others: Vec<String> = others.map(|s| output_name(findings, s.channel)).collect();
+    if !others.is_empty() {
+        cause.notes.push(format!("the same line is on {}", others.join(", ")));
+    }
+    cause
+}
+
+/// Aliases of a tone, and its source where ground records tell it.
+fn tone_notes(findings: &Findings<'_>, cause: &mut Cause) {
+    let (data, vehicle) = (findings.baseline.data(), findings.baseline.vehicle());
+    let options = findings.baseline.checked.loaded.options;
+    let value = |name: &str| cause.parameters.get(name).map_or(0.0, |p| p.value);
+    let (f, amplitude) = (value("frequency_hz"), value("amplitude"));
+    let channel = data.channels.iter().find(|c| vehicle.outputs[c.output].name == cause.place);
+    let period_s = data.period_s * channel.map_or(1, |c| c.stride) as f64;
+    let aliases = vibration_source::aliases(f, period_s);
+    let list: Vec<String> = aliases.iter().map(|a| format!("{a:.2} Hz")).collect();
+    cause.notes.push(format!("at this rate it may as well be {}", list.join(", ")));
+    let (on, off) = (options.engine_on.as_ref(), options.engine_off.as_ref());
+    if let Some((source, why)) = vibration_source::source(&cause.place, f, amplitude, on, off) {
+        cause.text = Some(source.into());
+        cause.notes.push(format!("source: {source} ({why})"));
+    }
+}
+
+fn sample_cause(findings: &Findings<'_>, effect: &SampleEffect) -> Cause {
+    let n = findings.baseline.data().channels[effect.channel].values.len() as f64;
+    let estimate = |v: &(f64, f64, f64)| Estimate { value: v.0, low: v.1, high: v.2 };
+    Cause {
+        effect: effect.kind.name().into(),
+        place: output_name(findings, effect.channel),
+        parameters: effect.parameters.iter().map(|(name, v)| ((*name).to_string(), estimate(v))).collect(),
+        text: None,
+        evidence: Evidence {
+            // Every such sample would be a coincidence of continuous values without the effect.
+            delta_bic: effect.samples as f64 * n.ln(),
+            heldout_gain_sigma: (effect.samples as f64).sqrt(),
+            share_of_residual: effect.samples as f64 / n,
+            p_value: 0.0,
+            detectability: effect.samples as f64 * n.ln(),
+        },
+        indistinguishable: Vec::new(),
+        notes: vec![format!("{} of {} samples", effect.samples, n)],
+    }
+}
+
+/// Share of the residual's power, over the noise, that goes when a term is added to the others.
+fn share(findings: &Findings<'_>, term: usize) -> f64 {
+    let data = findings.baseline.data();
+    let selection = &findings.residual.selection;
+    let model = &selection.model;
+    let mut others = model.clone();
+    others.terms.remove(term);
+    let mut values = selection.fit.values.clone();
+    values.drain(model.range(term));
+    let Ok(without) = others.predict(&values) else { return 0.0 };
+    let scaled = |predicted: &[f64]| -> f64 {
+        let mut residual: Vec<f64> = data.measured().iter().zip(predicted).map(|(y, p)| y - p).collect();
+        data.fill(&mut residual);
+        let ranges = data.ranges().into_iter().enumerate();
+        ranges
+            .map(|(c, range)| {
+                let output = data.channels[c].output;
+                let noise = findings.baseline.sizes.noise[output].max(f64::MIN_POSITIVE);
+                dot(&residual[range.clone()], &residual[range]) / (noise * noise)
+            })
+            .sum()
+    };
+    let (before, after) = (scaled(&without), scaled(&selection.fit.predicted));
+    if before > 0.0 { (1.0 - after / before).clamp(0.0, 1.0) } else { 0.0 }
+}

@@ -1,0 +1,242 @@
+//! The answer: findings put into figures and sentences.
+
+use std::collections::BTreeMap;
+
+use whirlstand_vehicle::Vehicle;
+
+use super::causes::causes;
+use super::schema::*;
+use super::{evidence, experiments, remainder};
+use crate::candidates::Candidate;
+use crate::data::record::Data;
+use crate::model::free_run::ModelError;
+use crate::model::predictor::weigh;
+use crate::residual::lack_of_fit::LackOfFit;
+use crate::stages::check::Checked;
+use crate::stages::findings::Findings;
+use crate::thresholds::{EXPLAINED_SHARE, MIN_BIC_GAIN, REJECTED_TOLD};
+
+fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
+    let loaded = checked.loaded;
+    Diagnosis {
+        schema: DIAGNOSIS_SCHEMA.into(),
+        verdict: Verdict::Inconclusive,
+        summary: String::new(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        records: loaded.records.iter().map(|r| r.origin.clone()).collect(),
+        vehicle: loaded.vehicle.name.clone(),
+        period_s: checked.data.period_s,
+        causes: Vec::new(),
+        rejected: Vec::new(),
+        not_testable: Vec::new(),
+        outputs: BTreeMap::new(),
+        heldout: HeldOut::default(),
+        unexplained: Unexplained::default(),
+        data: checked.found.clone(),
+        remarks: if loaded.options.watch.is_stopped() {
+            vec!["The search was ended early: this is what was known by then.".into()]
+        } else {
+            Vec::new()
+        },
+        advice: Vec::new(),
+        extended_vehicle: None,
+        extended: None,
+        figures: Figures::default(),
+    }
+}
+
+/// The answer when the given vehicle has no prediction of the record.
+pub(crate) fn no_prediction(checked: &Checked<'_>, why: ModelError) -> Diagnosis {
+    let mut answer = empty_answer(checked);
+    let vehicle = &checked.loaded.vehicle.name;
+    answer.summary = match why {
+        ModelError::Diverged => {
+            format!("Inconclusive: the free run of {vehicle} over this record leaves all bounds.")
+        }
+        ModelError::Inapplicable | ModelError::NotDetermined => {
+            format!("Inconclusive: {vehicle} cannot be fitted to this record: {why}.")
+        }
+    };
+    answer.advice.push(format!(
+        "Check the units of the inputs and the vehicle file (whirlstand compare shows both), or identify the vehicle from this record first: whirlstand identify {} --vehicle {vehicle}.",
+        checked.data.origin
+    ));
+    answer
+}
+
+/// The answer.
+pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
+    let (data, vehicle) = (findings.baseline.data(), findings.baseline.vehicle());
+    let mut answer = empty_answer(&findings.baseline.checked);
+    answer.heldout = findings.gains.heldout;
+    answer.outputs = outputs(&findings);
+    answer.causes = causes(&findings);
+    answer.rejected = rejected(&findings, &answer.causes);
+    answer.not_testable = experiments::not_testable(&findings, data, vehicle);
+    answer.unexplained = remainder::unexplained(&findings, data, vehicle);
+    answer.verdict = verdict(&answer, &findings, data, vehicle);
+    answer.advice = experiments::advice(&answer);
+    answer.summary = summary(&answer);
+    answer.figures = evidence::figures(&findings, &answer);
+    answer.extended = findings.extended.take().filter(|_| !answer.causes.is_empty()).map(Box::new);
+    answer
+}
+
+/// Gains of the outputs on the part of the record that was held out.
+fn outputs(findings: &Findings<'_>) -> BTreeMap<String, OutputGain> {
+    let channels = findings.baseline.data().channels.iter().zip(&findings.gains.channels);
+    let gain = channels.map(|(channel, gain)| {
+        let output = &findings.baseline.vehicle().outputs[channel.output];
+        let free_run = gain.free_run.unwrap_or_default();
+        let figures = OutputGain {
+            unit: output.unit.si_symbol(),
+            fit_before: free_run.0.fit,
+            fit_after: free_run.1.fit,
+            rmse_before: free_run.0.rmse,
+            rmse_after: free_run.1.rmse,
+            horizon_fit_before: gain.horizon.0.fit,
+            horizon_fit_after: gain.horizon.1.fit,
+            horizon_rmse_before: gain.horizon.0.rmse,
+            horizon_rmse_after: gain.horizon.1.rmse,
+            noise_floor: gain.floor,
+            noise_model_share: gain.noise_model_share,
+        };
+        (output.name.clone(), figures)
+    });
+    gain.collect()
+}
+
+/// Effects that are not causes, those of the largest gain first: refused by the search, taken back, and rivals.
+fn rejected(findings: &Findings<'_>, causes: &[Cause]) -> Vec<Rejected> {
+    let selection = &findings.residual.selection;
+    let rejection = |candidate: &Candidate, delta_bic: f64, why: String| Rejected {
+        effect: candidate.kind.name().into(),
+        place: candidate.place.clone(),
+        delta_bic,
+        why,
+    };
+    let refused = selection.refused.iter().filter(|(t, _)| t.fit.is_some()).take(REJECTED_TOLD);
+    let mut all: Vec<Rejected> =
+        refused.map(|(t, why)| rejection(&t.candidate, t.delta_bic, why.clone())).collect();
+    let rival =
+        findings.residual.out_of_library.as_ref().map(|by| format!("{} explains as much", by.description));
+    let why = rival.unwrap_or_else(|| {
+        "what is left is no noise, and more than a misfit of it: it is a part of something else".into()
+    });
+    let withheld = findings.residual.withheld.iter();
+    all.extend(withheld.map(|(candidate, delta_bic)| rejection(candidate, *delta_bic, why.clone())));
+    for rival in selection.accepted.iter().flat_map(|a| &a.rivals).filter(|r| !r.indistinguishable()) {
+        let (effect, place) = (rival.candidate.kind.name(), &rival.candidate.place);
+        let known = |e: &str, p: &str| e == effect && p == place;
+        if all.iter().any(|r| known(&r.effect, &r.place)) || causes.iter().any(|c| known(&c.effect, &c.place))
+        {
+            continue;
+        }
+        let why = format!(
+            "in place of the accepted cause it would lose {:.0} in BIC (signatures alike to {:.2})",
+            rival.gap, rival.kappa
+        );
+        all.push(rejection(&rival.candidate, -rival.gap, why));
+    }
+    all.sort_by(|a, b| b.delta_bic.total_cmp(&a.delta_bic));
+    all.truncate(REJECTED_TOLD);
+    all
+}
+
+fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Verdict {
+    if answer.data.iter().any(|f| f.blocking) && answer.causes.is_empty() {
+        return Verdict::Inconclusive;
+    }
+    let more = findings.residual.lack.as_ref().is_some_and(LackOfFit::is_told);
+    if !answer.causes.is_empty() {
+        let all = answer.unexplained.share < EXPLAINED_SHARE && !more;
+        return if all { Verdict::Explained } else { Verdict::PartlyExplained };
+    }
+    let residual = &findings.residual.selection.fit.residual;
+    let noise = &findings.residual.selection.fit.profile.noise;
+    let loud = (0..data.channels.len()).any(|c| {
+        let output = data.channels[c].output;
+        data.memory_s.is_none()
+            && vehicle.outputs[output].noise > 0.0
+            && noise.std(c, data, residual) > 2.0 * findings.baseline.sizes.noise[output]
+    });
+    if loud || more || remainder::structured(findings, data) {
+        Verdict::Unexplained
+    } else if answer.data.iter().any(|f| f.kind == "no_excitation" && f.blocking)
+        || hardly_testable(findings, answer)
+    {
+        Verdict::Inconclusive
+    } else if commands_tell_nothing(data, vehicle) {
+        Verdict::Unexplained
+    } else {
+        Verdict::Consistent
+    }
+}
+
+/// True when most of what could be wrong would not have shown.
+fn hardly_testable(findings: &Findings<'_>, answer: &Diagnosis) -> bool {
+    let weighed = findings.residual.selection.refused.len();
+    let untestable: usize = answer.not_testable.iter().map(|n| n.effects).sum();
+    2 * untestable > weighed && weighed > 0
+}
+
+/// True when the vehicle makes the record no likelier than one that no command moves.
+fn commands_tell_nothing(data: &Data, vehicle: &Vehicle) -> bool {
+    let mut still = data.clone();
+    for row in still.inputs.chunks_exact_mut(data.m) {
+        row.iter_mut().zip(&vehicle.inputs).for_each(|(u, input)| *u = input.neutral());
+    }
+    let likelihood = |data: &Data| weigh(vehicle, data, data.memory_s);
+    likelihood(&still)
+        .zip(likelihood(data))
+        .is_some_and(|(still, moved)| still.bic_gain(&moved) < MIN_BIC_GAIN)
+}
+
+fn summary(answer: &Diagnosis) -> String {
+    let cause = |c: &Cause| {
+        let mut parameters: Vec<String> = Vec::new();
+        for (name, p) in c.parameters.iter().filter(|(n, _)| *n != "phase_rad") {
+            parameters.push(format!("{name} {} ({} to {})", short(p.value), short(p.low), short(p.high)));
+        }
+        let alike = match c.indistinguishable.first() {
+            Some(l) => format!(", or {} on {}", l.effect, l.place),
+            None => String::new(),
+        };
+        format!("{} on {}{alike}: {}", c.effect, c.place, parameters.join(", "))
+    };
+    let list: Vec<String> = answer.causes.iter().map(cause).collect();
+    let blocking: Vec<&str> = answer.data.iter().filter(|f| f.blocking).map(|f| f.text.as_str()).collect();
+    let left = 100.0 * answer.unexplained.share;
+    match answer.verdict {
+        Verdict::Consistent => {
+            format!(
+                "Consistent: no effect passed; the record is what {} does, within its noise.",
+                answer.vehicle
+            )
+        }
+        Verdict::Explained => format!("Explained by {}.", list.join("; and ")),
+        Verdict::PartlyExplained => {
+            let left = match left {
+                ..0.5 => "what remains is little, but no noise".into(),
+                left => format!("{left:.0} % of what was wrong remains"),
+            };
+            format!("Partly explained by {}; {left}.", list.join("; and "))
+        }
+        Verdict::Unexplained if answer.unexplained.description.is_empty() => {
+            format!(
+                "Unexplained: the record is no likelier with the commands of {} than without.",
+                answer.vehicle
+            )
+        }
+        Verdict::Unexplained => {
+            format!("Unexplained: no effect of the table is it. {}", answer.unexplained.description)
+        }
+        Verdict::Inconclusive if !blocking.is_empty() => format!("Inconclusive: {}.", blocking.join("; ")),
+        Verdict::Inconclusive => "Inconclusive: this record could not have shown an effect.".into(),
+    }
+}
+
+/// Four digits at most.
+pub(crate) fn short(v: f64) -> String {
+    whirlstand_logs::shown::number((v * 1e9).round() / 1e9)
+}

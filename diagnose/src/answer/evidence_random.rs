@@ -1,0 +1,160 @@
+//! What shows causes that are random: turbulence, narrow-band noise, noise, and samples that went wrong.
+
+use crate::thresholds::{HISTOGRAM_BUCKETS, SAMPLES_SHOWN};
+use std::f64::consts::TAU;
+
+use whirlstand_vehicle::{Kind, Vehicle};
+
+use crate::answer::curves::ends;
+use crate::answer::schema::{Axis, EvidenceCurve};
+use crate::data::record::Data;
+use crate::data::sample_effects::SampleEffect;
+use crate::model::input_reconstruction::{Entry, reconstruct};
+use crate::residual::narrow_band::NarrowBand;
+use crate::residual::turbulence::Turbulence;
+use crate::stages::findings::Findings;
+use whirlstand_logs::spectrum::welch;
+use whirlstand_logs::stats::rms;
+
+/// The spectrum of the force that is missing on a state, against that of the turbulence.
+pub(crate) fn turbulence(
+    found: &Turbulence,
+    findings: &Findings<'_>,
+    data: &Data,
+    vehicle: &Vehicle,
+    noise: &[f64],
+) -> Option<EvidenceCurve> {
+    let residual = &findings.residual.selection.fit.residual;
+    // The residual itself says how fast the unknown moves; what is noise in it shows as the floor of the spectrum.
+    let traced = reconstruct(vehicle, data, Entry::State(found.state), &vec![0.0; noise.len()], &[residual])?;
+    let spectrum = welch(&traced[0], data.period_s);
+    let f: Vec<f64> = spectrum.frequency_hz.iter().skip(1).copied().collect();
+    let measured = spectrum.density.iter().skip(1).map(|d| d.sqrt()).collect();
+    let (std, a) = (found.std.0, TAU * found.bandwidth_hz.0);
+    let density = |f: &f64| (4.0 * std * std * a / (a * a + (TAU * f).powi(2))).sqrt();
+    let state = &vehicle.states[found.state];
+    Some(EvidenceCurve {
+        cause: format!("{} on {}", Kind::Turbulence, state.name),
+        accepted: true,
+        caption: "A force that goes with no input, level up to its bandwidth and falling beyond; what rises again at high frequency is noise of the sensors.".into(),
+        x: Axis::new("frequency", "Hz"),
+        y: Axis::new(&format!("missing in the derivative of {}", state.name), &format!("{}/s/√Hz", state.unit.si_symbol())),
+        logarithmic: true,
+        explained: (f.clone(), f.iter().map(density).collect()),
+        measured: (f, measured),
+        ..EvidenceCurve::default()
+    })
+}
+
+/// The spectrum of what is left about a line that wanders.
+pub(crate) fn narrow_band(
+    found: &NarrowBand,
+    findings: &Findings<'_>,
+    data: &Data,
+    vehicle: &Vehicle,
+) -> EvidenceCurve {
+    let channel = &data.channels[found.channel];
+    let output = &vehicle.outputs[channel.output];
+    let residual = &findings.residual.selection.fit.residual[data.ranges()[found.channel].clone()];
+    let spectrum = welch(residual, data.period_s * channel.stride as f64);
+    let f: Vec<f64> = spectrum.frequency_hz.iter().skip(1).copied().collect();
+    let measured = spectrum.density.iter().skip(1).map(|d| d.sqrt()).collect();
+    let (middle, spread) = (found.frequency_hz.0, found.wander_hz);
+    let height = 0.5 * found.amplitude.0.powi(2) / (spread * TAU.sqrt());
+    let line = |f: &f64| (found.floor + height * (-0.5 * ((f - middle) / spread).powi(2)).exp()).sqrt();
+    EvidenceCurve {
+        cause: format!("{} on {}", Kind::Vibration, output.name),
+        accepted: true,
+        caption: "A line that stands far out of what is about it, wider than a tone's and narrower than any resonance of the noise."
+            .into(),
+        x: Axis::new("frequency", "Hz"),
+        y: Axis::new(&format!("residual of {}", output.name), &format!("{}/√Hz", output.unit.si_symbol())),
+        logarithmic: true,
+        explained: (f.clone(), f.iter().map(line).collect()),
+        measured: (f, measured),
+        ..EvidenceCurve::default()
+    }
+}
+
+/// The histogram of what is left, against the declared noise.
+pub(crate) fn noise(
+    channel: usize,
+    findings: &Findings<'_>,
+    data: &Data,
+    vehicle: &Vehicle,
+) -> EvidenceCurve {
+    let range = data.ranges()[channel].clone();
+    let good = &data.channels[channel].good;
+    let residual = &findings.residual.selection.fit.residual[range];
+    let values: Vec<f64> = residual.iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
+    let output = &vehicle.outputs[data.channels[channel].output];
+    let (std, reach) = (rms(&values), 4.0 * rms(&values));
+    let width = 2.0 * reach / HISTOGRAM_BUCKETS as f64;
+    let centres: Vec<f64> = (0..HISTOGRAM_BUCKETS).map(|b| (b as f64 + 0.5) * width - reach).collect();
+    let mut counts = vec![0.0; HISTOGRAM_BUCKETS];
+    for v in &values {
+        let bucket = ((v + reach) / width).floor();
+        if (0.0..HISTOGRAM_BUCKETS as f64).contains(&bucket) {
+            counts[bucket as usize] += 1.0;
+        }
+    }
+    let bell = |std: f64| {
+        let height = values.len() as f64 * width / (std.max(f64::MIN_POSITIVE) * TAU.sqrt());
+        centres.iter().map(|c| height * (-0.5 * (c / std).powi(2)).exp()).collect::<Vec<f64>>()
+    };
+    EvidenceCurve {
+        cause: format!("{} on {}", Kind::Noise, output.name),
+        accepted: true,
+        caption: "What is left is a bell, wider than the declared noise.".into(),
+        x: Axis::new(&format!("residual of {}", output.name), &output.unit.si_symbol()),
+        y: Axis::number("samples"),
+        explained: (centres.clone(), bell(std)),
+        without: (centres.clone(), bell(output.noise)),
+        measured: (centres, counts),
+        ..EvidenceCurve::default()
+    }
+}
+
+/// The samples that went wrong among their neighbours.
+pub(crate) fn samples(effect: &SampleEffect, data: &Data, vehicle: &Vehicle) -> Option<EvidenceCurve> {
+    let channel = &data.channels[effect.channel];
+    let output = &vehicle.outputs[channel.output];
+    let wrong = |k: usize| match effect.kind {
+        Kind::Dropouts => k > 0 && channel.values[k] == channel.values[k - 1],
+        Kind::Quantization => false,
+        _ => !channel.good[k],
+    };
+    let n = channel.values.len();
+    let around = SAMPLES_SHOWN.min(n);
+    let count = |from: usize| (from..from + around).filter(|k| wrong(*k)).count();
+    let from = (0..=n - around).step_by((around / 4).max(1)).max_by_key(|from| count(*from))?;
+    let mut part = from..from + around;
+    if effect.kind == Kind::Quantization {
+        // Where few steps are taken they are seen best.
+        let spread = |from: usize| {
+            let (low, high) = ends(&channel.values[from..from + around / 4]);
+            high - low
+        };
+        let starts = (0..=n - around).step_by((around / 4).max(1));
+        let from = starts.min_by(|a, b| spread(*a).total_cmp(&spread(*b)))?;
+        part = from..from + around / 4;
+    }
+    let t = |k: usize| data.start_s + channel.step(k) as f64 * data.period_s;
+    let marked: Vec<usize> = part.clone().filter(|k| wrong(*k)).collect();
+    let caption = match effect.kind {
+        Kind::Dropouts => "Marked samples repeat the one before, to the last digit.",
+        Kind::Quantization => "The values stand on steps.",
+        Kind::OutputSaturation => "The values stand at a limit.",
+        _ => "Marked samples stand far off their neighbours.",
+    };
+    Some(EvidenceCurve {
+        cause: format!("{} on {}", effect.kind, output.name),
+        accepted: true,
+        caption: caption.into(),
+        x: Axis::time("time"),
+        y: Axis::new(&output.name, &output.unit.si_symbol()),
+        cloud: (marked.iter().map(|k| t(*k)).collect(), marked.iter().map(|k| channel.values[*k]).collect()),
+        measured: (part.clone().map(t).collect(), channel.values[part].to_vec()),
+        ..EvidenceCurve::default()
+    })
+}

@@ -1,0 +1,16 @@
+//! Findings as figures, sentences and plots.
+
+pub mod causes;
+pub mod compose;
+pub mod curves;
+pub mod evidence;
+pub mod evidence_plots;
+pub mod evidence_random;
+pub mod experiments;
+pub mod gains;
+pub mod remainder;
+pub mod schema;
+pub mod terminal;
+pub mod vibration_source;
+
+pub use schema::*;

@@ -1,0 +1,216 @@
+//! What no effect of the table explains, described instead of named.
+
+use crate::thresholds::{COHERENT_CORRELATION, NOISE_POWER_RATIO};
+use whirlstand_vehicle::Vehicle;
+
+use crate::answer::schema::Unexplained;
+use crate::data::record::Data;
+use crate::model::fit::dot;
+use crate::stages::findings::Findings;
+use whirlstand_logs::spectrum::welch;
+use whirlstand_logs::stats::{correlation, rms};
+
+/// Power of a residual over that of the noise, all channels together.
+fn power(findings: &Findings<'_>, data: &Data, residual: &[f64]) -> f64 {
+    data.ranges()
+        .into_iter()
+        .enumerate()
+        .filter(|(c, _)| means_something(findings, *c))
+        .map(|(c, range)| {
+            let noise = findings.baseline.sizes.noise[data.channels[c].output].max(f64::MIN_POSITIVE);
+            let r = &residual[range];
+            let over = dot(r, r) / (noise * noise);
+            if over > NOISE_POWER_RATIO * r.len() as f64 { over - r.len() as f64 } else { 0.0 }
+        })
+        .sum()
+}
+
+/// True for a channel whose free run means something.
+fn means_something(findings: &Findings<'_>, channel: usize) -> bool {
+    findings.gains.channels[channel].free_run.is_some()
+}
+
+/// "the free run of roll means nothing, as it keeps what every gust has left in it".
+fn lost(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Option<String> {
+    let lost = data.channels.iter().enumerate().filter(|(c, _)| !means_something(findings, *c));
+    let names: Vec<&str> = lost.map(|(_, c)| vehicle.outputs[c.output].name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "the free run of {} means nothing, as it keeps what every gust has left in it",
+            names.join(", ")
+        )
+    })
+}
+
+/// True when what is left goes with an input. Of a predictor that follows the record nothing is told by that: a law answers to
+/// what the process noise does, and its commands go with it.
+pub(crate) fn structured(findings: &Findings<'_>, data: &Data) -> bool {
+    if data.memory_s.is_some() {
+        return false;
+    }
+    let left = power(findings, data, &findings.residual.selection.fit.residual);
+    left > data.samples() as f64
+        && coherent(findings, data, &findings.residual.selection.fit.residual).is_some()
+}
+
+/// The share of what was wrong that is left, and what it looks like. Nothing, of a predictor that follows the record: how much
+/// the gusts have moved the vehicle is no fault of the model.
+pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Unexplained {
+    if data.memory_s.is_some() {
+        return Unexplained::default();
+    }
+    let selection = &findings.residual.selection;
+    let residual = &selection.fit.residual;
+    let (before, left) = (power(findings, data, &selection.null.residual), power(findings, data, residual));
+    // What is random was named as such and stays in every residual.
+    let random = findings.residual.turbulence.is_some() || !findings.residual.noise.is_empty();
+    let share = if before > 0.0 && !random { (left / before).clamp(0.0, 1.0) } else { 0.0 };
+    let like =
+        findings.residual.out_of_library.as_ref().map(|by| format!("{} would do the same", by.description));
+    let lost = lost(findings, data, vehicle);
+    if left == 0.0 || random && share == 0.0 {
+        return Unexplained { share, description: sentence(lost.into_iter().chain(like).collect()) };
+    }
+    let ranges = data.ranges();
+    let loudness = |c: usize| {
+        rms(&residual[ranges[c].clone()])
+            / findings.baseline.sizes.noise[data.channels[c].output].max(f64::MIN_POSITIVE)
+    };
+    let told = (0..data.channels.len()).filter(|c| means_something(findings, *c));
+    let Some(worst) = told.max_by(|a, b| loudness(*a).total_cmp(&loudness(*b))) else {
+        return Unexplained { share, description: sentence(lost.into_iter().chain(like).collect()) };
+    };
+    let channel = &data.channels[worst];
+    let r = &residual[ranges[worst].clone()];
+    let period_s = data.period_s * channel.stride as f64;
+    let mut parts = vec![format!(
+        "most of it is in {}: {:.1} times the noise",
+        vehicle.outputs[channel.output].name,
+        loudness(worst)
+    )];
+    if let Some((low, high)) = band(r, period_s) {
+        parts.push(format!("between {low:.2} and {high:.2} Hz"));
+    }
+    if let Some(at) = onset(r) {
+        parts.push(format!("from {:.1} s on", data.start_s + at as f64 * period_s));
+    }
+    match coherent(findings, data, residual) {
+        Some((j, strength, lag)) => {
+            parts.push(format!(
+                "it goes with {} (correlation {strength:.2}, {:.2} s later)",
+                vehicle.inputs[j].name,
+                lag as f64 * data.period_s
+            ));
+            parts.push(amplitude_dependence(data, worst, r, j));
+        }
+        None => parts.push("it goes with no input".into()),
+    }
+    if let Some(memory) = memory(r) {
+        parts.push(format!("it remembers {:.2} s", memory as f64 * period_s));
+    }
+    parts.extend(lost);
+    parts.extend(like);
+    let near: Vec<String> = selection
+        .refused
+        .iter()
+        .filter(|(t, _)| t.fit.is_some() && t.delta_bic > 0.0)
+        .take(3)
+        .map(|(t, _)| t.candidate.name())
+        .collect();
+    if !near.is_empty() {
+        parts.push(format!("nearest names, rejected: {}", near.join(", ")));
+    }
+    Unexplained { share, description: sentence(parts) }
+}
+
+/// What is said in one sentence; empty where nothing is.
+fn sentence(parts: Vec<String>) -> String {
+    let text = parts.join("; ");
+    text.get(..1).map_or_else(String::new, |first| format!("{}{}.", first.to_uppercase(), &text[1..]))
+}
+
+/// The band that holds the middle 80 % of the power.
+fn band(r: &[f64], period_s: f64) -> Option<(f64, f64)> {
+    let spectrum = welch(r, period_s);
+    let total: f64 = spectrum.density.iter().sum();
+    let mut sum = 0.0;
+    let (mut low, mut high) = (None, None);
+    for (f, d) in spectrum.frequency_hz.iter().zip(&spectrum.density) {
+        sum += d;
+        if low.is_none() && sum > 0.1 * total {
+            low = Some(*f);
+        }
+        if high.is_none() && sum > 0.9 * total {
+            high = Some(*f);
+        }
+    }
+    Some((low?, high?))
+}
+
+/// The sample from which on the power is several times that before, by the greatest likelihood of one change of variance.
+fn onset(r: &[f64]) -> Option<usize> {
+    let squares: Vec<f64> = r.iter().map(|v| v * v).collect();
+    let total: f64 = squares.iter().sum();
+    let n = r.len();
+    let mut before = 0.0;
+    let mut best = (0.0, 0);
+    let whole = (total / n as f64).ln();
+    for (k, square) in squares.iter().enumerate() {
+        if k > n / 20 && k < n - n / 20 {
+            let (a, b) = (k as f64, (n - k) as f64);
+            let gain = n as f64 * whole - a * (before / a).ln() - b * ((total - before) / b).ln();
+            if gain > best.0 && (total - before) / b > 4.0 * before / a {
+                best = (gain, k);
+            }
+        }
+        before += square;
+    }
+    (best.1 > 0).then_some(best.1)
+}
+
+/// The input whose past correlates most with a residual: input, correlation, lag in steps.
+fn coherent(findings: &Findings<'_>, data: &Data, residual: &[f64]) -> Option<(usize, f64, usize)> {
+    let mut best: Option<(usize, f64, usize)> = None;
+    let longest = (2.0 / data.period_s).min(data.steps as f64 / 8.0) as usize;
+    for (c, (channel, range)) in data.channels.iter().zip(data.ranges()).enumerate() {
+        let noise = findings.baseline.sizes.noise[channel.output];
+        let r = &residual[range];
+        if channel.stride != 1 || rms(r) < 1.2 * noise || !means_something(findings, c) {
+            continue;
+        }
+        for j in 0..data.m {
+            let u: Vec<f64> = data.input(j).collect();
+            for lag in (0..longest).step_by((longest / 64).max(1)) {
+                let n = r.len().min(u.len().saturating_sub(channel.first)).saturating_sub(lag);
+                let c = correlation(&r[lag..lag + n], &u[channel.first..channel.first + n]);
+                if c.abs() > COHERENT_CORRELATION && best.is_none_or(|b| c.abs() > b.1.abs()) {
+                    best = Some((j, c, lag));
+                }
+            }
+        }
+    }
+    best
+}
+
+/// Odd, even or neither: the residual's correlation with the input, its magnitude and its cube.
+fn amplitude_dependence(data: &Data, worst: usize, r: &[f64], j: usize) -> String {
+    let channel = &data.channels[worst];
+    let u: Vec<f64> = (0..r.len()).map(|k| data.inputs[channel.step(k) * data.m + j]).collect();
+    let magnitude: Vec<f64> = u.iter().map(|u| u.abs()).collect();
+    let (odd, even) = (correlation(r, &u).abs(), correlation(r, &magnitude).abs());
+    if even > 1.5 * odd {
+        "even in its amplitude".into()
+    } else if odd > 1.5 * even {
+        "odd in its amplitude".into()
+    } else {
+        "neither odd nor even in its amplitude".into()
+    }
+}
+
+/// Samples until the autocorrelation has fallen below 1/e.
+fn memory(r: &[f64]) -> Option<usize> {
+    let power = dot(r, r);
+    (1..r.len() / 4)
+        .find(|k| dot(&r[*k..], &r[..r.len() - k]) < power / std::f64::consts::E)
+        .filter(|k| *k > 1)
+}

@@ -1,0 +1,209 @@
+//! When something may have happened: disturbances by their response at every time, transitions on a grid.
+
+use crate::thresholds::{DURATION_GROWTH, MIN_EVENT_TIMES};
+use rayon::prelude::*;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+
+use crate::candidates::library::{Candidate, Sizes, pulse, step};
+use crate::data::record::Data;
+use crate::model::fit::Model;
+use crate::model::score_test::ScoreTest;
+use crate::model::step_response::Responses;
+
+/// The times that are tried, and what is needed to look at all of them at once.
+struct Grid {
+    /// Steps from one time to the next: a multiple of every channel's stride.
+    every: usize,
+    times: usize,
+    /// Length of each channel's spectrum, so that no shift comes round, and of the products' at the grid's times.
+    lengths: Vec<(usize, usize)>,
+}
+
+impl Grid {
+    fn new(data: &Data) -> Self {
+        let stride = data.channels.iter().map(|c| c.stride).fold(1, lcm);
+        let mut every = stride;
+        while 2 * every * MIN_EVENT_TIMES <= data.steps {
+            every *= 2;
+        }
+        let lengths = data.channels.iter().zip(data.ranges()).map(|(channel, range)| {
+            let short = (2 * range.len()).div_ceil(every / channel.stride).next_power_of_two();
+            (short * (every / channel.stride), short)
+        });
+        Self { every, times: data.steps / every, lengths: lengths.collect() }
+    }
+}
+
+fn lcm(a: usize, b: usize) -> usize {
+    let (mut x, mut y) = (a, b);
+    while y > 0 {
+        (x, y) = (y, x % y);
+    }
+    a / x * b
+}
+
+/// Spectra of all channels, from 0 to half the sampling rate.
+type Spectra = Vec<Vec<Complex<f64>>>;
+
+/// The best times for a step and for a pulse on every state, in a score test.
+///
+/// The model is taken as linear and constant here: the response to a disturbance at one time is that at another,
+/// shifted. What is found is fitted with the simulator afterwards.
+pub fn events(
+    model: &Model<'_, '_>,
+    score_test: &ScoreTest<'_>,
+    sizes: &Sizes,
+    responses: &Responses,
+) -> Vec<Candidate> {
+    let states = &model.free_run.vehicle.states;
+    let data = model.free_run.data;
+    let grid = Grid::new(data);
+    let residual = transforms(data, &grid, score_test.residual());
+    let basis: Vec<Spectra> = score_test.basis().par_iter().map(|b| transforms(data, &grid, b)).collect();
+    let found = (0..states.len()).into_par_iter().filter_map(|i| {
+        on_state(&states[i].name, data, score_test, sizes, responses.step(i)?, (&grid, &residual, &basis))
+    });
+    found.flatten_iter().collect()
+}
+
+fn on_state(
+    place: &str,
+    data: &Data,
+    score_test: &ScoreTest<'_>,
+    sizes: &Sizes,
+    response: &[f64],
+    (grid, residual, basis): (&Grid, &Spectra, &[Spectra]),
+) -> Option<Vec<Candidate>> {
+    let white = score_test.noise().filter_all(data, response);
+    let (every, times) = (grid.every, grid.times);
+    let transforms = transforms(data, grid, &white);
+    let products = shifted(residual, &transforms, grid);
+    let overlaps: Vec<Vec<f64>> = basis.iter().map(|b| shifted(b, &transforms, grid)).collect();
+    // Energy of the response to a pulse of d grid steps within its first k steps.
+    let energy = |d: usize| -> Vec<f64> {
+        let mut total = vec![0.0; times + 1];
+        for (channel, range) in data.channels.iter().zip(data.ranges()) {
+            let h = &white[range];
+            let lag = d * every / channel.stride;
+            let mut sum = 0.0;
+            let mut next = 0;
+            for (t, slot) in total.iter_mut().enumerate() {
+                let end = (t * every / channel.stride).min(h.len());
+                while next < end {
+                    let v = if lag > 0 && next >= lag { h[next] - h[next - lag] } else { h[next] };
+                    sum += v * v;
+                    next += 1;
+                }
+                *slot += sum;
+            }
+        }
+        total
+    };
+    // (score, time, duration, amplitude)
+    let best = |d: usize| {
+        let energies = energy(d);
+        let mut best = (0.0, 0, d, 0.0);
+        // A pulse that does not end within the record is a step.
+        let latest = if d > 0 { times - d } else { times };
+        for t in 0..latest {
+            let end = if d > 0 { t + d } else { times };
+            let product = products[t] - if d > 0 { products[end] } else { 0.0 };
+            let mut left = energies[times - t];
+            let whole = left;
+            for overlap in &overlaps {
+                let o = overlap[t] - if d > 0 { overlap[end] } else { 0.0 };
+                left -= o * o;
+            }
+            // What nuisances imitate almost wholly is no evidence.
+            if left > 1e-3 * whole && product * product > best.0 * left {
+                best = (product * product / left, t, d, product / left);
+            }
+        }
+        best
+    };
+    let at = |t: usize| (t * every) as f64 * data.period_s;
+    let mut durations = Vec::new();
+    let mut d = 1.0f64;
+    while (d as usize) < times / 2 {
+        if durations.last() != Some(&(d as usize)) {
+            durations.push(d as usize);
+        }
+        d = (d * DURATION_GROWTH).max(d + 1.0);
+    }
+    let mut found = Vec::new();
+    let (score, t, _, amplitude) = best(0);
+    if score > 0.0 {
+        found.push(step(place, at(t), amplitude, sizes, times as f64));
+    }
+    let looks = (times * durations.len()) as f64;
+    let pulses = durations.iter().map(|d| best(*d));
+    if let Some(mut top) = pulses.max_by(|a, b| a.0.total_cmp(&b.0))
+        && top.0 > 0.0
+    {
+        // A fit by derivatives would stay at the sample next to which the pulse ends.
+        let mut step = top.2 / 4;
+        while step > 0 {
+            for d in [top.2 - step, top.2 + step] {
+                let next = best(d.clamp(1, times - 1));
+                if next.0 > top.0 {
+                    top = next;
+                }
+            }
+            step /= 2;
+        }
+        let (_, t, d, amplitude) = top;
+        found.push(pulse(place, at(t), at(d), amplitude, sizes, looks));
+    }
+    Some(found)
+}
+
+/// Spectra of all channels, each padded so that no shift comes round.
+fn transforms(data: &Data, grid: &Grid, samples: &[f64]) -> Spectra {
+    let mut planner = FftPlanner::new();
+    data.ranges()
+        .into_iter()
+        .zip(&grid.lengths)
+        .map(|(range, (length, _))| {
+            let mut buffer: Vec<Complex<f64>> =
+                samples[range].iter().map(|v| Complex::new(*v, 0.0)).collect();
+            buffer.resize(*length, Complex::new(0.0, 0.0));
+            planner.plan_fft_forward(*length).process(&mut buffer);
+            buffer.truncate(length / 2 + 1);
+            buffer
+        })
+        .collect()
+}
+
+/// Products of samples, given by their spectra, with a response that begins at each time of the grid; 0 at its end.
+///
+/// Only the grid's times are wanted: what lies between them may fold together before the transform back.
+fn shifted(of: &Spectra, response: &Spectra, grid: &Grid) -> Vec<f64> {
+    let mut planner = FftPlanner::new();
+    let mut products = vec![0.0; grid.times + 1];
+    let mut short = 0;
+    let mut folded: Vec<Complex<f64>> = Vec::new();
+    let mut back = |folded: &mut Vec<Complex<f64>>| {
+        if !folded.is_empty() {
+            planner.plan_fft_inverse(folded.len()).process(folded);
+            products.iter_mut().take(grid.times).zip(&*folded).for_each(|(p, f)| *p += f.re);
+            folded.clear();
+        }
+    };
+    for ((of, response), (length, own)) in of.iter().zip(response).zip(&grid.lengths) {
+        if *own != short {
+            back(&mut folded);
+            (short, folded) = (*own, vec![Complex::new(0.0, 0.0); *own]);
+        }
+        let scale = 2.0 / *length as f64;
+        let edge = |k: usize| k == 0 || 2 * k == *length;
+        for (block, (a, b)) in of.chunks(short).zip(response.chunks(short)).enumerate() {
+            for (k, (f, (a, b))) in folded.iter_mut().zip(a.iter().zip(b)).enumerate() {
+                let share = if edge(block * short + k) { 0.5 * scale } else { scale };
+                *f += a * b.conj() * share;
+            }
+        }
+    }
+    back(&mut folded);
+    products
+}

@@ -1,0 +1,158 @@
+//! Tones: frequencies at which a residual stands out of its own noise.
+
+use crate::thresholds::{MIN_PERIODS, TONE_POWER_RATIO, TONES_FOLLOWED};
+use rayon::prelude::*;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+use whirlstand_vehicle::Kind;
+
+use crate::candidates::library::{Candidate, Sizes, tone};
+use crate::model::fit::{Fit, Model};
+use crate::model::score_test::ScoreTest;
+use crate::model::step_response::Responses;
+use whirlstand_logs::stats::median;
+
+/// Candidates: a vibration of the channel, and a periodic disturbance of every state, at every tone of a channel.
+pub fn tones(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    score_test: &ScoreTest<'_>,
+    sizes: &Sizes,
+    responses: &Responses,
+) -> Vec<Candidate> {
+    let data = score_test.data();
+    let rest = score_test.without_nuisances(&fit.residual);
+    let vehicle = &model.free_run.vehicle;
+    let looks = (data.steps / 2) as f64;
+    let channels: Vec<_> = data.channels.iter().zip(data.ranges()).collect();
+    let mut sensed: Vec<(f64, f64, Candidate)> = channels
+        .into_par_iter()
+        .flat_map_iter(|(channel, range)| {
+            let place = &vehicle.outputs[channel.output].name;
+            let start_s = channel.first as f64 * data.period_s;
+            lines(&rest[range], data.period_s * channel.stride as f64)
+                .into_iter()
+                .map(|(height, f)| {
+                    let (amplitude, phase) = sine(score_test, fit, channel.output, f, start_s, data);
+                    (height, f, tone(Kind::Vibration, place, (f, amplitude, phase), sizes, looks))
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect();
+    sensed.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut frequencies: Vec<f64> = Vec::new();
+    for (_, f, _) in &sensed {
+        if !frequencies.iter().any(|g| (f - g).abs() < 0.5 / data.duration_s()) {
+            frequencies.push(*f);
+        }
+    }
+    frequencies.truncate(2 * TONES_FOLLOWED);
+    let forces: Vec<(f64, usize)> =
+        frequencies.iter().flat_map(|f| (0..vehicle.states.len()).map(move |i| (*f, i))).collect();
+    let driven = forces.into_par_iter().filter_map(|(f, i)| {
+        let (s, c) = responses.waves(data, i, f)?;
+        let (amplitude, phase) = pair(score_test, &s, &c).map(|(s, c)| polar(s, c))?;
+        Some(tone(Kind::PeriodicDisturbance, &vehicle.states[i].name, (f, amplitude, phase), sizes, looks))
+    });
+    let driven: Vec<Candidate> = driven.collect();
+    sensed.into_iter().map(|(_, _, candidate)| candidate).chain(driven).collect()
+}
+
+/// Lines that stand out, highest first: power over that of their surroundings, and frequency, Hz.
+fn lines(samples: &[f64], period_s: f64) -> Vec<(f64, f64)> {
+    let n = samples.len();
+    if n < 64 {
+        return Vec::new();
+    }
+    // Hann's window keeps a strong tone, or a drift, from leaking over all the others; padding to twice the length
+    // lets no tone fall between two frequencies.
+    let length = (2 * n).next_power_of_two();
+    let mut buffer: Vec<Complex<f64>> = vec![Complex::new(0.0, 0.0); length];
+    for (k, (b, y)) in buffer.iter_mut().zip(samples).enumerate() {
+        let w = 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / n as f64).cos();
+        b.re = w * y;
+    }
+    FftPlanner::new().plan_fft_forward(length).process(&mut buffer);
+    let power: Vec<f64> = buffer[..length / 2].iter().map(|c| c.norm_sqr()).collect();
+    let bin = length as f64 / n as f64;
+    let lowest = (MIN_PERIODS * bin).ceil() as usize;
+    let mut peaks: Vec<(f64, f64)> = Vec::new();
+    // The floor changes slowly: one median serves all lines of a part of its window.
+    let mut known: Option<(usize, f64)> = None;
+    for i in lowest.max(2)..power.len() - 2 {
+        if power[i] < power[i - 1] || power[i] <= power[i + 1] {
+            continue;
+        }
+        let reach = ((40.0 * bin) as usize).max(i / 8);
+        let floor = match known {
+            Some((at, floor)) if i - at < reach / 8 => floor,
+            _ => {
+                let from = i.saturating_sub(reach).max(lowest);
+                let around: Vec<f64> =
+                    (from..(i + reach).min(power.len())).step_by(bin as usize).map(|j| power[j]).collect();
+                // The median of an exponential distribution is ln 2 of its mean.
+                let floor = median(&around) / std::f64::consts::LN_2;
+                known = Some((i, floor));
+                floor
+            }
+        };
+        if floor > 0.0 && power[i] > TONE_POWER_RATIO * floor {
+            let (left, middle, right) = (power[i - 1].ln(), power[i].ln(), power[i + 1].ln());
+            let shift = 0.5 * (left - right) / (left - 2.0 * middle + right);
+            let f = (i as f64 + shift.clamp(-0.5, 0.5)) / (length as f64 * period_s);
+            // Not the largest: where the noise is loud, its own ups and downs are larger than a tone elsewhere.
+            peaks.push((power[i] / floor, f));
+        }
+    }
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut found: Vec<(f64, f64)> = Vec::new();
+    for (height, f) in peaks {
+        if found.len() < TONES_FOLLOWED
+            && found.iter().all(|(_, g)| (f - g).abs() > 4.0 / (n as f64 * period_s))
+        {
+            found.push((height, f));
+        }
+    }
+    found
+}
+
+/// Amplitude and phase from the weights of sine and cosine.
+fn polar(sine: f64, cosine: f64) -> (f64, f64) {
+    (sine.hypot(cosine), cosine.atan2(sine))
+}
+
+/// Two signatures together: the amplitudes that fit best.
+fn pair(score_test: &ScoreTest<'_>, a: &[f64], b: &[f64]) -> Option<(f64, f64)> {
+    use crate::model::fit::dot;
+    let (a, b, e) = (score_test.signature(a), score_test.signature(b), score_test.residual());
+    let (aa, ab, bb) = (dot(&a, &a), dot(&a, &b), dot(&b, &b));
+    let determinant = aa * bb - ab * ab;
+    (determinant > 1e-9 * aa * bb).then(|| {
+        let (ae, be) = (dot(&a, e), dot(&b, e));
+        ((ae * bb - be * ab) / determinant, (be * aa - ae * ab) / determinant)
+    })
+}
+
+fn sine(
+    score_test: &ScoreTest<'_>,
+    fit: &Fit,
+    output: usize,
+    f: f64,
+    start_s: f64,
+    data: &crate::data::record::Data,
+) -> (f64, f64) {
+    let wave = |shift: f64| {
+        let mut samples = vec![0.0; fit.residual.len()];
+        for (channel, range) in data.channels.iter().zip(data.ranges()) {
+            if channel.output == output {
+                let step_s = channel.stride as f64 * data.period_s;
+                for (k, y) in samples[range].iter_mut().enumerate() {
+                    *y = (std::f64::consts::TAU * f * (start_s + k as f64 * step_s) + shift).sin();
+                }
+            }
+        }
+        samples
+    };
+    let (s, c) = (wave(0.0), wave(std::f64::consts::FRAC_PI_2));
+    pair(score_test, &s, &c).map_or((0.0, 0.0), |(s, c)| polar(s, c))
+}

@@ -1,0 +1,320 @@
+//! What is wrong with the data themselves, before any cause is looked for.
+
+use crate::data::gaps;
+use crate::thresholds::{GAP_STEPS, SAME_SIGNAL_FIT, STUCK_SHARE};
+use whirlstand_logs::Record;
+use whirlstand_vehicle::Vehicle;
+
+use crate::answer::schema::DataFinding;
+use crate::data::record::Data;
+use crate::model::fit::Model;
+use crate::model::free_run::FreeRun;
+use whirlstand_logs::stats::{median, rms};
+
+/// Degrees in a radian.
+const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+
+fn finding(kind: &str, place: &str, blocking: bool, text: String) -> DataFinding {
+    DataFinding { kind: kind.into(), place: place.into(), text, blocking }
+}
+
+/// A long record is looked at with a period of its own.
+pub fn thinned(period_s: f64) -> DataFinding {
+    let text = format!(
+        "the record is long: it is looked at every {period_s:.6} s; --period S looks closer and takes longer"
+    );
+    finding("long", "t", false, text)
+}
+
+/// What the clock and the numbers of a record show.
+pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
+    let mut found = Vec::new();
+    let steps: Vec<f64> = record.time.windows(2).map(|t| t[1] - t[0]).collect();
+    let typical = median(&steps);
+    if typical > 0.0 {
+        let found_gaps: Vec<(f64, f64)> = record
+            .time
+            .windows(2)
+            .filter(|t| t[1] - t[0] > GAP_STEPS * typical)
+            .map(|t| (t[0], t[1] - t[0]))
+            .collect();
+        if let Some(longest) = found_gaps.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
+            let lost: f64 = found_gaps.iter().map(|g| g.1 - typical).sum();
+            let share = lost / record.duration();
+            let bridged = gaps::bridged_s(record, vehicle, typical);
+            let cut = found_gaps.iter().filter(|g| g.1 > bridged).count();
+            let text = format!(
+                "{} gaps, {:.1} % of the record in all, the longest {:.3} s at {:.3} s; predictions go on through those of up to {bridged:.3} s, {}",
+                found_gaps.len(),
+                100.0 * share,
+                longest.1,
+                longest.0,
+                if cut > 0 {
+                    format!("and {cut} longer cut the record")
+                } else {
+                    "and none is longer".into()
+                }
+            );
+            found.push(finding("gap", "t", share > 0.5, text));
+        }
+        let uneven = steps.iter().filter(|s| (*s - typical).abs() > 0.25 * typical).count();
+        let share = uneven as f64 / steps.len().max(1) as f64;
+        if share > 0.05 {
+            let text = format!(
+                "{:.0} % of the steps are off the median step of {typical:.6} s by more than a quarter; outputs are interpolated, and effects shorter than a step cannot be told",
+                100.0 * share
+            );
+            found.push(finding("uneven", "t", false, text));
+        }
+    }
+    let names = vehicle.inputs.iter().map(|i| &i.name).chain(vehicle.outputs.iter().map(|o| &o.name));
+    for signal in names.filter_map(|n| record.get(n)) {
+        let missing = signal.values.iter().filter(|v| !v.is_finite()).count();
+        let share = missing as f64 / signal.values.len().max(1) as f64;
+        let regular = vehicle.output_index(&signal.name).is_some_and(|i| vehicle.outputs[i].every > 1);
+        if missing > 0 && !regular && share < 0.45 {
+            let text = format!(
+                "{missing} of {} values of {} are no numbers; they are not used",
+                signal.values.len(),
+                signal.name
+            );
+            found.push(finding("not_a_number", &signal.name, false, text));
+        }
+    }
+    found
+}
+
+/// Channels that stood still; their samples are set aside.
+pub fn stuck(data: &mut Data, vehicle: &Vehicle) -> Vec<DataFinding> {
+    let mut found = Vec::new();
+    let (start_s, period_s) = (data.start_s, data.period_s);
+    for channel in &mut data.channels {
+        let name = &vehicle.outputs[channel.output].name;
+        let n = channel.values.len();
+        let least = ((STUCK_SHARE * n as f64) as usize).max(30);
+        let mut from = 0;
+        let mut runs = Vec::new();
+        for k in 1..=n {
+            if k == n || channel.values[k] != channel.values[from] {
+                if k - from >= least && channel.values[from].is_finite() {
+                    runs.push((from, k));
+                }
+                from = k;
+            }
+        }
+        // A coarse sensor repeats itself by rounding.
+        if !runs.is_empty()
+            && crate::data::sample_effects::is_coarse(channel, &vehicle.outputs[channel.output])
+        {
+            continue;
+        }
+        let spread = channel
+            .values
+            .iter()
+            .filter(|v| v.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |s, v| (s.0.min(*v), s.1.max(*v)));
+        // At the greatest or least value of all it is a limit, which is an effect of its own.
+        runs.retain(|r| {
+            let v = channel.values[r.0];
+            spread.0 == spread.1 || v > spread.0 && v < spread.1
+        });
+        if runs.is_empty() {
+            continue;
+        }
+        let still: usize = runs.iter().map(|r| r.1 - r.0).sum();
+        for (a, b) in &runs {
+            channel.good[*a..*b].fill(false);
+        }
+        let at = start_s + (channel.first + runs[0].0 * channel.stride) as f64 * period_s;
+        let text = format!(
+            "{name} stands still for {:.1} s from {at:.2} s on ({:.0} % of the record in all): the sensor or its link failed; these samples are not used",
+            (runs[0].1 - runs[0].0) as f64 * channel.stride as f64 * period_s,
+            100.0 * still as f64 / n as f64
+        );
+        found.push(finding("stuck", name, still * 2 > n, text));
+    }
+    let good: Vec<bool> = data.channels.iter().map(|c| c.good.iter().any(|g| *g)).collect();
+    let mut at = 0;
+    data.channels.retain(|_| {
+        at += 1;
+        good[at - 1]
+    });
+    found
+}
+
+/// Inputs that tell nothing.
+pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
+    let mut found = Vec::new();
+    let mut still = Vec::new();
+    for (j, input) in vehicle.inputs.iter().enumerate() {
+        let u: Vec<f64> = data.input(j).collect();
+        let mean = whirlstand_logs::stats::mean(&u);
+        let spread = rms(&u.iter().map(|v| v - mean).collect::<Vec<_>>());
+        let peak = u.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        if spread <= 1e-6 * peak.max(1e-12) {
+            still.push(input.name.clone());
+            continue;
+        }
+        let at_limit = u.iter().filter(|v| **v <= input.lower || **v >= input.upper).count();
+        if at_limit * 2 > u.len() {
+            let text = format!(
+                "{} stands at a limit of the vehicle for {:.0} % of the record: what the input does there cannot be told; fly with less",
+                input.name,
+                100.0 * at_limit as f64 / u.len() as f64
+            );
+            found.push(finding("saturated", &input.name, at_limit * 10 > u.len() * 9, text));
+        }
+    }
+    if !still.is_empty() {
+        let all = still.len() == vehicle.inputs.len();
+        let text = format!(
+            "{} {} not move: effects on {} cannot show; fly doublets or a multistep on it (whirlstand excite)",
+            still.join(" and "),
+            if still.len() == 1 { "does" } else { "do" },
+            if still.len() == 1 { "it" } else { "them" }
+        );
+        found.push(finding("no_excitation", &still.join(","), all, text));
+    }
+    found
+}
+
+/// How much of `y` a simulated signal explains: 1 - |y - s|^2 / |y|^2 of the parts that change.
+fn fit(y: &[f64], s: &[f64], factor: f64) -> f64 {
+    let (my, ms) = (whirlstand_logs::stats::mean(y), whirlstand_logs::stats::mean(s));
+    let error: f64 = y.iter().zip(s).map(|(y, s)| (y - my - factor * (s - ms)).powi(2)).sum();
+    let power: f64 = y.iter().map(|y| (y - my).powi(2)).sum();
+    if power > 0.0 { 1.0 - error / power } else { 0.0 }
+}
+
+/// Channels that were swapped, turned round or written in another unit: what the simulation says of one fits another.
+pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> Vec<DataFinding> {
+    let data = free_run.data;
+    let vehicle = &free_run.vehicle;
+    let ranges = data.ranges();
+    let name = |c: usize| vehicle.outputs[data.channels[c].output].name.as_str();
+    let measured: Vec<f64> = predicted.iter().zip(residual).map(|(p, r)| p + r).collect();
+    let mut found = Vec::new();
+    let p = data.channels.len();
+    let own_fits: Vec<f64> =
+        (0..p).map(|c| fit(&measured[ranges[c].clone()], &predicted[ranges[c].clone()], 1.0)).collect();
+    for a in 0..p {
+        for b in a + 1..p {
+            let (ya, yb) = (&measured[ranges[a].clone()], &measured[ranges[b].clone()]);
+            let (sa, sb) = (&predicted[ranges[a].clone()], &predicted[ranges[b].clone()]);
+            if ya.len() != yb.len() {
+                continue;
+            }
+            let (ab, ba) = (fit(ya, sb, 1.0), fit(yb, sa, 1.0));
+            if ab > SAME_SIGNAL_FIT
+                && ba > SAME_SIGNAL_FIT
+                && ab > own_fits[a] + 0.3
+                && ba > own_fits[b] + 0.3
+            {
+                let text = format!(
+                    "{} and {} are swapped: each fits the simulation of the other. Rename them with --map {}={} --map {}={}",
+                    name(a),
+                    name(b),
+                    name(a),
+                    name(b),
+                    name(b),
+                    name(a)
+                );
+                found.push(finding("swapped", &format!("{},{}", name(a), name(b)), true, text));
+            }
+        }
+    }
+    if !found.is_empty() {
+        return found;
+    }
+    for c in 0..p {
+        let y = &measured[ranges[c].clone()];
+        if own_fits[c] > 0.5 {
+            continue;
+        }
+        let s = foretold(free_run, c).unwrap_or_else(|| predicted[ranges[c].clone()].to_vec());
+        let s = s.as_slice();
+        let own = fit(y, s, 1.0);
+        if own > 0.5 {
+            continue;
+        }
+        if fit(y, s, -1.0) > SAME_SIGNAL_FIT && others_fit(&own_fits, c) {
+            let text = format!("{} has the wrong sign: its negative fits the simulation", name(c));
+            found.push(finding("sign", name(c), true, text));
+        }
+        for (factor, is, wanted) in [(DEGREES, "degrees", "radians"), (1.0 / DEGREES, "radians", "degrees")] {
+            if fit(y, s, factor) > 0.8 || own < -0.5 && fit(y, s, factor) > SAME_SIGNAL_FIT {
+                let text = format!(
+                    "{} is in {is}, but was read as if it were in {wanted}: give the unit in the head, {}[deg] or {}[rad]",
+                    name(c),
+                    name(c),
+                    name(c)
+                );
+                found.push(finding("unit", name(c), true, text));
+            }
+        }
+    }
+    found
+}
+
+/// True when most of the other channels are somewhat like their simulation, or there are none: of a vehicle that flies quite
+/// another way, one that runs the other way tells nothing.
+fn others_fit(own_fits: &[f64], channel: usize) -> bool {
+    let others: Vec<f64> =
+        own_fits.iter().enumerate().filter(|(c, _)| *c != channel).map(|(_, f)| *f).collect();
+    others.is_empty() || whirlstand_logs::stats::median(&others) > 0.0
+}
+
+/// What the other channels say of one: its simulation from the initial state that fits them.
+fn foretold(free_run: &FreeRun<'_>, channel: usize) -> Option<Vec<f64>> {
+    let mut others = free_run.data.clone();
+    (others.channels.len() > 1).then_some(())?;
+    others.channels[channel].good.fill(false);
+    let free_run = FreeRun::new(&free_run.vehicle, &others);
+    let fit = Model { free_run: &free_run, free: &[], terms: Vec::new() }
+        .fit(vec![0.0; free_run.initials()], None, None)
+        .ok()?;
+    Some(fit.predicted[others.ranges()[channel].clone()].to_vec())
+}
+
+/// Inputs that were swapped or turned round: the vehicle answers to the other one.
+pub fn inputs(
+    free_run: &FreeRun<'_>,
+    initial: &[f64],
+    predicted: &[f64],
+    residual: &[f64],
+) -> Vec<DataFinding> {
+    let data = free_run.data;
+    let ranges = data.ranges();
+    let measured: Vec<f64> = predicted.iter().zip(residual).map(|(p, r)| p + r).collect();
+    let quality = |s: &[f64]| -> f64 {
+        let fits = ranges.iter().map(|r| fit(&measured[r.clone()], &s[r.clone()], 1.0).max(-1.0));
+        fits.sum::<f64>() / ranges.len() as f64
+    };
+    let own = quality(predicted);
+    let attempt = |change: &dyn Fn(&mut [f64])| -> f64 {
+        let mut changed = data.clone();
+        changed.inputs.chunks_exact_mut(data.m).for_each(change);
+        let moved = FreeRun::new(&free_run.vehicle, &changed);
+        moved.run(&[], initial).map_or(-1.0, |s| quality(&s))
+    };
+    let inputs = &free_run.vehicle.inputs;
+    let mut found = Vec::new();
+    for j in 0..data.m {
+        let turned = attempt(&|u: &mut [f64]| u[j] = -u[j]);
+        if turned > SAME_SIGNAL_FIT && turned > own + 0.4 {
+            let text = format!("{} has the wrong sign: the vehicle answers to its negative", inputs[j].name);
+            found.push(finding("sign", &inputs[j].name, true, text));
+        }
+        for i in j + 1..data.m {
+            let swapped = attempt(&|u: &mut [f64]| u.swap(i, j));
+            if swapped > SAME_SIGNAL_FIT && swapped > own + 0.4 {
+                let (a, b) = (&inputs[j].name, &inputs[i].name);
+                let text = format!(
+                    "{a} and {b} are swapped: the vehicle answers to each as to the other. Rename them with --map {a}={b} --map {b}={a}"
+                );
+                found.push(finding("swapped", &format!("{a},{b}"), true, text));
+            }
+        }
+    }
+    found
+}

@@ -1,0 +1,52 @@
+//! What the vehicle file itself says of tones: a declared vibration of a sensor is no discovery.
+
+use crate::thresholds::{DECLARED_AMPLITUDE_RATIO, DECLARED_FREQUENCY_LINES};
+use nalgebra::{Matrix2, Vector2};
+use whirlstand_vehicle::{Engine, Vehicle};
+
+use crate::data::record::Data;
+
+/// Takes the declared vibrations off what was measured, at the phase and size that the residual shows, up to the declared
+/// size: what a sensor shakes more than its file says stays, and is found.
+pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) {
+    let (ranges, period_s, duration_s) = (data.ranges(), data.period_s, data.duration_s());
+    for (channel, range) in data.channels.iter_mut().zip(ranges) {
+        let Some(vibration) = &vehicle.outputs[channel.output].vibration else { continue };
+        let size = vibration.amplitude(Engine::Flying);
+        let mut rest = residual[range].to_vec();
+        for (i, share) in vibration.harmonics.iter().enumerate() {
+            let declared = (share * size).abs();
+            if declared <= 0.0 {
+                continue;
+            }
+            let nominal = vibration.frequency_hz * (i + 1) as f64;
+            let at = |k: usize| (channel.first + k * channel.stride) as f64 * period_s;
+            let tones = (-4 * DECLARED_FREQUENCY_LINES..=4 * DECLARED_FREQUENCY_LINES).map(|line| {
+                let f = nominal + f64::from(line) * 0.25 / duration_s;
+                (f, tone(&rest, &channel.good, f, at))
+            });
+            let strongest = tones.max_by(|a, b| a.1.norm_squared().total_cmp(&b.1.norm_squared()));
+            let Some((f, weights)) = strongest else { continue };
+            let weights = weights
+                * (DECLARED_AMPLITUDE_RATIO * declared / weights.norm().max(f64::MIN_POSITIVE)).min(1.0);
+            for (k, (value, rest)) in channel.values.iter_mut().zip(&mut rest).enumerate() {
+                let (sine, cosine) = (std::f64::consts::TAU * f * at(k)).sin_cos();
+                let y = weights[0] * sine + weights[1] * cosine;
+                *value -= y;
+                *rest -= y;
+            }
+        }
+    }
+}
+
+/// Weights of sine and cosine that fit best.
+fn tone(rest: &[f64], good: &[bool], f: f64, at: impl Fn(usize) -> f64) -> Vector2<f64> {
+    let (mut square, mut product) = (Matrix2::zeros(), Vector2::zeros());
+    for (k, (r, _)) in rest.iter().zip(good).enumerate().filter(|(_, (_, good))| **good) {
+        let (sine, cosine) = (std::f64::consts::TAU * f * at(k)).sin_cos();
+        let wave = Vector2::new(sine, cosine);
+        square += wave * wave.transpose();
+        product += wave * *r;
+    }
+    square.try_inverse().map_or_else(Vector2::zeros, |inverse| inverse * product)
+}

@@ -1,0 +1,9 @@
+//! What the diagnosis looks at: records on an even grid, and what they show by themselves.
+
+pub mod checks;
+pub mod declared_vibration;
+pub mod gaps;
+pub mod limits;
+pub mod outliers;
+pub mod record;
+pub mod sample_effects;

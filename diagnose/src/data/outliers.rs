@@ -1,0 +1,252 @@
+//! Wild values: single samples that stand far from where their neighbours say that they should be.
+
+use crate::thresholds::{
+    ISOLATED_SIGMAS, MAX_AR_ORDER, MIN_BIC_GAIN, MIN_OUTLIERS, NEIGHBOURS, OUTLIER_ROUNDS, OUTLIER_SIGMAS,
+    OUTLIER_SIZE_RATIO, OUTLIER_STEP_RATIO, STUDENT_DEGREES, STUDENT_ROUNDS,
+};
+use std::collections::BTreeMap;
+
+use statrs::distribution::{Continuous, Normal, StudentsT};
+
+use whirlstand_vehicle::Kind;
+
+use crate::data::record::Data;
+use crate::data::sample_effects::{SampleEffect, longest_run, share_interval};
+use crate::model::noise::filtered;
+use whirlstand_ident::identify::ar::Ar;
+use whirlstand_logs::stats::{mad_std, mean, median, rms};
+
+/// Values of a channel that do not belong there.
+struct Wild {
+    /// Sample, and by how much it is off.
+    values: Vec<(usize, f64)>,
+    /// Standard deviation of that without wild values.
+    spread: f64,
+    /// How many of them stand by themselves: a bend is no wild value.
+    alone: usize,
+    /// By how much the others are off.
+    others: Vec<f64>,
+}
+
+impl Wild {
+    /// Mean of the sizes, and how much they differ.
+    fn sizes(&self) -> (f64, f64) {
+        let sizes: Vec<f64> = self.values.iter().map(|(_, size)| size.abs()).collect();
+        let magnitude = mean(&sizes);
+        (magnitude, rms(&sizes.iter().map(|s| s - magnitude).collect::<Vec<_>>()))
+    }
+
+    /// True for a population of their own, of one magnitude beside a normal one, by BIC. Else the noise has heavy tails, as
+    /// Student's t, and this is what they reach (Lange, Little and Taylor 1989).
+    fn are_apart(&self) -> bool {
+        let (magnitude, differing) = self.sizes();
+        let share = self.values.len() as f64 / (self.values.len() + self.others.len()) as f64;
+        let spread = rms(&self.others);
+        let (Ok(bulk), Ok(wild)) = (Normal::new(0.0, spread), Normal::new(magnitude, differing.max(spread)))
+        else {
+            return false;
+        };
+        let of_bulk: f64 = self.others.iter().map(|x| bulk.ln_pdf(*x) + (1.0 - share).ln()).sum();
+        let of_wild: f64 = self.values.iter().map(|(_, x)| wild.ln_pdf(x.abs()) + (0.5 * share).ln()).sum();
+        let all: Vec<f64> = self.others.iter().copied().chain(self.values.iter().map(|v| v.1)).collect();
+        // The bulk's spread against Student's scale and degrees; size, spread and share of the others.
+        let more = 2.0 * (all.len() as f64).ln();
+        2.0 * (of_bulk + of_wild - student(&all)) > more + MIN_BIC_GAIN
+    }
+}
+
+/// Greatest log-likelihood of Student's t about zero: degrees of freedom from a grid, the scale of each by expectation and
+/// maximisation.
+fn student(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    let of = |degrees: f64| {
+        let mut square = mad_std(values).powi(2);
+        for _ in 0..STUDENT_ROUNDS {
+            let weighted = |x: &f64| (degrees + 1.0) * x * x / (degrees + x * x / square);
+            square = values.iter().map(weighted).sum::<f64>() / n;
+        }
+        let student = StudentsT::new(0.0, square.sqrt(), degrees).ok()?;
+        Some(values.iter().map(|x| student.ln_pdf(*x)).sum())
+    };
+    STUDENT_DEGREES.into_iter().filter_map(of).fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// Finds values far from their neighbours in a residual (all channels), and sets them aside. Where a channel is `known` to
+/// round, cut or repeat its values, what is left of that looks wild by the colour: there, only plain ones count.
+pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Vec<SampleEffect> {
+    let ranges = data.ranges();
+    let mut found = Vec::new();
+    for (index, (channel, range)) in data.channels.iter_mut().zip(ranges).enumerate() {
+        let r = &residual[range];
+        let own: Vec<&SampleEffect> = known.iter().filter(|e| e.channel == index).collect();
+        let step = own.iter().filter_map(|e| e.parameters.get("step")).fold(0.0f64, |m, v| m.max(v.0));
+        let told = |wild: &Wild| {
+            let at: Vec<usize> = wild.values.iter().map(|(k, _)| *k).collect();
+            let plain = wild
+                .values
+                .iter()
+                .all(|(_, size)| size.abs() > OUTLIER_SIZE_RATIO * OUTLIER_SIGMAS * wild.spread);
+            let enough = at.len() >= MIN_OUTLIERS || !at.is_empty() && plain && own.is_empty();
+            enough && at.len() * 4 <= r.len() && longest_run(&at) <= 3
+        };
+        // The effect of the table is off by one magnitude, up or down, and by itself.
+        let alike = |wild: &Wild| {
+            let (magnitude, differing) = wild.sizes();
+            differing <= 0.35 * magnitude && wild.alone * 10 >= wild.values.len() * 9 && wild.are_apart()
+        };
+        let colour = || foretold(r, &channel.good).filter(|_| own.is_empty()).filter(told).filter(alike);
+        let Some(wild) = Some(far(r, &channel.good, OUTLIER_STEP_RATIO * step)).filter(told).or_else(colour)
+        else {
+            continue;
+        };
+        for (k, _) in &wild.values {
+            channel.good[*k] = false;
+        }
+        if !alike(&wild) {
+            continue;
+        }
+        let (magnitude, differing) = wild.sizes();
+        let (n, count) = (r.len() as f64, wild.values.len() as f64);
+        let (low, high) = share_interval(count, n);
+        let size = 1.96 * wild.spread.max(differing) / count.sqrt();
+        let parameters = BTreeMap::from([
+            ("fraction", (count / n, low, high)),
+            ("magnitude", (magnitude, magnitude - size, magnitude + size)),
+        ]);
+        let samples = wild.values.len();
+        found.push(SampleEffect { kind: Kind::Outliers, channel: index, parameters, samples });
+    }
+    found
+}
+
+/// Drops wild values that the causes explain: a late sensor errs most where its signal jumps. `good` are the samples that
+/// counted before any were set aside.
+pub fn still_wild(samples: &mut Vec<SampleEffect>, data: &Data, good: Vec<Vec<bool>>, predicted: &[f64]) {
+    let (wild, others): (Vec<_>, Vec<_>) =
+        samples.iter().cloned().partition(|e: &SampleEffect| e.kind == Kind::Outliers);
+    if wild.is_empty() {
+        return;
+    }
+    let mut data = data.clone();
+    data.channels.iter_mut().zip(good).for_each(|(c, good)| c.good = good);
+    let measured = data.channels.iter().flat_map(|c| &c.values);
+    let mut residual: Vec<f64> = measured.zip(predicted).map(|(y, p)| y - p).collect();
+    data.fill(&mut residual);
+    let again = outliers(&mut data, &residual, &others);
+    samples.retain(|e| e.kind != Kind::Outliers || again.iter().any(|a| a.channel == e.channel));
+}
+
+/// Values farther from the middle of their neighbours than `least`: whatever the colour of the others.
+fn far(r: &[f64], good: &[bool], least: f64) -> Wild {
+    // How far a value stands from its neighbours, and how far these stand from each other.
+    let (away, scatter): (Vec<f64>, Vec<f64>) = (0..r.len())
+        .map(|k| {
+            let around: Vec<f64> = (k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(r.len()))
+                .filter(|j| *j != k && good[*j])
+                .map(|j| r[j])
+                .collect();
+            if !good[k] || around.is_empty() {
+                return (0.0, 0.0);
+            }
+            let middle = median(&around);
+            let apart: Vec<f64> = around.iter().map(|v| (v - middle).abs()).collect();
+            (r[k] - middle, median(&apart))
+        })
+        .unzip();
+    let kept: Vec<f64> = away.iter().copied().filter(|a| *a != 0.0).collect();
+    let spread = mad_std(&kept);
+    let wild = |k: &usize| spread > 0.0 && away[*k].abs() > (OUTLIER_SIGMAS * spread).max(least);
+    let values: Vec<(usize, f64)> = (0..away.len()).filter(wild).map(|k| (k, away[k])).collect();
+    let alone = values.iter().filter(|(k, away)| away.abs() > ISOLATED_SIGMAS * scatter[*k]).count();
+    let others = (0..away.len()).filter(|k| good[*k] && !wild(k)).map(|k| away[k]).collect();
+    Wild { values, spread, alone, others }
+}
+
+/// Values far from what those before and after them foretell by the noise's own colour. Where the noise swings fast, a
+/// value that is off by little stands out of that only.
+fn foretold(r: &[f64], good: &[bool]) -> Option<Wild> {
+    let mut rest = r.to_vec();
+    let mut found = None;
+    for _ in 0..OUTLIER_ROUNDS {
+        let ar = Ar::burg(&rest, MAX_AR_ORDER);
+        let mut colour = vec![1.0];
+        colour.extend(&ar.coefficients);
+        let mut white = filtered(&ar, r);
+        // What went before the first is not known.
+        white.iter_mut().take(ar.order()).for_each(|e| *e = 0.0);
+        let kept: Vec<f64> = white.iter().copied().filter(|e| *e != 0.0).collect();
+        let unit = mad_std(&kept);
+        let spread = unit / rms(&colour) / (colour.len() as f64).sqrt();
+        if unit.is_nan() || unit <= 0.0 {
+            return None;
+        }
+        let off = |white: &[f64], k: usize| {
+            let all = colour.iter().zip(&white[k..]);
+            let (product, energy) = all.fold((0.0, 0.0), |(p, n), (a, e)| (p + a * e, n + a * a));
+            product / energy
+        };
+        let mut open: Vec<usize> = (ar.order()..r.len())
+            .filter(|k| good[*k] && off(&white, *k).abs() > OUTLIER_SIGMAS * spread)
+            .collect();
+        let mut values = Vec::new();
+        while let Some((at, size)) = open
+            .iter()
+            .map(|k| off(&white, *k))
+            .enumerate()
+            .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+            .filter(|(_, size)| size.abs() > OUTLIER_SIGMAS * spread)
+        {
+            let k = open.swap_remove(at);
+            white[k..].iter_mut().zip(&colour).for_each(|(e, a)| *e -= size * a);
+            values.push((k, size));
+        }
+        values.sort_unstable_by_key(|(k, _)| *k);
+        let calm = |k: usize| white[k..].iter().take(colour.len()).all(|e| e.abs() < ISOLATED_SIGMAS * unit);
+        let alone = values.iter().filter(|(k, _)| calm(*k)).count();
+        rest = r.to_vec();
+        values.iter().for_each(|(k, size)| rest[*k] -= size);
+        let calm = (ar.order()..r.len()).filter(|k| good[*k] && rest[*k] == r[*k]);
+        let others = calm.map(|k| off(&white, k)).collect();
+        found = Some(Wild { values, spread, alone, others });
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_vehicle::Stream;
+
+    const SAMPLES: usize = 3000;
+
+    fn normal(seed: u64) -> Vec<f64> {
+        let mut stream = Stream::new(seed, "outliers");
+        (0..SAMPLES).map(|_| stream.normal()).collect()
+    }
+
+    /// Student's t of so many degrees.
+    fn heavy_tails(seed: u64, degrees: usize) -> Vec<f64> {
+        let mut stream = Stream::new(seed, "outliers");
+        let chi_square =
+            |stream: &mut Stream| (0..degrees).map(|_| stream.normal().powi(2)).sum::<f64>() / degrees as f64;
+        (0..SAMPLES).map(|_| stream.normal() / chi_square(&mut stream).sqrt()).collect()
+    }
+
+    #[test]
+    fn heavy_tails_are_no_outliers_and_a_few_of_one_size_are() {
+        let good = vec![true; SAMPLES];
+        let named = |r: &[f64]| {
+            let wild = far(r, &good, 0.0);
+            wild.values.len() >= MIN_OUTLIERS && wild.are_apart()
+        };
+        let falsely = (0..50).filter(|seed| named(&heavy_tails(*seed, 3))).count();
+        assert!(falsely <= 1, "{falsely} of 50");
+        for seed in 0..50 {
+            let mut r = normal(seed);
+            for k in (100..SAMPLES).step_by(700) {
+                r[k] += if k % 200 == 0 { 15.0 } else { -15.0 };
+            }
+            assert!(named(&r), "{seed}");
+        }
+    }
+}

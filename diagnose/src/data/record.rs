@@ -1,0 +1,319 @@
+//! A record as a diagnosis sees it: inputs on an even grid, and every measured output as a sequence of its own.
+
+use crate::data::gaps;
+use crate::thresholds::{
+    FIRST_COMMAND_SHARE, MAX_SEARCHED_STEPS, MIN_PART_STEPS, MIN_STEPS, SAME_PERIOD_SHARE,
+};
+use whirlstand_logs::Record;
+use whirlstand_vehicle::{Simulator, Vehicle};
+
+use crate::DiagnoseError;
+use whirlstand_ident::identify::data::Segment;
+
+/// One measured output: samples every `stride` steps from step `first` on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    /// Index of the vehicle's output.
+    pub output: usize,
+    /// Steps from one sample to the next.
+    pub stride: usize,
+    /// Step of the first sample.
+    pub first: usize,
+    /// Measured values, SI; NaN where there is none.
+    pub values: Vec<f64>,
+    /// Which samples count: measured, and not set aside as held, clipped or an outlier.
+    pub good: Vec<bool>,
+    /// Standard deviation of the noise that the vehicle file declares, SI; 0 where it says nothing.
+    pub declared: f64,
+}
+
+impl Channel {
+    /// The measured value at a step, if there is one that counts.
+    pub fn measured_at(&self, step: usize) -> Option<f64> {
+        let since = step.checked_sub(self.first)?;
+        let sample = since / self.stride;
+        (since.is_multiple_of(self.stride) && *self.good.get(sample)?).then(|| self.values[sample])
+    }
+
+    /// The step of a sample.
+    pub fn step(&self, sample: usize) -> usize {
+        self.first + sample * self.stride
+    }
+}
+
+/// A record on an even grid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Data {
+    /// Where it was read from.
+    pub origin: String,
+    /// Time of step 0 on the record's clock, s.
+    pub start_s: f64,
+    /// Period, s.
+    pub period_s: f64,
+    /// Number of steps.
+    pub steps: usize,
+    /// Steps x inputs, row after row, within the vehicle's limits.
+    pub inputs: Vec<f64>,
+    /// Number of inputs.
+    pub m: usize,
+    /// First steps of the records, when there are several: each has an initial state of its own.
+    pub starts: Vec<usize>,
+    /// True when the first commands were there before the records began; else the inputs were at rest.
+    pub held: bool,
+    /// For how long a prediction remembers what it has missed, s: it is that of a filter with process noise. `None` for
+    /// a free run, which is never corrected.
+    pub memory_s: Option<f64>,
+    /// The outputs that were measured.
+    pub channels: Vec<Channel>,
+}
+
+/// A multiple of the records' period at which all of them together are no longer than can be searched in minutes; `None`
+/// when they are not at their own.
+pub fn coarser_period(records: &[Record]) -> Option<f64> {
+    let first = records.first().filter(|r| r.time_unit == "s")?;
+    let own = whirlstand_logs::stats::median(&first.time.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>());
+    let steps = records.iter().map(Record::duration).sum::<f64>() / own;
+    (own > 0.0 && steps > MAX_SEARCHED_STEPS + 1.0).then(|| own * (steps / MAX_SEARCHED_STEPS - 1e-6).ceil())
+}
+
+impl Data {
+    /// Takes the vehicle's inputs and outputs out of a record.
+    ///
+    /// # Errors
+    /// When an input or every output is missing, or the record has no clock.
+    pub fn new(record: &Record, vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
+        let segment = Segment::new(record, vehicle, period_s, (None, None))?;
+        let p = vehicle.outputs.len();
+        let channels = (0..p).filter_map(|i| channel(&segment, i, p, vehicle.outputs[i].noise)).collect();
+        Ok(Self {
+            origin: record.origin.clone(),
+            start_s: segment.start_s,
+            period_s: segment.period_s,
+            steps: segment.steps,
+            inputs: segment.inputs,
+            m: vehicle.inputs.len(),
+            starts: vec![0],
+            held: false,
+            memory_s: None,
+            channels,
+        })
+    }
+
+    /// Several records as one, the outputs that all of them have. Across a long gap nobody knows what was commanded: what
+    /// follows it counts as a record of its own. In a short one samples are missing, and the prediction goes on.
+    ///
+    /// # Errors
+    /// As [`Data::new`], when periods differ, and when all records together are too short.
+    pub fn join(records: &[Record], vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
+        let mut parts = Vec::new();
+        for record in records {
+            parts.extend(unbroken(record, vehicle).iter().map(|r| Self::new(r, vehicle, period_s)));
+        }
+        let mut parts = parts.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let mut whole = parts.remove(0);
+        for part in parts {
+            if (part.period_s / whole.period_s - 1.0).abs() > SAME_PERIOD_SHARE {
+                return Err(DiagnoseError::Periods {
+                    first: whole.origin,
+                    first_s: whole.period_s,
+                    other: part.origin,
+                    other_s: part.period_s,
+                });
+            }
+            whole.append(part);
+        }
+        if whole.steps < MIN_STEPS {
+            let (origin, steps) = (whole.origin, whole.steps);
+            return Err(DiagnoseError::TooShort { origin, steps, least: MIN_STEPS });
+        }
+        Ok(whole)
+    }
+
+    /// Puts another record behind this one. Both are cut to whole rounds of their slowest sensors.
+    fn append(&mut self, mut other: Self) {
+        self.channels.retain(|c| other.channels.iter().any(|o| o.output == c.output && o.stride == c.stride));
+        other.channels.retain(|o| self.channels.iter().any(|c| o.output == c.output && o.stride == c.stride));
+        let round = self.channels.iter().map(|c| c.stride).max().unwrap_or(1);
+        self.cut(self.steps - self.steps % round);
+        other.cut(other.steps - other.steps % round);
+        self.starts.push(self.steps);
+        for (own, theirs) in self.channels.iter_mut().zip(other.channels) {
+            let whole = self.steps / own.stride;
+            own.values.resize(whole, f64::NAN);
+            own.good.resize(whole, false);
+            let from = own.values.len();
+            own.values.extend(theirs.values);
+            own.good.extend(theirs.good);
+            // A noise model must not see one record as the other's past.
+            let until = (from + crate::thresholds::MAX_AR_ORDER).min(own.good.len());
+            own.good[from..until].fill(false);
+        }
+        self.inputs.extend(other.inputs);
+        self.steps += other.steps;
+        self.origin = format!("{}, {}", self.origin, other.origin);
+    }
+
+    fn cut(&mut self, steps: usize) {
+        self.steps = steps;
+        self.inputs.truncate(steps * self.m);
+        for channel in &mut self.channels {
+            let samples = (steps.saturating_sub(channel.first)).div_ceil(channel.stride);
+            channel.values.truncate(samples);
+            channel.good.truncate(samples);
+        }
+    }
+
+    /// A simulator for the record that begins at a step. `None` when the vehicle has no finite step.
+    pub fn begin(&self, vehicle: &Vehicle, step: usize) -> Option<Simulator> {
+        let before = if self.held { self.commands(step) } else { &[] };
+        Simulator::expected_from(vehicle, self.period_s, before).ok()
+    }
+
+    /// The inputs of a step.
+    pub fn commands(&self, step: usize) -> &[f64] {
+        self.inputs.get(step * self.m..(step + 1) * self.m).unwrap_or_default()
+    }
+
+    /// True when a record's first commands are far from rest: then what came before it matters to delays and lags.
+    pub fn begins_moving(&self, vehicle: &Vehicle) -> bool {
+        let reach: Vec<f64> =
+            (0..self.m).map(|j| self.input(j).fold(0.0f64, |m, u| m.max(u.abs()))).collect();
+        self.starts.iter().any(|start| {
+            let inputs = self.commands(*start).iter().zip(&vehicle.inputs).zip(&reach);
+            inputs
+                .into_iter()
+                .any(|((u, input), reach)| (u - input.neutral()).abs() > FIRST_COMMAND_SHARE * reach)
+        })
+    }
+
+    /// Samples of all channels together.
+    pub fn samples(&self) -> usize {
+        self.channels.iter().map(|c| c.values.len()).sum()
+    }
+
+    /// Samples that count.
+    pub fn good(&self) -> usize {
+        self.channels.iter().map(|c| c.good.iter().filter(|g| **g).count()).sum()
+    }
+
+    /// Length, s.
+    pub fn duration_s(&self) -> f64 {
+        self.steps as f64 * self.period_s
+    }
+
+    /// An input as a sequence.
+    pub fn input(&self, j: usize) -> impl Iterator<Item = f64> + '_ {
+        self.inputs.iter().skip(j).step_by(self.m).copied()
+    }
+
+    /// Where each channel's samples lie among all samples, channel after channel.
+    pub fn ranges(&self) -> Vec<std::ops::Range<usize>> {
+        let mut at = 0;
+        self.channels
+            .iter()
+            .map(|c| {
+                let range = at..at + c.values.len();
+                at = range.end;
+                range
+            })
+            .collect()
+    }
+
+    /// Measured values of all channels, channel after channel.
+    pub fn measured(&self) -> Vec<f64> {
+        self.channels.iter().flat_map(|c| c.values.iter().copied()).collect()
+    }
+
+    /// Replaces samples that do not count by the straight line between their neighbours. As it is linear, it may be
+    /// done to a residual and to a signature alike, and the two stay comparable.
+    pub fn fill(&self, samples: &mut [f64]) {
+        for (channel, range) in self.channels.iter().zip(self.ranges()) {
+            if channel.good.contains(&false) {
+                fill(&mut samples[range], &channel.good);
+            }
+        }
+    }
+}
+
+/// The parts of a record between the gaps that cannot be bridged; the record itself when it has none. A part counts when
+/// more than an initial state can be told from it.
+fn unbroken(record: &Record, vehicle: &Vehicle) -> Vec<Record> {
+    let steps: Vec<f64> = record.time.windows(2).map(|w| w[1] - w[0]).collect();
+    let usual = whirlstand_logs::stats::median(&steps);
+    if usual <= 0.0 {
+        return vec![record.clone()];
+    }
+    let longest = gaps::bridged_s(record, vehicle, usual);
+    let gaps = steps.iter().enumerate().filter(|(_, d)| **d > longest).map(|(k, _)| k + 1);
+    let mut cuts: Vec<usize> = std::iter::once(0).chain(gaps).collect();
+    cuts.push(record.time.len());
+    let parts = cuts.windows(2).filter(|c| c[1] - c[0] >= MIN_PART_STEPS);
+    let parts: Vec<Record> =
+        parts.map(|c| record.between(record.time[c[0]], record.time[c[1] - 1])).collect();
+    if cuts.len() == 2 || parts.is_empty() { vec![record.clone()] } else { parts }
+}
+
+fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Channel> {
+    let all = segment.output(i, p);
+    let present: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
+    let first = *present.first()?;
+    // A sensor that is slower than the record delivers every so many steps.
+    let mut gaps: Vec<usize> = present.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_unstable();
+    let mut stride = gaps.get(gaps.len() / 2).copied().unwrap_or(1);
+    let mut first = first;
+    if let Some((start, every)) = held_rate(&all, &present) {
+        (first, stride) = (start, every);
+    }
+    let values: Vec<f64> = all.iter().skip(first).step_by(stride).copied().collect();
+    let good = values.iter().map(|v| v.is_finite()).collect();
+    Some(Channel { output: i, stride, first, values, good, declared })
+}
+
+/// First fresh step and distance of fresh values, for a slow sensor whose last value was repeated in between.
+fn held_rate(all: &[f64], present: &[usize]) -> Option<(usize, usize)> {
+    let changes: Vec<usize> = present.windows(2).filter(|w| all[w[1]] != all[w[0]]).map(|w| w[1]).collect();
+    if changes.len() < 8 || changes.len() * 2 > present.len() {
+        return None;
+    }
+    let mut gaps: Vec<usize> = changes.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_unstable();
+    let every = gaps[gaps.len() / 2];
+    let regular = gaps.iter().filter(|g| *g % every == 0).count();
+    (every > 1 && regular * 10 > gaps.len() * 9).then(|| (changes[0] % every, every))
+}
+
+fn fill(values: &mut [f64], good: &[bool]) {
+    let mut last: Option<usize> = None;
+    let mut k = 0;
+    while k < values.len() {
+        if good[k] {
+            last = Some(k);
+            k += 1;
+            continue;
+        }
+        let next = (k..values.len()).find(|j| good[*j]);
+        let end = next.unwrap_or(values.len());
+        for j in k..end {
+            values[j] = match (last, next) {
+                (Some(a), Some(b)) => values[a] + (values[b] - values[a]) * (j - a) as f64 / (b - a) as f64,
+                (Some(a), None) => values[a],
+                (None, Some(b)) => values[b],
+                (None, None) => 0.0,
+            };
+        }
+        k = end;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fill;
+
+    #[test]
+    fn gaps_are_bridged_by_straight_lines() {
+        let mut v = [9.0, 1.0, f64::NAN, f64::NAN, 4.0, f64::NAN];
+        fill(&mut v, &[false, true, false, false, true, false]);
+        assert_eq!(v, [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
+    }
+}

@@ -1,0 +1,203 @@
+//! What single samples show, whatever the model: rounding, clipping, held and wild values.
+//!
+//! Samples that are not what the sensor would have delivered are set aside, so that all that follows rests on the
+//! others.
+
+use crate::thresholds::{
+    COARSE_STEP_SHARE, MIN_HELD_SAMPLES, MIN_LEVELS, MIN_STEPS_OF_A_LIMIT, NEIGHBOURS, NEW_VALUE_SHARE,
+};
+use std::collections::BTreeMap;
+
+use whirlstand_vehicle::{Kind, Output, Vehicle};
+
+use crate::data::record::{Channel, Data};
+use whirlstand_logs::stats::{mad_std, median};
+
+/// An effect on single samples of a channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SampleEffect {
+    /// Which effect.
+    pub kind: Kind,
+    /// Channel.
+    pub channel: usize,
+    /// Parameters: value, lower and upper end of the 95 % interval, SI.
+    pub parameters: BTreeMap<&'static str, (f64, f64, f64)>,
+    /// Samples that it touched.
+    pub samples: usize,
+}
+
+/// Finds rounding, clipping and held samples in what was measured, and sets samples aside.
+pub fn measured_effects(data: &mut Data, vehicle: &Vehicle) -> Vec<SampleEffect> {
+    let mut found = Vec::new();
+    for (index, channel) in data.channels.iter_mut().enumerate() {
+        let output = &vehicle.outputs[channel.output];
+        let noise = if output.noise > 0.0 { output.noise } else { fast_noise(channel) };
+        let rounding =
+            rounding(channel, COARSE_STEP_SHARE * noise).filter(|step| *step > 1.5 * output.quantization);
+        let step = rounding.unwrap_or(output.quantization);
+        if let Some(step) = rounding {
+            let parameters = BTreeMap::from([("step", (step, step * (1.0 - 1e-3), step * (1.0 + 1e-3)))]);
+            let samples = channel.values.len();
+            found.push(SampleEffect { kind: Kind::Quantization, channel: index, parameters, samples });
+        }
+        if let Some(effect) = clipping(channel, index, step, noise) {
+            found.push(effect);
+        }
+        if step < COARSE_STEP_SHARE * noise
+            && let Some(effect) = held(channel, index)
+        {
+            found.push(effect);
+        }
+    }
+    found
+}
+
+/// True when a sensor's values are multiples of a step that is coarser than its noise.
+pub fn is_coarse(channel: &Channel, output: &Output) -> bool {
+    let noise = if output.noise > 0.0 { output.noise } else { fast_noise(channel) };
+    rounding(channel, noise).is_some()
+}
+
+/// Standard deviation of what changes from sample to sample.
+fn fast_noise(channel: &Channel) -> f64 {
+    let differences: Vec<f64> = channel.values.windows(2).map(|w| w[1] - w[0]).collect();
+    mad_std(&differences) / 2f64.sqrt()
+}
+
+/// The step of which all values are multiples, if it is coarser than `least`. A limit that cuts them is no multiple.
+fn rounding(channel: &Channel, least: f64) -> Option<f64> {
+    let mut values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    step_of(&values, least).or_else(|| {
+        let (first, last) = (*values.first()?, *values.last()?);
+        let inside: Vec<f64> = values.iter().copied().filter(|v| *v > first && *v < last).collect();
+        step_of(&inside, least)
+    })
+}
+
+/// As [`rounding`], of sorted values.
+fn step_of(values: &[f64], least: f64) -> Option<f64> {
+    let tiny = 1e-9 * values.last()?.abs().max(values.first()?.abs());
+    let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|g| *g > tiny).collect();
+    if gaps.len() < MIN_LEVELS - 1 || gaps.len() * 2 > values.len() {
+        return None;
+    }
+    let smallest = gaps.iter().copied().fold(f64::INFINITY, f64::min);
+    if smallest < least {
+        return None;
+    }
+    // Gaps are multiples of the step; more digits come from the value farthest from zero.
+    let singles: Vec<f64> = gaps.iter().copied().filter(|g| *g < 1.5 * smallest).collect();
+    let mut step = median(&singles);
+    let far =
+        if values[0].abs() > values[values.len() - 1].abs() { values[0] } else { values[values.len() - 1] };
+    let multiple = (far / step).round();
+    if multiple != 0.0 && multiple.abs() < 1e4 {
+        let refined = far / multiple;
+        if (refined / step - 1.0).abs() < 0.01 {
+            step = refined;
+        }
+    }
+    let on = values.iter().filter(|v| (*v / step - (*v / step).round()).abs() < 0.02).count();
+    (on * 10 >= values.len() * 9).then_some(step)
+}
+
+/// Values that pile up at the greatest or the least.
+fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Option<SampleEffect> {
+    let finite = || channel.values.iter().copied().filter(|v| v.is_finite());
+    let (top, bottom) = (finite().fold(f64::NEG_INFINITY, f64::max), finite().fold(f64::INFINITY, f64::min));
+    let width = (top - bottom).abs();
+    if width.is_nan() || width <= 0.0 || width < MIN_STEPS_OF_A_LIMIT * step {
+        return None;
+    }
+    let near = 1e-9 * width;
+    let piled = |at: f64, inward: f64| {
+        let count = finite().filter(|v| (v - at).abs() <= near).count();
+        // Rounded values repeat anyway: at a limit they do so far more often than just inside of it.
+        let inside =
+            finite().filter(|v| step > 0.0 && (v - (at + inward * step)).abs() <= 0.01 * step).count();
+        count >= MIN_HELD_SAMPLES.max(channel.values.len() / 500) && count > 3 * inside
+    };
+    let (upper, lower) = (piled(top, -1.0), piled(bottom, 1.0));
+    if !upper && !lower {
+        return None;
+    }
+    // Near a limit the noise is cut on one side: what stands there on the whole is set aside, not only what is cut.
+    let smooth = smoothed(&channel.values);
+    let mut samples = 0;
+    for ((value, smooth), good) in channel.values.iter().zip(&smooth).zip(&mut channel.good) {
+        let cut = upper && (value - top).abs() <= near || lower && (value - bottom).abs() <= near;
+        samples += usize::from(cut);
+        let close = upper && *smooth > top - 2.5 * noise || lower && *smooth < bottom + 2.5 * noise;
+        *good &= !(cut || close);
+    }
+    let range = |at: f64, cut: bool, far: f64| {
+        if cut { (at, at - 1e-6 * width, at + 1e-6 * width) } else { (at + far, at, at + 2.0 * far) }
+    };
+    let parameters = BTreeMap::from([
+        ("upper", range(top, upper, 10.0 * width)),
+        ("lower", range(bottom, lower, -10.0 * width)),
+    ]);
+    Some(SampleEffect { kind: Kind::OutputSaturation, channel: index, parameters, samples })
+}
+
+/// Running median of nine.
+fn smoothed(values: &[f64]) -> Vec<f64> {
+    (0..values.len())
+        .map(|k| median(&values[k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(values.len())]))
+        .collect()
+}
+
+/// Samples that repeat the one before, now and then.
+fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
+    let n = channel.values.len();
+    let repeats: Vec<usize> = (1..n)
+        .filter(|&k| channel.good[k] && channel.good[k - 1] && channel.values[k] == channel.values[k - 1])
+        .collect();
+    let fraction = repeats.len() as f64 / n as f64;
+    let mut values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values.dedup();
+    if (values.len() as f64) < NEW_VALUE_SHARE * n as f64 {
+        return None;
+    }
+    // A sensor of few digits repeats a value by chance, about half as often as it steps to the next.
+    let steps = || channel.values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0);
+    let finest = steps().fold(f64::INFINITY, f64::min);
+    let chance = 0.5 * steps().filter(|d| *d < 1.05 * finest).count() as f64;
+    if repeats.len() < MIN_HELD_SAMPLES || (repeats.len() as f64) < 3.0 * (chance + chance.sqrt()) {
+        return None;
+    }
+    for &k in &repeats {
+        channel.good[k] = false;
+    }
+    // A slower sensor repeats its value at every second or third step: that is its rate, no loss.
+    let mut distances: Vec<usize> = repeats.windows(2).map(|w| w[1] - w[0]).collect();
+    distances.sort_unstable();
+    let common = distances.get(distances.len() / 2).copied().unwrap_or(0);
+    let regular = distances.iter().filter(|d| **d == common).count() * 10 > distances.len() * 9;
+    let longest = longest_run(&repeats);
+    if regular && fraction > 0.3 || longest * 2 > repeats.len() && longest > 20 {
+        return None;
+    }
+    let (low, high) = share_interval(repeats.len() as f64, n as f64);
+    let parameters = BTreeMap::from([("fraction", (fraction, low, high))]);
+    Some(SampleEffect { kind: Kind::Dropouts, channel: index, parameters, samples: repeats.len() })
+}
+
+/// 95 % interval of a share, `count` of `n` (Wilson).
+pub(crate) fn share_interval(count: f64, n: f64) -> (f64, f64) {
+    let z2 = 1.96f64 * 1.96;
+    let centre = (count + 0.5 * z2) / (n + z2);
+    let half = 1.96 * (count * (1.0 - count / n) + 0.25 * z2).sqrt() / (n + z2);
+    ((centre - half).max(0.0), centre + half)
+}
+
+pub(crate) fn longest_run(sorted: &[usize]) -> usize {
+    let (mut longest, mut run) = (0, 0);
+    for (i, k) in sorted.iter().enumerate() {
+        run = if i > 0 && sorted[i - 1] + 1 == *k { run + 1 } else { 1 };
+        longest = longest.max(run);
+    }
+    longest
+}

@@ -1,0 +1,46 @@
+//! Why a record cannot be diagnosed at all.
+
+use whirlstand_vehicle::SimulatorError;
+
+use whirlstand_ident::compare::CompareError;
+use whirlstand_ident::identify::IdentifyError;
+
+/// Why there is no diagnosis. What is wrong with a record that can be read is an answer, not an error.
+#[derive(Debug, thiserror::Error)]
+pub enum DiagnoseError {
+    /// The record lacks what the vehicle needs, or has no clock.
+    #[error(transparent)]
+    Record(#[from] IdentifyError),
+    /// A record could not be brought onto a grid.
+    #[error(transparent)]
+    Grid(#[from] CompareError),
+    /// Too few steps.
+    #[error(
+        "{origin} has {steps} steps; at least {least} are needed to tell one cause from another: record for longer"
+    )]
+    TooShort {
+        /// Where the record was read from.
+        origin: String,
+        /// Steps that it has.
+        steps: usize,
+        /// Steps that are needed.
+        least: usize,
+    },
+    /// The vehicle cannot be simulated.
+    #[error(transparent)]
+    Simulator(#[from] SimulatorError),
+    /// Records of one diagnosis have different periods.
+    #[error(
+        "{other} has a period of {other_s} s, {first} one of {first_s} s: bring them onto one with --period"
+    )]
+    Periods {
+        /// The first record.
+        first: String,
+        /// Its period, s.
+        first_s: f64,
+        /// Another record.
+        other: String,
+        /// Its period, s.
+        other_s: f64,
+    },
+}

@@ -1,0 +1,122 @@
+//! Diagnosis: what a simulation gets wrong, why, and what is gained by mending it.
+//!
+//! A diagnosis is a list of stages, each a type in [`stages`]: load, check, baseline, select, residual, findings, answer.
+
+pub mod answer;
+pub mod candidates;
+pub mod data;
+mod error;
+pub mod model;
+mod options;
+pub mod residual;
+pub mod search;
+pub(crate) mod stages;
+mod thresholds;
+mod vehicle_poles;
+mod watch;
+
+use whirlstand_logs::Record;
+use whirlstand_vehicle::Vehicle;
+
+pub use answer::{DIAGNOSIS_SCHEMA, Diagnosis, Verdict};
+pub use error::DiagnoseError;
+pub use options::Options;
+pub use watch::Watch;
+
+use answer::compose;
+use data::limits::limits;
+use data::record::Channel;
+use model::free_run::FreeRun;
+use model::predictor::memories;
+use stages::baseline::Baseline;
+use stages::check::Checked;
+use stages::findings::Findings;
+use stages::load::Loaded;
+use stages::residual::Residual;
+use stages::select::Selected;
+use stages::weighed::Weighed;
+use thresholds::{MIN_BIC_GAIN, REST_BEFORE_BIC};
+
+/// Diagnoses one or more records, at least one.
+///
+/// # Errors
+/// [`DiagnoseError`] when there is nothing that could be simulated; what is wrong with data that can is an answer.
+///
+/// # Panics
+/// Without a record.
+pub fn diagnose(
+    records: &[Record],
+    vehicle: &Vehicle,
+    options: &Options,
+) -> Result<Diagnosis, DiagnoseError> {
+    let limits = limits(records, vehicle, options);
+    let mut loaded = Loaded::new(records, limits.wider.as_ref().unwrap_or(vehicle), options)?;
+    loaded.found.extend(limits.found);
+    let free = over_commands(&loaded);
+    if free.blocked {
+        return Ok(free.answer);
+    }
+    Ok(match followed(&loaded, &free) {
+        Some(followed) => followed.answer,
+        None => free.answer,
+    })
+}
+
+/// The answer of predictors that follow the record, where they are likelier than the free run with all that was found, by
+/// the vehicle alone or with causes of their own. What a free run leaves has to be explained where it means something:
+/// a filter that found no cause has only taken it for noise.
+fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
+    // Where all noise is declared, nothing that goes beyond it may be taken for noise.
+    let declared = |c: &Channel| loaded.vehicle.outputs[c.output].noise > 0.0;
+    let declared = loaded.data.channels.iter().all(declared);
+    let explained = free.answer.verdict == Verdict::Explained;
+    if (free.means_something || explained) && declared || loaded.options.watch.is_stopped() {
+        return None;
+    }
+    let memories = memories(loaded.vehicle, &Checked::new(loaded).data);
+    let likeliest = memories.first()?;
+    let unlikely = free.likelihood.is_some_and(|l| l.bic_gain(&likeliest.likelihood) < MIN_BIC_GAIN);
+    if free.means_something && unlikely {
+        return None;
+    }
+    // Process noise takes a cause for noise, the more the sooner it forgets: causes are looked for with the least of it.
+    // What that leaves of the record's own colour, the noise of the innovations has, anew beside every candidate.
+    let longest = memories.iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds))?;
+    loaded.options.watch.tell("follows the record with a filter");
+    let best = over_commands(&loaded.remembering(longest.seconds));
+    let likelihood = best.likelihood?;
+    // Gusts that are named make a free run a bad prediction and a good model.
+    let plainly_likelier = free.likelihood.is_some_and(|l| l.bic_gain(&likelihood) < -MIN_BIC_GAIN);
+    let free_stands = if free.means_something {
+        best.answer.causes.is_empty()
+    } else {
+        declared && plainly_likelier && !free.answer.causes.is_empty()
+    };
+    (!free_stands).then_some(best)
+}
+
+/// The answer over loaded records. What came before a record nobody knows: a command that was there at first was there
+/// before, unless the causes that are found so do plainly better without.
+fn over_commands(loaded: &Loaded<'_>) -> Weighed {
+    if !loaded.data.begins_moving(loaded.vehicle) {
+        return answered(loaded);
+    }
+    let held = answered(&loaded.held());
+    let stopped = loaded.options.watch.is_stopped();
+    if held.rest_before > REST_BEFORE_BIC && !stopped { answered(loaded) } else { held }
+}
+
+/// The stages over loaded records.
+fn answered(loaded: &Loaded<'_>) -> Weighed {
+    let baseline = match Baseline::new(Checked::new(loaded)) {
+        Ok(baseline) => baseline,
+        Err(no_baseline) => return Weighed::nothing(compose::no_prediction(&no_baseline.0, no_baseline.1)),
+    };
+    let free_run = FreeRun::new(loaded.vehicle, baseline.data());
+    let selected = match Selected::new(&baseline, &free_run) {
+        Ok(selected) => selected,
+        Err(why) => return Weighed::nothing(compose::no_prediction(&baseline.checked, why)),
+    };
+    let residual = Residual::new(selected);
+    Weighed::new(Findings::new(&baseline, residual))
+}

@@ -1,0 +1,379 @@
+//! A hypothesis about a record: the vehicle, effects with open values, and the fit of all of them together.
+
+use crate::thresholds::{FIT_TOLERANCE, MAX_DAMPED_STEPS};
+use nalgebra::{DMatrix, DVector};
+use whirlstand_vehicle::{Effect, Free, Target, Vehicle};
+
+use crate::candidates::library::Candidate;
+use crate::model::free_run::{FreeRun, ModelError};
+use crate::model::noise::{Noise, Profile};
+use whirlstand_ident::identify::normal::pseudo_inverse;
+
+/// How far a fit is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// A few steps under one noise model: enough to see what a candidate could come to. Sensitivities are not kept.
+    Glance,
+    /// To the optimum.
+    Full,
+}
+
+impl Effort {
+    /// How often the noise model is fitted anew, and steps of Levenberg and Marquardt under each.
+    fn rounds(self) -> (usize, usize) {
+        match self {
+            Effort::Glance => (1, 3),
+            Effort::Full => (20, 6),
+        }
+    }
+}
+
+/// The vehicle with free parameters and effects whose values are open.
+///
+/// Values come in one vector: initial state, free parameters of the vehicle, then the tunables of every effect.
+#[derive(Debug, Clone)]
+pub struct Model<'r, 'd> {
+    /// The vehicle over the record.
+    pub free_run: &'r FreeRun<'d>,
+    /// Free parameters of the vehicle, for one that was fitted itself.
+    pub free: &'r [Free],
+    /// Effects.
+    pub terms: Vec<Candidate>,
+}
+
+/// A model at its best values.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// Best values.
+    pub values: Vec<f64>,
+    /// Predicted samples.
+    pub predicted: Vec<f64>,
+    /// Measured minus predicted, filled.
+    pub residual: Vec<f64>,
+    /// Likelihood and noise model.
+    pub profile: Profile,
+    /// Columns of the sensitivities, raw, in the order of the values.
+    pub columns: Vec<Vec<f64>>,
+}
+
+struct Slot {
+    lower: f64,
+    upper: f64,
+    scale: f64,
+}
+
+impl<'r, 'd> Model<'r, 'd> {
+    /// How many values are the initial state, of every record its own.
+    pub fn states(&self) -> usize {
+        self.free_run.initials()
+    }
+
+    /// How many values come before those of the effects.
+    pub fn base(&self) -> usize {
+        self.states() + self.free.len()
+    }
+
+    /// Number of values that are no initial state: what BIC counts.
+    pub fn parameters(&self) -> usize {
+        self.free.len() + self.terms.iter().map(|t| t.tunables.len()).sum::<usize>()
+    }
+
+    /// Where the values of a term lie.
+    pub fn range(&self, term: usize) -> std::ops::Range<usize> {
+        let from = self.base() + self.terms[..term].iter().map(|t| t.tunables.len()).sum::<usize>();
+        from..from + self.terms[term].tunables.len()
+    }
+
+    /// The effects at the given values.
+    ///
+    /// # Errors
+    /// [`ModelError::Inapplicable`] when the table does not allow the values of one.
+    pub fn effects(&self, values: &[f64]) -> Result<Vec<Effect>, ModelError> {
+        let effect = |t: usize| self.terms[t].effect(&values[self.range(t)]).ok_or(ModelError::Inapplicable);
+        (0..self.terms.len()).map(effect).collect()
+    }
+
+    /// The vehicle at the given values.
+    ///
+    /// # Errors
+    /// [`ModelError::Inapplicable`] when an effect does not fit.
+    pub fn vehicle(&self, values: &[f64]) -> Result<Vehicle, ModelError> {
+        let mut vehicle = self.free_run.with(&self.effects(values)?)?;
+        for (free, value) in self.free.iter().zip(&values[self.states()..]) {
+            vehicle.set_free(&free.target, *value).map_err(|_| ModelError::Inapplicable)?;
+        }
+        Ok(vehicle)
+    }
+
+    /// Predicted samples.
+    ///
+    /// # Errors
+    /// When an effect does not fit, or the free run leaves all bounds.
+    pub fn predict(&self, values: &[f64]) -> Result<Vec<f64>, ModelError> {
+        self.free_run.run_vehicle(&self.vehicle(values)?, &values[..self.states()])
+    }
+
+    fn slots(&self) -> Vec<Slot> {
+        let mut slots: Vec<Slot> = (0..self.states())
+            .map(|_| Slot { lower: f64::NEG_INFINITY, upper: f64::INFINITY, scale: 1e-2 })
+            .collect();
+        let vehicle = &self.free_run.vehicle;
+        slots.extend(self.free.iter().map(|f| {
+            let value = vehicle.free_value(&f.target).abs();
+            // A zero that was fitted has no size of its own: its neighbours in the matrix have.
+            let scale = if value > 0.0 { value } else { 1e-3 * (f.upper - f.lower).min(1e3) };
+            let _: &Target = &f.target;
+            Slot { lower: f.lower, upper: f.upper, scale: 1e-3 * scale }
+        }));
+        let tunables = self.terms.iter().flat_map(|t| &t.tunables);
+        slots.extend(tunables.map(|t| Slot { lower: t.lower, upper: t.upper, scale: t.scale }));
+        slots
+    }
+
+    /// Sensitivities by one-sided differences; those of the initial state may be given.
+    fn columns(
+        &self,
+        values: &[f64],
+        centre: &[f64],
+        slots: &[Slot],
+        initial: Option<&[Vec<f64>]>,
+    ) -> Result<Vec<Vec<f64>>, ModelError> {
+        let n = self.states();
+        let mut columns = match initial {
+            Some(columns) => columns.to_vec(),
+            None => self.free_run.initial_columns(&self.vehicle(values)?, &values[..n], centre)?,
+        };
+        columns.extend(self.own_columns(values, centre, slots)?);
+        Ok(columns)
+    }
+
+    /// Those of the values after the initial state.
+    fn own_columns(
+        &self,
+        values: &[f64],
+        centre: &[f64],
+        slots: &[Slot],
+    ) -> Result<Vec<Vec<f64>>, ModelError> {
+        let column = |i: usize| {
+            let up = values[i] + slots[i].scale <= slots[i].upper;
+            let step = if up { slots[i].scale } else { -slots[i].scale };
+            let mut moved = values.to_vec();
+            moved[i] += step;
+            let mut column = match self.predict(&moved) {
+                Ok(column) => column,
+                Err(_) => {
+                    moved[i] = values[i] - step;
+                    self.predict(&moved)?
+                }
+            };
+            let inverse = 1.0 / (moved[i] - values[i]);
+            column.iter_mut().zip(centre).for_each(|(c, y)| *c = (*c - y) * inverse);
+            Ok(column)
+        };
+        (self.states()..values.len()).map(column).collect()
+    }
+
+    fn residual(&self, measured: &[f64], predicted: &[f64]) -> Vec<f64> {
+        let mut residual: Vec<f64> = measured.iter().zip(predicted).map(|(y, p)| y - p).collect();
+        self.free_run.data.fill(&mut residual);
+        residual
+    }
+
+    /// Fits all values to the optimum, the noise model in turn with them. `initial` are sensitivities by the initial
+    /// state from a model nearby: the search follows them, the answer does not depend on them.
+    ///
+    /// # Errors
+    /// When the start, or what lies next to it, cannot be simulated.
+    pub fn fit(
+        &self,
+        start: Vec<f64>,
+        noise: Option<&Noise>,
+        initial: Option<&[Vec<f64>]>,
+    ) -> Result<Fit, ModelError> {
+        self.follow(start, noise, initial, Effort::Full)
+    }
+
+    /// As [`Model::fit`], as far as asked.
+    ///
+    /// # Errors
+    /// As [`Model::fit`].
+    pub fn follow(
+        &self,
+        start: Vec<f64>,
+        noise: Option<&Noise>,
+        initial: Option<&[Vec<f64>]>,
+        effort: Effort,
+    ) -> Result<Fit, ModelError> {
+        let data = self.free_run.data;
+        let (outer, inner) = effort.rounds();
+        let measured = data.measured();
+        let slots = self.slots();
+        let mut values = start;
+        for (v, s) in values.iter_mut().zip(&slots) {
+            *v = v.clamp(s.lower, s.upper);
+        }
+        let mut predicted = self.predict(&values)?;
+        let mut residual = self.residual(&measured, &predicted);
+        let again =
+            |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
+        let mut profile = again(&residual);
+        let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
+        let mut columns = Vec::new();
+        let mut damping = 1e-4;
+        for _ in 0..outer {
+            let mut white = used.whiten(data, &residual);
+            let mut cost = dot(&white, &white);
+            // Given sensitivities are the same in every step: they are whitened once.
+            let known = initial.map(|columns| {
+                let white = whitened(&used, data, columns);
+                let products = products(&white);
+                (white, products)
+            });
+            for _ in 0..inner {
+                let (information, right) = match &known {
+                    Some((known, products)) => {
+                        let own = self.own_columns(&values, &predicted, &slots)?;
+                        bordered(known, products, &whitened(&used, data, &own), &white)
+                    }
+                    None => {
+                        columns = self.columns(&values, &predicted, &slots, None)?;
+                        normal(&whitened(&used, data, &columns), &white)
+                    }
+                };
+                let moved = self.lower((&values, &information, &right), &slots, &mut damping, |predicted| {
+                    let residual = self.residual(&measured, predicted);
+                    let white = used.whiten(data, &residual);
+                    let lower = dot(&white, &white);
+                    (lower < cost).then_some((residual, white, lower))
+                });
+                let Some((next, p, (r, w, c))) = moved else { break };
+                let gain = cost - c;
+                (values, predicted, residual, white, cost) = (next, p, r, w, c);
+                damping = (0.1 * damping).max(1e-9);
+                if gain < FIT_TOLERANCE {
+                    break;
+                }
+            }
+            let next = again(&residual);
+            let gain = next.log_likelihood - profile.log_likelihood;
+            let same = next.noise == used;
+            profile = next;
+            used = profile.noise.clone();
+            if same || gain.abs() < FIT_TOLERANCE {
+                break;
+            }
+        }
+        if effort == Effort::Glance {
+            columns.clear();
+        } else if initial.is_some() || columns.is_empty() {
+            columns = self.columns(&values, &predicted, &slots, initial)?;
+        }
+        Ok(Fit { values, predicted, residual, profile, columns })
+    }
+
+    /// The first damped step that `accept` takes: the values, their prediction and what `accept` made of it. The damping
+    /// grows with every step that is refused.
+    fn lower<T>(
+        &self,
+        (values, information, right): (&[f64], &DMatrix<f64>, &DVector<f64>),
+        slots: &[Slot],
+        damping: &mut f64,
+        accept: impl Fn(&[f64]) -> Option<T>,
+    ) -> Option<(Vec<f64>, Vec<f64>, T)> {
+        for _ in 0..MAX_DAMPED_STEPS {
+            let step = damped(information, right, *damping)?;
+            let moved = values.iter().zip(step.iter()).zip(slots);
+            let next: Vec<f64> = moved.map(|((v, d), s)| (*v + d).clamp(s.lower, s.upper)).collect();
+            if let Ok(predicted) = self.predict(&next)
+                && let Some(accepted) = accept(&predicted)
+            {
+                return Some((next, predicted, accepted));
+            }
+            *damping = (*damping * 10.0).max(1e-4);
+        }
+        None
+    }
+
+    /// Covariance of the values (Cramer and Rao), from exact sensitivities at the fit.
+    ///
+    /// # Errors
+    /// When a sensitivity cannot be simulated, or the information matrix is not finite.
+    pub fn covariance(&self, fit: &Fit) -> Result<DMatrix<f64>, ModelError> {
+        let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
+        let data = self.free_run.data;
+        let zero = vec![0.0; fit.residual.len()];
+        let (information, _) = normal(&whitened(&fit.profile.noise, data, &columns), &zero);
+        pseudo_inverse(&information).ok_or(ModelError::NotDetermined)
+    }
+}
+
+fn whitened(noise: &Noise, data: &crate::data::record::Data, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let white = |c: &Vec<f64>| {
+        let mut c = c.clone();
+        data.fill(&mut c);
+        noise.whiten(data, &c)
+    };
+    columns.iter().map(white).collect()
+}
+
+/// Products of all columns with each other.
+fn products(columns: &[Vec<f64>]) -> DMatrix<f64> {
+    let n = columns.len();
+    let mut products = DMatrix::zeros(n, n);
+    for i in 0..n {
+        for j in 0..=i {
+            let v = dot(&columns[i], &columns[j]);
+            (products[(i, j)], products[(j, i)]) = (v, v);
+        }
+    }
+    products
+}
+
+/// Information matrix and gradient from whitened columns and residual.
+fn normal(columns: &[Vec<f64>], white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+    let gradient = DVector::from_iterator(columns.len(), columns.iter().map(|c| dot(c, white)));
+    (products(columns), gradient)
+}
+
+/// The same when the products of the first columns are known.
+fn bordered(
+    known: &[Vec<f64>],
+    known_products: &DMatrix<f64>,
+    own: &[Vec<f64>],
+    white: &[f64],
+) -> (DMatrix<f64>, DVector<f64>) {
+    let (k, n) = (known.len(), known.len() + own.len());
+    let mut information = DMatrix::zeros(n, n);
+    information.view_mut((0, 0), (k, k)).copy_from(known_products);
+    information.view_mut((k, k), (n - k, n - k)).copy_from(&products(own));
+    for (i, a) in own.iter().enumerate() {
+        for (j, b) in known.iter().enumerate() {
+            let v = dot(a, b);
+            (information[(k + i, j)], information[(j, k + i)]) = (v, v);
+        }
+    }
+    let gradient = known.iter().chain(own).map(|c| dot(c, white));
+    (information, DVector::from_iterator(n, gradient))
+}
+
+/// The step of Levenberg and Marquardt; directions that the data do not show stay.
+fn damped(information: &DMatrix<f64>, right: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
+    let mut damped = information.clone();
+    for i in 0..damped.nrows() {
+        damped[(i, i)] *= 1.0 + damping;
+    }
+    Some(pseudo_inverse(&damped)? * right)
+}
+
+/// Sum of products, in four independent sums.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in a4.zip(b4) {
+        for i in 0..4 {
+            sums[i] += x[i] * y[i];
+        }
+    }
+    rest + sums.iter().sum::<f64>()
+}

@@ -1,0 +1,291 @@
+//! Free runs of a vehicle over a record's inputs, with any effects added.
+
+use whirlstand_vehicle::{Effect, Simulator, Vehicle};
+
+use crate::data::record::{Channel, Data};
+use crate::model::observer::Observer;
+use crate::thresholds::{DIVERGED_RATIO, INITIAL_STATE_STEP};
+
+/// Why a hypothesis has no prediction, or no estimate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum ModelError {
+    /// An effect does not fit the vehicle, or its parameters are not allowed.
+    #[error("the effect does not fit the vehicle")]
+    Inapplicable,
+    /// The free run leaves all bounds.
+    #[error("the free run leaves all bounds")]
+    Diverged,
+    /// The data do not determine what is sought.
+    #[error("the record does not determine it")]
+    NotDetermined,
+}
+
+/// Where the samples of a channel go.
+struct Place {
+    output: usize,
+    stride: usize,
+    /// Step of the next sample.
+    next: usize,
+    /// Where it goes, and where the channel ends.
+    at: usize,
+    end: usize,
+    /// Largest magnitude.
+    reach: f64,
+}
+
+/// A vehicle that is run over one record.
+#[derive(Debug, Clone)]
+pub struct FreeRun<'d> {
+    /// The record.
+    pub data: &'d Data,
+    /// The vehicle, with whatever is taken for granted.
+    pub vehicle: Vehicle,
+    /// Largest magnitude that a run may reach, channel by channel.
+    reach: Vec<f64>,
+    /// What corrects the run by the record itself; `None` for a free run.
+    observer: Option<Observer>,
+}
+
+impl<'d> FreeRun<'d> {
+    /// For a vehicle and a record.
+    pub fn new(vehicle: &Vehicle, data: &'d Data) -> Self {
+        let mut vehicle = vehicle.clone();
+        // Texts are of no use to a simulation, and copies of a vehicle are made by the hundred.
+        vehicle.source_text.clear();
+        let peak =
+            |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
+        let reach = |values: &[f64]| DIVERGED_RATIO * peak(values).max(f64::MIN_POSITIVE);
+        let reach = data.channels.iter().map(|c| reach(&c.values)).collect();
+        let observer = data.memory_s.and_then(|memory_s| Observer::new(&vehicle, data, memory_s));
+        Self { data, vehicle, reach, observer }
+    }
+
+    /// The vehicle with effects added.
+    ///
+    /// # Errors
+    /// [`ModelError::Inapplicable`] when one does not fit.
+    pub fn with(&self, effects: &[Effect]) -> Result<Vehicle, ModelError> {
+        let mut vehicle = self.vehicle.clone();
+        for effect in effects {
+            vehicle.add_effect(effect.clone()).map_err(|_| ModelError::Inapplicable)?;
+        }
+        Ok(vehicle)
+    }
+
+    /// Number of states.
+    pub fn states(&self) -> usize {
+        self.vehicle.states.len()
+    }
+
+    /// How many numbers the initial states of all records are.
+    pub fn initials(&self) -> usize {
+        self.states() * self.data.starts.len()
+    }
+
+    /// Flies a vehicle over all records, each from its own initial state: the one loop of all free runs. At every step
+    /// `prepare` is given the simulator before the inputs are applied, and `observe` after that; what `observe` refuses
+    /// ends the run as diverged.
+    fn fly(
+        &self,
+        vehicle: &Vehicle,
+        initial: &[f64],
+        mut prepare: impl FnMut(usize, &mut Simulator),
+        mut observe: impl FnMut(usize, &[f64]) -> bool,
+    ) -> Result<(), ModelError> {
+        let data = self.data;
+        if data.memory_s.is_some() && self.observer.is_none() {
+            return Err(ModelError::Diverged);
+        }
+        let begin = |step: usize| data.begin(vehicle, step).ok_or(ModelError::Diverged);
+        let mut simulator = begin(0)?;
+        let (mut errors, mut change) = (vec![0.0; data.channels.len()], vec![0.0; self.states()]);
+        let mut records = data.starts.iter().zip(initial.chunks_exact(self.states().max(1))).peekable();
+        for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
+            if let Some((_, state)) = records.next_if(|(start, _)| **start == k) {
+                if simulator.diverged() {
+                    return Err(ModelError::Diverged);
+                }
+                if k > 0 {
+                    simulator = begin(k)?;
+                }
+                simulator.set_state(state);
+            }
+            prepare(k, &mut simulator);
+            simulator.apply(u);
+            let y = simulator.measure();
+            if !observe(k, y) {
+                return Err(ModelError::Diverged);
+            }
+            if let Some(observer) = &self.observer {
+                let error = |(c, e): (&Channel, &mut f64)| {
+                    *e = c.measured_at(k).map_or(0.0, |measured| measured - y[c.output]);
+                };
+                data.channels.iter().zip(&mut errors).for_each(error);
+                observer.change(k, &errors, &mut change);
+                simulator.correct(&change);
+            }
+            simulator.advance();
+        }
+        if simulator.diverged() { Err(ModelError::Diverged) } else { Ok(()) }
+    }
+
+    /// Predicted samples of all channels with `effects` added, from the initial state.
+    ///
+    /// # Errors
+    /// When an effect does not fit, or the run leaves all bounds.
+    pub fn run(&self, effects: &[Effect], initial: &[f64]) -> Result<Vec<f64>, ModelError> {
+        self.run_vehicle(&self.with(effects)?, initial)
+    }
+
+    /// As [`FreeRun::run`] for a vehicle that is complete.
+    ///
+    /// # Errors
+    /// When the run leaves all bounds.
+    pub fn run_vehicle(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<f64>, ModelError> {
+        self.sampled(vehicle, initial, |_, _| ())
+    }
+
+    /// Predicted samples where a force acts on one state besides: `scale` times a value a step, in the unit of the
+    /// state's derivative.
+    ///
+    /// # Errors
+    /// When the run leaves all bounds.
+    pub fn run_forced(
+        &self,
+        vehicle: &Vehicle,
+        initial: &[f64],
+        state: usize,
+        (scale, force): (f64, &[f64]),
+    ) -> Result<Vec<f64>, ModelError> {
+        let mut derivative = vec![0.0; vehicle.states.len()];
+        self.sampled(vehicle, initial, |k, simulator| {
+            derivative[state] = scale * force[k];
+            simulator.disturb(&derivative);
+        })
+    }
+
+    fn sampled(
+        &self,
+        vehicle: &Vehicle,
+        initial: &[f64],
+        prepare: impl FnMut(usize, &mut Simulator),
+    ) -> Result<Vec<f64>, ModelError> {
+        let data = self.data;
+        let mut samples = vec![0.0; data.samples()];
+        let channels = data.channels.iter().zip(data.ranges()).zip(&self.reach);
+        let place = |((c, range), reach): ((&Channel, std::ops::Range<usize>), &f64)| {
+            let (next, at, end) = (c.first, range.start, range.end);
+            Place { output: c.output, stride: c.stride, next, at, end, reach: *reach }
+        };
+        let mut places: Vec<Place> = channels.map(place).collect();
+        self.fly(vehicle, initial, prepare, |k, y| {
+            for place in &mut places {
+                if k == place.next && place.at < place.end {
+                    let y = y[place.output];
+                    // Not a number is beyond any reach.
+                    if y.is_nan() || y.abs() > place.reach {
+                        return false;
+                    }
+                    samples[place.at] = y;
+                    place.next += place.stride;
+                    place.at += 1;
+                }
+            }
+            true
+        })?;
+        Ok(samples)
+    }
+
+    /// States over the steps of all records, one vector a state, SI.
+    ///
+    /// # Errors
+    /// When the run leaves all bounds.
+    pub fn run_states(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<Vec<f64>>, ModelError> {
+        let mut states = vec![Vec::with_capacity(self.data.steps); self.states()];
+        self.fly(
+            vehicle,
+            initial,
+            |_, simulator| {
+                states.iter_mut().zip(simulator.state()).for_each(|(column, x)| column.push(*x));
+            },
+            |_, _| true,
+        )?;
+        Ok(states)
+    }
+
+    /// Derivatives of all samples by the initial states, one column a state of each record. One run moves the same state
+    /// of all records: none of them knows of the others.
+    ///
+    /// # Errors
+    /// When a run leaves all bounds.
+    pub fn initial_columns(
+        &self,
+        vehicle: &Vehicle,
+        initial: &[f64],
+        centre: &[f64],
+    ) -> Result<Vec<Vec<f64>>, ModelError> {
+        let (n, data) = (self.states(), self.data);
+        let mut columns = vec![vec![0.0; centre.len()]; self.initials()];
+        for state in 0..n {
+            let mut moved = initial.to_vec();
+            moved.iter_mut().skip(state).step_by(n).for_each(|x| *x += INITIAL_STATE_STEP);
+            let run = self.run_vehicle(vehicle, &moved)?;
+            for (channel, range) in data.channels.iter().zip(data.ranges()) {
+                let mut record = 0;
+                for (sample, at) in range.enumerate() {
+                    let step = channel.step(sample);
+                    while data.starts.get(record + 1).is_some_and(|next| *next <= step) {
+                        record += 1;
+                    }
+                    columns[record * n + state][at] = (run[at] - centre[at]) / INITIAL_STATE_STEP;
+                }
+            }
+        }
+        Ok(columns)
+    }
+
+    /// Predictions of all samples over a horizon of so many steps: each from what the record told until then, and within
+    /// a quarter of the horizon of it. Before the first horizon has passed they come from the initial state.
+    ///
+    /// # Errors
+    /// When a run leaves all bounds.
+    pub fn ahead(&self, vehicle: &Vehicle, initial: &[f64], horizon: usize) -> Result<Vec<f64>, ModelError> {
+        let data = self.data;
+        let every = (horizon / 4).max(1);
+        let mut samples = vec![f64::NAN; data.samples()];
+        let ranges = data.ranges();
+        let mut since = 0;
+        let prepare = |k: usize, simulator: &mut Simulator| {
+            let first = data.starts.contains(&k);
+            if first {
+                since = k;
+            }
+            if !(k - since).is_multiple_of(every) {
+                return;
+            }
+            let mut runner = simulator.clone();
+            let told = if first { k } else { k + horizon - every };
+            let end = data.starts.iter().copied().find(|s| *s > k).unwrap_or(data.steps).min(k + horizon);
+            for j in k..end {
+                runner.apply(data.commands(j));
+                let y = runner.measure();
+                for (channel, range) in data.channels.iter().zip(&ranges).filter(|_| j >= told) {
+                    let from = j.checked_sub(channel.first).filter(|s| s.is_multiple_of(channel.stride));
+                    if let Some(at) =
+                        from.map(|s| range.start + s / channel.stride).filter(|at| *at < range.end)
+                    {
+                        samples[at] = y[channel.output];
+                    }
+                }
+                runner.advance();
+            }
+        };
+        self.fly(vehicle, initial, prepare, |_, _| true)?;
+        Ok(samples)
+    }
+
+    /// Largest magnitude of each input over the record.
+    pub fn input_peaks(&self) -> Vec<f64> {
+        (0..self.data.m).map(|j| self.data.input(j).fold(0.0f64, |m, u| m.max(u.abs()))).collect()
+    }
+}

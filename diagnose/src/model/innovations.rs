@@ -1,0 +1,393 @@
+//! Likelihood of a residual as turbulence on one state beside noise of the channels: Kalman's innovations.
+//!
+//! Exact where Whittle's approximation is not: when the motion stands far above the noise, what leaks between
+//! frequencies would drown the noise.
+
+use crate::thresholds::{
+    CLIMB_OPTIMISM, MAX_AR_ORDER, MAX_CLIMB_ROUNDS, MAX_TRANSIENT_STEPS, SETTLED_GAIN_CHANGE,
+};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use whirlstand_vehicle::{Vehicle, discretise};
+
+use crate::data::record::Data;
+
+/// Parameters of the noises: logarithms of the turbulence's standard deviation and bandwidth, then of every channel's own
+/// noise the logarithm of its innovation and its partial correlations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noises {
+    /// ln(std) and ln(bandwidth_hz).
+    pub common: [f64; 2],
+    /// ln(std) of what is new in each channel's own noise.
+    pub own: Vec<f64>,
+    /// Partial correlations of each channel's own noise: second order, first order with a zero behind, or white.
+    pub partial: Vec<[f64; 2]>,
+}
+
+impl Noises {
+    fn count(&self) -> usize {
+        2 + 3 * self.own.len()
+    }
+
+    /// Correlations of zero stay there.
+    fn is_open(&self, value: usize) -> bool {
+        let from = 2 + self.own.len();
+        value < from || self.partial[(value - from) / 2][(value - from) % 2] != 0.0
+    }
+
+    /// How many numbers were fitted.
+    pub fn parameters(&self) -> usize {
+        (0..self.count()).filter(|i| self.is_open(*i)).count()
+    }
+
+    /// All values moved: logarithms, then the correlations' inverse hyperbolic tangents. Size and bandwidth go together;
+    /// their first step is the density at high frequencies, and the second moves along that.
+    fn moved(&self, step: &[f64]) -> Self {
+        let mut next = self.clone();
+        next.common[0] -= 0.5 * step[1];
+        next.common.iter_mut().chain(&mut next.own).zip(step).for_each(|(v, d)| *v += d);
+        let partial = next.partial.iter_mut().flatten().zip(&step[2 + self.own.len()..]);
+        for (r, d) in partial.filter(|(r, _)| **r != 0.0) {
+            *r = (r.atanh() + d).tanh().clamp(-0.9999, 0.9999);
+        }
+        next
+    }
+}
+
+/// Coefficients of e(k) = a e(k-1) + b e(k-2) + new from partial correlations (Levinson and Durbin).
+pub fn coefficients(partial: [f64; 2]) -> [f64; 2] {
+    [partial[0] * (1.0 - partial[1]), partial[1]]
+}
+
+/// The filter of one set of noises: states of the vehicle, the turbulence, and two states for each channel whose noise
+/// is coloured.
+struct Filter {
+    f: DMatrix<f64>,
+    f_transposed: DMatrix<f64>,
+    q: DMatrix<f64>,
+    h: DMatrix<f64>,
+    h_transposed: DMatrix<f64>,
+    r: DMatrix<f64>,
+    /// Index and variance of the turbulence, whose spread at the beginning is its own.
+    turbulence: (usize, f64),
+}
+
+/// Gain, inverse of the lower factor of the innovations' covariance, logarithm of its determinant.
+#[derive(Debug, Clone, PartialEq)]
+struct Update {
+    gain: DMatrix<f64>,
+    inverse_factor: DMatrix<f64>,
+    log_det: f64,
+}
+
+impl Update {
+    /// The covariance itself says nothing: states that no channel shows spread for ever.
+    fn is_near(&self, other: &Self) -> bool {
+        let pairs = self.gain.iter().zip(&other.gain);
+        pairs.fold(0.0f64, |m, (a, b)| m.max((a - b).abs())) < SETTLED_GAIN_CHANGE * other.gain.amax()
+    }
+}
+
+impl Filter {
+    fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
+        let (n, p) = (vehicle.states.len(), data.channels.len());
+        let coloured: Vec<usize> = (0..p).filter(|c| noises.partial[*c] != [0.0; 2]).collect();
+        let order = n + 1 + 2 * coloured.len();
+        let (std, rate) = (noises.common[0].exp(), std::f64::consts::TAU * noises.common[1].exp());
+        let mut push = DMatrix::zeros(n, 1);
+        push[(state, 0)] = 1.0;
+        let (phi, gamma) = discretise(&vehicle.a, &push, data.period_s).ok()?;
+        let decay = (-rate * data.period_s).exp();
+        let mut f = DMatrix::zeros(order, order);
+        f.view_mut((0, 0), (n, n)).copy_from(&phi);
+        f.view_mut((0, n), (n, 1)).copy_from(&gamma);
+        f[(n, n)] = decay;
+        let mut q = DMatrix::zeros(order, order);
+        q[(n, n)] = std * std * (1.0 - decay * decay);
+        let (mut h, mut r) = (DMatrix::zeros(p, order), DMatrix::zeros(p, p));
+        for (c, channel) in data.channels.iter().enumerate() {
+            for j in 0..n {
+                h[(c, j)] = vehicle.c[(channel.output, j)];
+            }
+            let variance = (2.0 * noises.own[c]).exp();
+            match coloured.iter().position(|i| *i == c) {
+                None => r[(c, c)] = variance,
+                Some(i) => {
+                    let at = n + 1 + 2 * i;
+                    let [a, b] = coefficients(noises.partial[c]);
+                    h[(c, at)] = 1.0;
+                    f[(at, at)] = a;
+                    f[(at, at + 1)] = b;
+                    f[(at + 1, at)] = 1.0;
+                    q[(at, at)] = variance;
+                }
+            }
+        }
+        let (f_transposed, h_transposed) = (f.transpose(), h.transpose());
+        Some(Self { f, f_transposed, q, h, h_transposed, r, turbulence: (n, std * std) })
+    }
+
+    fn start(&self, open: f64) -> DMatrix<f64> {
+        let mut covariance = self.q.clone();
+        let (turbulence, variance) = self.turbulence;
+        covariance[(turbulence, turbulence)] = variance;
+        (0..turbulence).for_each(|i| covariance[(i, i)] += open * open);
+        covariance
+    }
+
+    /// From states and samples to the next states and the innovations over their standard deviations.
+    fn step(&self, update: &Update) -> DMatrix<f64> {
+        let ((p, n), gain, factor) = (self.h.shape(), &update.gain, &update.inverse_factor);
+        let mut step = DMatrix::zeros(n + p, n + p);
+        step.view_mut((0, 0), (n, n)).copy_from(&(&self.f - gain * &self.h));
+        step.view_mut((0, n), (n, p)).copy_from(gain);
+        step.view_mut((n, 0), (p, n)).copy_from(&(-factor * &self.h));
+        step.view_mut((n, n), (p, p)).copy_from(factor);
+        step
+    }
+
+    /// The update that belongs to a predicted covariance, which goes on to the next step.
+    fn update(&self, covariance: &mut DMatrix<f64>) -> Option<Update> {
+        let crossed = &*covariance * &self.h_transposed;
+        let factor = (&self.h * &crossed + &self.r).cholesky()?;
+        let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let p = self.h.nrows();
+        let mut inverse_factor = DMatrix::identity(p, p);
+        factor.l_dirty().solve_lower_triangular_mut(&mut inverse_factor);
+        let shifted = &self.f * &crossed;
+        // Over the innovations' standard deviations; the gain is that times the inverse factor.
+        let scaled = &shifted * inverse_factor.transpose();
+        let gain = &scaled * &inverse_factor;
+        let mut after = &self.f * &*covariance * &self.f_transposed;
+        after += &self.q;
+        after.gemm(-1.0, &scaled, &scaled.transpose(), 1.0);
+        // Symmetric up to rounding, and kept so.
+        for i in 0..after.nrows() {
+            for j in 0..i {
+                let mean = 0.5 * (after[(i, j)] + after[(j, i)]);
+                (after[(i, j)], after[(j, i)]) = (mean, mean);
+            }
+        }
+        *covariance = after;
+        Some(Update { gain, inverse_factor, log_det })
+    }
+}
+
+/// Makes white, for all channels together, what turbulence and the channels' own noise have made: the settled filter's
+/// innovations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Whitener {
+    /// From the filter's states and a row of samples to the next states and the row made white.
+    step: DMatrix<f64>,
+    /// Number of the filter's states.
+    order: usize,
+    log_det: f64,
+    /// How many numbers the noises have.
+    pub parameters: usize,
+}
+
+impl Whitener {
+    /// For noises as [`climb`] has found them.
+    pub fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
+        let filter = Filter::new(data, vehicle, state, noises)?;
+        let mut covariance = filter.start(0.0);
+        let mut last = None;
+        for _ in 0..10 * MAX_TRANSIENT_STEPS {
+            let update = filter.update(&mut covariance)?;
+            let settled = last.as_ref().is_some_and(|l: &Update| l.is_near(&update));
+            last = Some(update);
+            if settled {
+                break;
+            }
+        }
+        let update = last?;
+        let (order, step) = (filter.f.nrows(), filter.step(&update));
+        Some(Self { step, order, log_det: update.log_det, parameters: noises.parameters() })
+    }
+
+    /// Logarithm of the determinant of one step's innovations.
+    pub fn log_det(&self) -> f64 {
+        self.log_det
+    }
+
+    /// Innovations over their standard deviations, uncorrelated between channels. All channels have one sample a step.
+    pub fn filter(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        self.run(data, samples, |_| {})
+    }
+
+    /// One state of the filter over time; those of the vehicle come first, then the turbulence.
+    pub fn states(&self, data: &Data, samples: &[f64], index: usize) -> Vec<f64> {
+        let mut values = Vec::with_capacity(data.steps);
+        self.run(data, samples, |x| values.push(x[index]));
+        values
+    }
+
+    fn run(&self, data: &Data, samples: &[f64], mut each: impl FnMut(&DVector<f64>)) -> Vec<f64> {
+        let ranges = data.ranges();
+        let rows = ranges.iter().map(std::ops::Range::len).min().unwrap_or(0);
+        let mut white = vec![0.0; samples.len()];
+        let mut now = DVector::zeros(self.step.nrows());
+        let mut next = now.clone();
+        for k in 0..rows {
+            for (c, range) in ranges.iter().enumerate() {
+                now[self.order + c] = samples[range.start + k];
+            }
+            next.gemv(1.0, &self.step, &now, 0.0);
+            for (c, range) in ranges.iter().enumerate() {
+                white[range.start + k] = next[self.order + c];
+            }
+            std::mem::swap(&mut now, &mut next);
+            each(&now);
+        }
+        white
+    }
+}
+
+/// Logarithm of the likelihood of a residual, without constants, over the rows that every noise model is judged by; all
+/// channels must have one sample a step. `None` when the filter has no finite gain.
+pub fn log_likelihood(
+    data: &Data,
+    vehicle: &Vehicle,
+    state: usize,
+    residual: &[f64],
+    noises: &Noises,
+) -> Option<f64> {
+    let filter = Filter::new(data, vehicle, state, noises)?;
+    let p = data.channels.len();
+    // The initial state was fitted as if there were no turbulence: it is open again. The rows that no likelihood counts
+    // settle it.
+    let mut covariance = filter.start(100.0 * residual.iter().fold(0.0f64, |m, r| m.max(r.abs())));
+    let ranges = data.ranges();
+    let rows = ranges.iter().map(|r| r.len()).min()?;
+    let order = filter.f.nrows();
+    let mut now = DVector::zeros(order + p);
+    let mut next = now.clone();
+    let mut update = filter.update(&mut covariance)?;
+    let mut step = filter.step(&update);
+    let (mut sum, mut settled) = (0.0, false);
+    for k in 0..rows {
+        for (c, range) in ranges.iter().enumerate() {
+            now[order + c] = residual[range.start + k];
+        }
+        next.gemv(1.0, &step, &now, 0.0);
+        if k >= MAX_AR_ORDER && data.channels.iter().all(|c| c.good[k]) {
+            let square: f64 = next.rows(order, p).norm_squared();
+            sum -= 0.5 * (update.log_det + square);
+        }
+        std::mem::swap(&mut now, &mut next);
+        if k < MAX_TRANSIENT_STEPS && !settled {
+            let next = filter.update(&mut covariance)?;
+            settled = update.is_near(&next);
+            update = next;
+            step = filter.step(&update);
+        }
+    }
+    sum.is_finite().then_some(sum)
+}
+
+/// Logarithm of the probability beforehand of a bandwidth: any that the record can show, from one period in all of it to
+/// half the sampling rate, on a logarithmic scale. Two standard deviations reach to either end.
+fn log_prior(data: &Data, noises: &Noises) -> f64 {
+    let (lowest, highest) = bandwidths_hz(data);
+    let (middle, spread) = (0.5 * (lowest * highest).ln(), 0.25 * (highest / lowest).ln());
+    -0.5 * ((noises.common[1] - middle) / spread).powi(2)
+}
+
+/// The lowest and the highest bandwidth that a record can show, Hz.
+pub fn bandwidths_hz(data: &Data) -> (f64, f64) {
+    (1.0 / data.duration_s(), 0.5 / data.period_s)
+}
+
+/// Climbs from `noises` to the greatest likelihood by Newton's steps with the curvatures of the single values, those of
+/// the turbulence's two together; what the climb gained last is below a tenth. Returns noises, likelihood (with what is
+/// known of the bandwidth beforehand) and standard errors of the first two values, and of that combination of both which
+/// the record shows best. A climb that will not come to `wanted` ends early, with errors of one.
+pub fn climb(
+    data: &Data,
+    vehicle: &Vehicle,
+    state: usize,
+    residual: &[f64],
+    mut noises: Noises,
+    wanted: f64,
+) -> Option<(Noises, f64, [f64; 3])> {
+    let value = |noises: &Noises| {
+        Some(log_likelihood(data, vehicle, state, residual, noises)? + log_prior(data, noises))
+    };
+    let mut best = value(&noises)?;
+    let count = noises.count();
+    let mut reach = vec![0.1; count];
+    let mut curvatures = vec![0.0; count];
+    for _ in 0..MAX_CLIMB_ROUNDS {
+        let moved = |i: usize, by: f64| {
+            let mut step = vec![0.0; count];
+            step[i] = by;
+            value(&noises.moved(&step))
+        };
+        let open: Vec<usize> = (0..count).filter(|i| noises.is_open(*i)).collect();
+        // Where the curvature is known, one side tells the slope.
+        let slopes: Vec<Option<(f64, f64)>> = open
+            .par_iter()
+            .map(|i| {
+                let (d, known) = (reach[*i], curvatures[*i]);
+                let up = moved(*i, d)?;
+                if known > 0.0 {
+                    return Some(((up - best) / d + 0.5 * known * d, known));
+                }
+                let down = moved(*i, -d)?;
+                Some(((up - down) / (2.0 * d), (2.0 * best - up - down) / (d * d)))
+            })
+            .collect();
+        let mut step = vec![0.0; count];
+        let mut hoped = 0.0;
+        for (i, slope) in open.into_iter().zip(slopes) {
+            let (slope, curvature) = slope?;
+            curvatures[i] = curvature;
+            // Where the likelihood is not yet curved as at a top: a bold step uphill.
+            step[i] = if curvature > 0.0 { slope / curvature } else { slope.signum() };
+            step[i] = step[i].clamp(-1.0, 1.0);
+            hoped += (slope * step[i]).abs();
+        }
+        if best + CLIMB_OPTIMISM * hoped + CLIMB_OPTIMISM < wanted {
+            return Some((noises, best, [1.0; 3]));
+        }
+        let before = best;
+        let mut share = 1.0;
+        while share > 0.05 {
+            let next = noises.moved(&step.iter().map(|d| share * d).collect::<Vec<_>>());
+            if let Some(v) = value(&next)
+                && v > best
+            {
+                (noises, best) = (next, v);
+                break;
+            }
+            share *= 0.5;
+        }
+        reach.iter_mut().zip(&step).for_each(|(r, d)| *r = (0.5 * d.abs()).clamp(0.02, 0.3));
+        if best - before < 0.1 {
+            break;
+        }
+    }
+    // Size and bandwidth go together: their curvatures at the top, and the cross curvature, belong to their errors.
+    let d = 0.05;
+    let at = |a: f64, b: f64| {
+        let mut next = noises.clone();
+        next.common[0] += a * d;
+        next.common[1] += b * d;
+        value(&next)
+    };
+    let corners = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)];
+    let values: Vec<f64> = corners.par_iter().map(|(a, b)| at(*a, *b)).collect::<Option<_>>()?;
+    let first = (2.0 * best - values[0] - values[1]) / (d * d);
+    let second = (2.0 * best - values[2] - values[3]) / (d * d);
+    let cross = 0.5 * ((2.0 * best - values[4] - values[5]) / (d * d) - first - second);
+    let determinant = first * second - cross * cross;
+    let [size, bandwidth] = if determinant > 0.0 && first > 0.0 {
+        [second, first].map(|v| (v / determinant).sqrt())
+    } else {
+        [1.0; 2]
+    };
+    // The greatest curvature of both.
+    let sharpest = 0.5 * (first + second) + (0.25 * (first - second).powi(2) + cross * cross).sqrt();
+    let errors = [size, bandwidth, if sharpest > 0.0 { sharpest.sqrt().recip() } else { 1.0 }];
+    Some((noises, best, errors))
+}

@@ -1,0 +1,13 @@
+//! Hypotheses about a record: free runs, noise, likelihood, and what effects would do to the samples.
+
+pub mod fit;
+pub mod forced_response;
+pub mod free_run;
+pub mod innovations;
+pub mod input_reconstruction;
+pub mod noise;
+pub mod observer;
+pub mod predictor;
+pub mod score_test;
+pub mod step_response;
+pub mod whittle;

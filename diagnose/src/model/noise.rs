@@ -1,0 +1,204 @@
+//! The noise of a record: one autoregressive model a channel, and what it makes of residuals and signatures.
+
+use crate::thresholds::{DECLARED_NOISE_LOG_STD, MAX_AR_ORDER};
+use std::sync::Arc;
+
+use whirlstand_ident::identify::ar::Ar;
+
+use crate::data::record::Data;
+use crate::model::innovations::Whitener;
+
+/// One model a channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noise {
+    /// In the order of the channels.
+    pub channels: Vec<Ar>,
+    /// Standard deviation of each channel's noise in all, colour and all.
+    pub total: Vec<f64>,
+    /// Turbulence and noise of all channels together, in place of the single channels' models.
+    pub common: Option<Arc<Whitener>>,
+    /// True for a model that is given, not fitted.
+    pub given: bool,
+}
+
+/// Likelihood of a residual with the noise model that fits it best.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    /// The model.
+    pub noise: Noise,
+    /// Logarithm of the likelihood, without constants.
+    pub log_likelihood: f64,
+    /// Rows that count.
+    pub rows: usize,
+    /// Numbers that the noise model has.
+    pub parameters: usize,
+}
+
+impl Profile {
+    /// Bayesian information criterion with `parameters` more of the model's own; smaller is better.
+    pub fn bic(&self, parameters: usize) -> f64 {
+        -2.0 * self.log_likelihood + (self.parameters + parameters) as f64 * (self.rows as f64).ln()
+    }
+}
+
+impl Noise {
+    /// White noise of the given standard deviations.
+    pub fn white(stds: &[f64]) -> Self {
+        Self {
+            channels: stds.iter().map(|s| Ar::white(s * s)).collect(),
+            total: stds.to_vec(),
+            common: None,
+            given: true,
+        }
+    }
+
+    /// Fits residuals (filled, all channels).
+    ///
+    /// What is declared of a sensor's noise is known before: the logarithm of its standard deviation has a normal prior.
+    /// Without it, an autoregressive model takes any offset for a slow noise at hardly any cost.
+    pub fn fit(data: &Data, residual: &[f64]) -> Profile {
+        let mut profile = Profile {
+            noise: Self { channels: Vec::new(), total: Vec::new(), common: None, given: false },
+            log_likelihood: 0.0,
+            rows: 0,
+            parameters: 0,
+        };
+        for (channel, range) in data.channels.iter().zip(data.ranges()) {
+            let r = &residual[range];
+            let mut ar = Ar::burg(r, MAX_AR_ORDER);
+            let white = filtered(&ar, r);
+            let (mut sum, mut rows) = (0.0, 0usize);
+            for (e, good) in white.iter().zip(&channel.good).skip(MAX_AR_ORDER) {
+                if *good {
+                    sum += e * e;
+                    rows += 1;
+                }
+            }
+            ar.variance = (sum / rows.max(1) as f64).max(f64::MIN_POSITIVE);
+            profile.log_likelihood -= 0.5 * rows as f64 * (ar.variance.ln() + 1.0);
+            profile.rows += rows;
+            profile.parameters += ar.order() + 1;
+            let (mut power, mut count) = (0.0, 0usize);
+            for (r, _) in r.iter().zip(&channel.good).skip(MAX_AR_ORDER).filter(|(_, good)| **good) {
+                power += r * r;
+                count += 1;
+            }
+            let total = (power / count.max(1) as f64).sqrt().max(ar.variance.sqrt());
+            // A predictor that follows the record errs by more than its sensors.
+            if data.memory_s.is_none() && channel.declared > 0.0 {
+                profile.log_likelihood -=
+                    0.5 * ((total / channel.declared).ln() / DECLARED_NOISE_LOG_STD).powi(2);
+            }
+            profile.noise.total.push(total);
+            profile.noise.channels.push(ar);
+        }
+        profile
+    }
+
+    /// This model with all channels' noise as one.
+    pub fn with_common(self, whitener: Whitener) -> Self {
+        Self { common: Some(Arc::new(whitener)), given: true, ..self }
+    }
+
+    /// This model where it is not to be fitted anew.
+    pub fn shared(&self) -> Option<&Self> {
+        self.given.then_some(self)
+    }
+
+    /// Likelihood of a residual (filled, all channels): with models fitted anew, or with a given one as it is.
+    pub fn again(&self, data: &Data, residual: &[f64]) -> Profile {
+        if !self.given {
+            return Self::fit(data, residual);
+        }
+        let (mut sum, mut rows) = (0.0, 0);
+        let white = self.filter_all(data, residual);
+        for (channel, range) in data.channels.iter().zip(data.ranges()) {
+            for (e, _) in white[range].iter().zip(&channel.good).skip(MAX_AR_ORDER).filter(|(_, good)| **good)
+            {
+                sum += e * e;
+                rows += 1;
+            }
+        }
+        let steps = rows as f64 / data.channels.len().max(1) as f64;
+        let (log_det, parameters) = match &self.common {
+            Some(common) => (common.log_det(), common.parameters),
+            None => (self.channels.iter().map(|ar| ar.variance.ln()).sum(), self.channels.len()),
+        };
+        Profile { noise: self.clone(), log_likelihood: -0.5 * (sum + steps * log_det), rows, parameters }
+    }
+
+    /// What is white in `samples`, over its standard deviation; 0 in rows that do not count. The first rows, which have
+    /// no past to be foretold from, stand as they are over the noise's standard deviation in all: likelihoods leave
+    /// them out, but fast parts of the initial state show nowhere else.
+    pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        if let Some(common) = &self.common {
+            return self.masked(data, samples, common.filter(data, samples));
+        }
+        let mut out = Vec::with_capacity(samples.len());
+        let models = self.channels.iter().zip(&self.total);
+        for ((channel, range), (ar, total)) in data.channels.iter().zip(data.ranges()).zip(models) {
+            let raw = &samples[range];
+            let mut white = filtered(ar, raw);
+            let over = |std: f64| if std > 0.0 { 1.0 / std } else { 0.0 };
+            let (scale, early) = (over(ar.variance.sqrt()), over(*total));
+            for (k, (e, good)) in white.iter_mut().zip(&channel.good).enumerate() {
+                *e = match (*good, k >= MAX_AR_ORDER) {
+                    (false, _) => 0.0,
+                    (true, true) => *e * scale,
+                    (true, false) => raw[k] * early,
+                };
+            }
+            out.append(&mut white);
+        }
+        out
+    }
+
+    /// Rows that do not count, and the first rows, as in [`Noise::whiten`].
+    fn masked(&self, data: &Data, raw: &[f64], mut white: Vec<f64>) -> Vec<f64> {
+        for ((channel, range), total) in data.channels.iter().zip(data.ranges()).zip(&self.total) {
+            let early = if *total > 0.0 { 1.0 / total } else { 0.0 };
+            for (k, good) in channel.good.iter().enumerate() {
+                let at = range.start + k;
+                if !good {
+                    white[at] = 0.0;
+                } else if k < MAX_AR_ORDER {
+                    white[at] = raw[at] * early;
+                }
+            }
+        }
+        white
+    }
+
+    /// As [`Noise::whiten`], but with every row: for a response that is shifted in time afterwards.
+    pub fn filter_all(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        if let Some(common) = &self.common {
+            return common.filter(data, samples);
+        }
+        let mut out = Vec::with_capacity(samples.len());
+        for (range, ar) in data.ranges().into_iter().zip(&self.channels) {
+            let scale = if ar.variance > 0.0 { 1.0 / ar.variance.sqrt() } else { 0.0 };
+            out.extend(filtered(ar, &samples[range]).iter().map(|e| e * scale));
+        }
+        out
+    }
+
+    /// Standard deviation of what a channel's noise adds up to.
+    pub fn std(&self, channel: usize, data: &Data, residual: &[f64]) -> f64 {
+        let range = data.ranges()[channel].clone();
+        let good = &data.channels[channel].good;
+        let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
+        whirlstand_logs::stats::rms(&kept)
+    }
+}
+
+/// A(q) applied to a sequence; what lies before it counts as zero.
+pub(crate) fn filtered(ar: &Ar, r: &[f64]) -> Vec<f64> {
+    let mut out = r.to_vec();
+    for (i, a) in ar.coefficients.iter().enumerate() {
+        let lag = i + 1;
+        if lag < r.len() {
+            out[lag..].iter_mut().zip(r).for_each(|(o, past)| *o += a * past);
+        }
+    }
+    out
+}

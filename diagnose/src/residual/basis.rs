@@ -1,0 +1,222 @@
+//! Functions of inputs and states that a force could be, where no effect of the table is it.
+
+use crate::thresholds::{
+    FASTEST_MODULATION_HZ, HALF_WAVES, MAX_MODULATION_TURNS, RELAY_THRESHOLDS, SLOW_TURNS, SWITCH_SHARE,
+};
+use std::f64::consts::{PI, TAU};
+
+use crate::model::fit::Model;
+
+/// Functions of the same signal.
+#[derive(Debug, Clone)]
+pub struct Basis {
+    /// What a force that is one of them does: "follows pitch", "swings with roll at 0.30 Hz".
+    pub description: String,
+    /// One value a step each.
+    pub functions: Vec<Vec<f64>>,
+}
+
+impl Basis {
+    fn new(description: String, functions: Vec<Vec<f64>>) -> Self {
+        Self { description, functions }
+    }
+}
+
+/// An input or a state over its largest magnitude, a value a step.
+#[derive(Debug, Clone)]
+pub struct Signal {
+    /// Its name.
+    pub name: String,
+    /// Its values.
+    pub values: Vec<f64>,
+}
+
+/// What a force may follow.
+pub struct Signals {
+    /// Inputs over the steps of the record.
+    pub inputs: Vec<Signal>,
+    /// States over the steps of the record.
+    pub states: Vec<Signal>,
+    /// Turns of a swing over the record, at most.
+    turns: usize,
+    duration_s: f64,
+}
+
+impl Signals {
+    /// `states` over the steps of the record.
+    pub fn new(model: &Model<'_, '_>, states: Vec<Vec<f64>>) -> Self {
+        let (data, vehicle) = (model.free_run.data, &model.free_run.vehicle);
+        let signal = |(mut values, name): (Vec<f64>, &String)| {
+            scale(&mut values);
+            Signal { name: name.clone(), values }
+        };
+        let inputs = (0..data.m).map(|j| data.input(j).collect());
+        let inputs = inputs.zip(vehicle.inputs.iter().map(|i| &i.name)).map(signal).collect();
+        let states = states.into_iter().zip(vehicle.states.iter().map(|s| &s.name)).map(signal).collect();
+        let duration_s = data.duration_s();
+        let turns = MAX_MODULATION_TURNS.min((FASTEST_MODULATION_HZ * duration_s) as usize);
+        Self { inputs, states, turns, duration_s }
+    }
+
+    /// Of inputs and states: smooth, swinging, switched or in waves, and products.
+    pub fn all(&self) -> Vec<Basis> {
+        let mut all: Vec<Basis> = Vec::new();
+        for signal in self.inputs.iter().chain(&self.states) {
+            all.extend([smooth(signal), slowly(signal), switched(signal)]);
+            all.extend((SLOW_TURNS + 1..=self.turns).map(|turns| self.swung(signal, turns)));
+        }
+        all.extend(self.states.iter().map(waves));
+        all.extend(self.products());
+        all
+    }
+
+    /// Of states alone, and their products with inputs.
+    pub fn of_states(&self) -> Vec<Basis> {
+        let mut all: Vec<Basis> = self.states.iter().flat_map(|x| [smooth(x), waves(x)]).collect();
+        let turns = || 1..=self.turns;
+        all.extend(self.states.iter().flat_map(|x| turns().map(|turns| self.swung(x, turns))));
+        all.extend(self.products());
+        all
+    }
+
+    /// Of one input: all shapes, and each shape for itself beside the input's own gain.
+    pub fn of_input(&self, j: usize) -> Vec<Basis> {
+        let u = &self.inputs[j];
+        let mut all = vec![smooth(u)];
+        let beside = |basis: Basis| {
+            let description = basis.description;
+            let shapes = basis.functions.into_iter();
+            shapes.map(move |shape| Basis::new(description.clone(), vec![u.values.clone(), shape]))
+        };
+        let mut bent = smooth(u);
+        bent.functions.remove(0);
+        all.extend(beside(bent).chain(beside(switched(u))));
+        all.push(slowly(u));
+        all
+    }
+
+    /// Waves of several lengths over each state, each for itself, that no straight line is like.
+    pub fn ripples(&self) -> Vec<Basis> {
+        let of = |x: &Signal| {
+            let description = wavy(x);
+            (2..=HALF_WAVES).map(|n| Basis::new(description.clone(), wave(&x.values, n))).collect::<Vec<_>>()
+        };
+        self.states.iter().flat_map(of).collect()
+    }
+
+    fn products(&self) -> impl Iterator<Item = Basis> {
+        self.states.iter().enumerate().flat_map(|(i, x)| {
+            let others = self.states[i + 1..].iter().chain(&self.inputs);
+            others
+                .map(move |y| Basis::new(format!("follows {} times {}", x.name, y.name), vec![product(x, y)]))
+        })
+    }
+
+    /// A signal that acts now more, now less, in so many turns over the record.
+    fn swung(&self, x: &Signal, turns: usize) -> Basis {
+        let hz = turns as f64 / self.duration_s;
+        Basis::new(format!("follows {} swinging at {hz:.2} Hz", x.name), swing(&x.values, turns))
+    }
+}
+
+fn map(v: &[f64], f: &dyn Fn(f64) -> f64) -> Vec<f64> {
+    v.iter().map(|v| f(*v)).collect()
+}
+
+/// Powers, sides and a switch of a signal: what a static curve is made of.
+pub fn smooth(x: &Signal) -> Basis {
+    let shapes: [&dyn Fn(f64) -> f64; 6] =
+        [&|v| v, &f64::abs, &|v| v * v, &|v| v * v.abs(), &|v| v * v * v, &|v| (v / SWITCH_SHARE).tanh()];
+    Basis::new(format!("follows {}", x.name), shapes.iter().map(|f| map(&x.values, f)).collect())
+}
+
+/// A signal behind hysteresis relays of several widths.
+pub fn switched(x: &Signal) -> Basis {
+    let sides = RELAY_THRESHOLDS.iter().map(|t| relay(&x.values, *t, 0.0)).collect();
+    Basis::new(format!("switches with {}", x.name), sides)
+}
+
+fn swing(v: &[f64], turns: usize) -> Vec<Vec<f64>> {
+    let at = |phase: f64| {
+        let angle = |k: usize| TAU * (turns * k) as f64 / v.len() as f64 + phase;
+        v.iter().enumerate().map(|(k, v)| v * angle(k).sin()).collect()
+    };
+    vec![at(0.0), at(0.5 * PI)]
+}
+
+/// A signal that acts now more, now less, in few turns over the record.
+pub fn slowly(x: &Signal) -> Basis {
+    let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns)).collect();
+    Basis::new(format!("follows {} now more, now less", x.name), swings)
+}
+
+fn wavy(x: &Signal) -> String {
+    format!("goes in waves with {}", x.name)
+}
+
+fn waves(x: &Signal) -> Basis {
+    Basis::new(wavy(x), (1..=HALF_WAVES).flat_map(|n| wave(&x.values, n)).collect())
+}
+
+fn wave(v: &[f64], n: usize) -> Vec<Vec<f64>> {
+    [0.0, 0.5 * PI].map(|phase| map(v, &|v| (PI * n as f64 * v + phase).sin())).to_vec()
+}
+
+/// Product of two signals.
+pub fn product(x: &Signal, y: &Signal) -> Vec<f64> {
+    x.values.iter().zip(&y.values).map(|(x, y)| x * y).collect()
+}
+
+/// Plus one from where a signal rises above a threshold until it falls below minus that, then minus one; so many steps
+/// late, and the mean over each step.
+pub fn relay(signal: &[f64], threshold: f64, late: f64) -> Vec<f64> {
+    // Where the signal crosses, between samples, and to which side.
+    let mut turns: Vec<(f64, f64)> = Vec::new();
+    let mut now = 0.0;
+    for (k, x) in signal.iter().enumerate() {
+        let side = x.signum();
+        if x.abs() > threshold && side != now {
+            let last = if k > 0 { signal[k - 1] } else { *x };
+            let share =
+                if x == &last { 0.0 } else { ((side * threshold - last) / (x - last)).clamp(0.0, 1.0) };
+            turns.push((k.saturating_sub(1) as f64 + share + late, side));
+            now = side;
+        }
+    }
+    let mut values = vec![0.0; signal.len()];
+    for (i, (from, side)) in turns.iter().enumerate() {
+        let until = turns.get(i + 1).map_or(signal.len() as f64, |t| t.0);
+        let (first, last) = (*from as usize, (until.ceil() as usize).min(signal.len()));
+        for (k, value) in values.iter_mut().enumerate().take(last).skip(first) {
+            let (begin, end) = (from.max(k as f64), until.min(k as f64 + 1.0));
+            *value += side * (end - begin).max(0.0);
+        }
+    }
+    values
+}
+
+/// Over the largest magnitude.
+pub(crate) fn scale(values: &mut [f64]) {
+    let peak = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    if peak > 0.0 {
+        values.iter_mut().for_each(|v| *v /= peak);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::relay;
+
+    #[test]
+    fn a_switch_turns_between_samples_and_comes_late() {
+        let signal: Vec<f64> = (0..9).map(|k| 1.0 - 0.5 * f64::from(k)).collect();
+        // Above 0.25 at once; below -0.25 at 2.5 steps.
+        let at_once = relay(&signal, 0.25, 0.0);
+        assert_eq!(at_once[..5], [1.0, 1.0, 0.0, -1.0, -1.0]);
+        let late = relay(&signal, 0.25, 1.75);
+        assert_eq!(late[..7], [0.0, 0.25, 1.0, 1.0, -0.5, -1.0, -1.0]);
+        // Inside the thresholds nothing changes.
+        let still = relay(&[0.5, 0.1, -0.1, 0.1, -0.1], 0.2, 0.0);
+        assert_eq!(still, [1.0; 5]);
+    }
+}

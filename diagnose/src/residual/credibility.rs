@@ -1,0 +1,75 @@
+//! Whether the causes that were chosen are believed: nothing simpler may do as well.
+
+use crate::candidates::library::Candidate;
+use crate::model::noise::Noise;
+use crate::residual::lack_of_fit::LackOfFit;
+use crate::residual::out_of_library::{self, ForceOnSignal};
+use crate::search::select::Selection;
+use crate::search::survey::SearchSpace;
+use crate::thresholds::{LOUD_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE};
+use whirlstand_logs::stats::rms;
+
+/// Takes back causes that are not believed, with their gains in BIC: all of them where one force that follows a signal
+/// does as well (it is left in `like`) or they leave more than they explain, else those whose response is too far from the truth for what is left and no noise to
+/// be its misfit. `start` are the values without any cause. Turbulence explains part of what causes leave, and is weighed against
+/// forces where it is sized.
+pub fn withhold(
+    selection: &mut Selection<'_, '_>,
+    (lack, like): (&mut LackOfFit, &mut Option<ForceOnSignal>),
+    turbulent: bool,
+    start: Vec<f64>,
+    space: &SearchSpace<'_>,
+) -> Vec<(Candidate, f64)> {
+    let Some(without) = selection.without_causes(start) else { return Vec::new() };
+    let several = selection.model.terms.len() > without.model.terms.len() + 1;
+    let asked = several || lack.one.chance < RIVAL_FORCE_P_VALUE || lack.all.chance < RIVAL_FORCE_P_VALUE;
+    let rival = if asked && !turbulent { rival(selection, &without, space, several) } else { None };
+    let believed = match rival {
+        Some(rival) => {
+            *lack = lack.or_one(rival.gain);
+            *like = Some(rival);
+            Some(without)
+        }
+        None if !turbulent && drowned(selection, &without, space.declared) => Some(without),
+        None => selection.beyond(lack.left()),
+    };
+    let Some(believed) = believed else { return Vec::new() };
+    let gains = selection.accepted.iter().map(|a| a.evidence.delta_bic);
+    let all = selection.model.terms.iter().cloned().zip(gains);
+    let taken = all.filter(|(c, _)| !believed.model.terms.contains(c)).collect();
+    *selection = believed;
+    taken
+}
+
+/// One force that follows a signal, where it gains as much as all causes together do. Several causes must do plainly better
+/// than one force, and one force than one cause.
+fn rival(
+    selection: &Selection<'_, '_>,
+    without: &Selection<'_, '_>,
+    space: &SearchSpace<'_>,
+    several: bool,
+) -> Option<ForceOnSignal> {
+    let data = selection.model.free_run.data;
+    let bic = |s: &Selection<'_, '_>| Noise::fit(data, &s.fit.residual).bic(s.model.parameters());
+    let own = bic(without) - bic(selection);
+    let lead = if several { -MIN_BIC_GAIN } else { MIN_BIC_GAIN };
+    let rival =
+        out_of_library::rival((&without.model, &without.fit), (&selection.model, &selection.fit), space)?;
+    (rival.gain > own + lead).then_some(rival)
+}
+
+/// True when the causes leave more beyond the declared noise than they explain: then they are a part of something else.
+fn drowned(selection: &Selection<'_, '_>, without: &Selection<'_, '_>, declared: &[f64]) -> bool {
+    let (mut left, mut explained) = (0.0, 0.0);
+    let data = selection.model.free_run.data;
+    for ((channel, range), declared) in data.channels.iter().zip(data.ranges()).zip(declared) {
+        let power = |residual: &[f64]| {
+            let good = residual[range.clone()].iter().zip(&channel.good).filter(|(_, good)| **good);
+            (rms(&good.map(|(r, _)| *r).collect::<Vec<_>>()) / declared).powi(2)
+        };
+        let (before, after) = (power(&without.fit.residual), power(&selection.fit.residual));
+        explained += before - after;
+        left += if after > LOUD_RATIO * LOUD_RATIO { after - 1.0 } else { 0.0 };
+    }
+    left > explained.max(0.0)
+}

@@ -1,0 +1,36 @@
+//! Noise of a sensor beyond what the vehicle file declares.
+
+use crate::data::record::Data;
+use crate::thresholds::EXCESS_NOISE_RATIO;
+use whirlstand_ident::identify::ar::Ar;
+
+/// White noise of a channel beyond what is declared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExcessNoise {
+    /// Standard deviation of what is added, with its 95 % interval, SI.
+    pub std: (f64, f64, f64),
+    /// Standard deviation in all over the declared one.
+    pub times: f64,
+}
+
+/// Noise of a channel that is more than twice the declared, and about white.
+pub fn excess_noise(
+    data: &Data,
+    residual: &[f64],
+    ar: &Ar,
+    channel: usize,
+    declared: f64,
+) -> Option<ExcessNoise> {
+    let range = data.ranges()[channel].clone();
+    let good = &data.channels[channel].good;
+    let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
+    let total = whirlstand_logs::stats::rms(&kept);
+    let times = total / declared;
+    // Of coloured noise a part could be foretold: it is of another kind than the declared.
+    let white = ar.variance.sqrt() > 0.8 * total;
+    (declared > 0.0 && times > EXCESS_NOISE_RATIO && white).then(|| {
+        let at = |factor: f64| ((total * factor).powi(2) - declared * declared).max(0.0).sqrt();
+        let error = 1.96 / (2.0 * kept.len() as f64).sqrt();
+        ExcessNoise { std: (at(1.0), at(1.0 - error), at(1.0 + error)), times }
+    })
+}

@@ -1,0 +1,11 @@
+//! What the causes leave: lack of fit, turbulence, narrow-band noise, forces outside the library.
+
+pub mod basis;
+pub mod credibility;
+pub mod excess_noise;
+pub mod hysteresis_relay;
+pub mod lack_of_fit;
+pub mod narrow_band;
+pub mod out_of_library;
+pub mod turbulence;
+pub mod with_turbulence;

@@ -1,0 +1,299 @@
+//! Whether what looks like turbulence, or like several causes together, follows a signal: a force that is a function of
+//! inputs and states, of a shape that the table does not name.
+//!
+//! Turbulence explains any slow force, as it has one value a step, and several causes together explain much that is none
+//! of them. A force that follows a signal needs a few numbers only: where these few explain as much, in BIC, the causes
+//! are not believed.
+
+use crate::thresholds::{BASES_REFITTED, BASES_SORTED, BASES_TOGETHER, FORCE_P_VALUE, RELAY_PARAMETERS};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use std::sync::Arc;
+use whirlstand_vehicle::Vehicle;
+
+use crate::model::fit::{Fit, Model, dot};
+use crate::model::forced_response::Forces;
+use crate::model::input_reconstruction::Entry;
+use crate::model::noise::{Noise, Profile};
+use crate::model::score_test::ScoreTest;
+use crate::residual::basis::{Basis, Signal, Signals};
+use crate::residual::hysteresis_relay;
+use crate::search::survey::SearchSpace;
+use whirlstand_ident::identify::normal::pseudo_inverse;
+use whirlstand_logs::stats::chi_square_tail;
+
+/// A force that follows a signal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceOnSignal {
+    /// What it explains, as a gain in BIC.
+    pub gain: f64,
+    /// "a force on roll_rate that follows roll times roll_rate".
+    pub description: String,
+}
+
+/// The likeliest force on a state, over a fit under noise models of single channels.
+///
+/// `None` when nothing could be tried.
+pub fn on_state(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    state: usize,
+    space: &SearchSpace<'_>,
+) -> Option<ForceOnSignal> {
+    let vehicle = model.vehicle(&fit.values).ok()?;
+    let signals =
+        Signals::new(model, model.free_run.run_states(&vehicle, &fit.values[..model.states()]).ok()?);
+    Comparison::new(model, fit, &vehicle, space).best(Entry::State(state), &signals.all())
+}
+
+/// A force on the state that turbulence moves, where it follows a state so closely that no turbulence does: it switches
+/// with one, or goes in waves with one. Its gain is the score, as far as it exceeds that of turbulence alone.
+///
+/// The states are what the turbulence's filter foretells from the samples before, so that whatever a force makes of them
+/// cannot know the innovations that come after: under turbulence alone the score is chi-square.
+pub fn followed(
+    (model, fit): (&Model<'_, '_>, &Fit),
+    state: usize,
+    noise: &Noise,
+    space: &SearchSpace<'_>,
+) -> Option<ForceOnSignal> {
+    let data = model.free_run.data;
+    let common = noise.common.as_ref()?;
+    let vehicle = model.vehicle(&fit.values).ok()?;
+    let mut states = model.free_run.run_states(&vehicle, &fit.values[..model.states()]).ok()?;
+    for (i, x) in states.iter_mut().enumerate() {
+        let foretold = common.states(data, &fit.residual, i);
+        x.iter_mut().skip(1).zip(foretold).for_each(|(x, moved)| *x += moved);
+    }
+    let signals = Signals::new(model, states);
+    let score_test = ScoreTest::new(data, noise, &fit.residual, &fit.columns);
+    let pushed = [(state, space.sizes.slopes[state])];
+    let forces = Forces::new(model, fit, &vehicle, &pushed, &signals.states.first()?.values);
+    let relay = hysteresis_relay::likeliest(&score_test, &forces, &signals.states, false)?;
+    let ripples = signals.ripples();
+    let functions: Vec<&[f64]> = ripples.iter().flat_map(|f| &f.functions).map(Vec::as_slice).collect();
+    let mut responses = forces.each(&functions, |_, index, mut response| {
+        data.fill(&mut response);
+        (index, response)
+    });
+    responses.sort_by_key(|(index, _)| *index);
+    // Two functions are one wave.
+    let pairs = responses.chunk_by(|(a, _), (b, _)| a / 2 == b / 2).filter(|pair| pair.len() == 2);
+    let waves = pairs.filter_map(|pair| {
+        let columns: Vec<Vec<f64>> = pair.iter().map(|(_, response)| response.clone()).collect();
+        Some((explained(&score_test, &columns)?.0, &ripples[pair[0].0 / 2].description))
+    });
+    let wave = waves.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let looks = (signals.states.len() * hysteresis_relay::looks() + ripples.len()) as f64;
+    let (switched, waved) = (chi_square_tail(relay.score, 1.0), chi_square_tail(wave.0, 2.0));
+    let (score, description) = if switched < waved {
+        (relay.score, relay.description(&signals.states))
+    } else {
+        (wave.0, wave.1.clone())
+    };
+    (looks * switched.min(waved) < FORCE_P_VALUE)
+        .then(|| ForceOnSignal { gain: score, description: on(&vehicle, Entry::State(state), &description) })
+}
+
+/// "a force on roll_rate that follows pitch".
+fn on(vehicle: &Vehicle, entry: Entry, description: &str) -> String {
+    match entry {
+        Entry::State(i) => format!("a force on {} that {description}", vehicle.states[i].name),
+        Entry::Input(j) => format!("something beside {} that {description}", vehicle.inputs[j].name),
+    }
+}
+
+/// The likeliest force on any state or into any input, over the fit of a model with no cause. The signals are those of a
+/// model `with` causes, which is nearer to the truth.
+pub fn rival(
+    (model, fit): (&Model<'_, '_>, &Fit),
+    (with, its): (&Model<'_, '_>, &Fit),
+    space: &SearchSpace<'_>,
+) -> Option<ForceOnSignal> {
+    let signals = Signals::new(
+        with,
+        with.free_run.run_states(&with.vehicle(&its.values).ok()?, &its.values[..with.states()]).ok()?,
+    );
+    let vehicle = model.vehicle(&fit.values).ok()?;
+    let comparison = Comparison::new(model, fit, &vehicle, space);
+    let bases = signals.of_states();
+    let moved = |i: &usize| vehicle.kinematic_row(*i).is_none();
+    let forces = (0..vehicle.states.len()).filter(moved);
+    let forces = forces.flat_map(|i| {
+        [comparison.best(Entry::State(i), &bases), comparison.relay(i, &signals.states)].into_iter().flatten()
+    });
+    let inputs = 0..model.free_run.data.m;
+    let inputs = inputs.filter_map(|j| comparison.best(Entry::Input(j), &signals.of_input(j)));
+    forces.chain(inputs).max_by(|a, b| a.gain.total_cmp(&b.gain))
+}
+
+/// What the functions of a basis do to the samples.
+#[derive(Clone)]
+struct Columns {
+    description: Arc<str>,
+    samples: Arc<Vec<Vec<f64>>>,
+}
+
+/// A fit that bases of forces are weighed against.
+struct Comparison<'a, 'd> {
+    model: &'a Model<'a, 'd>,
+    fit: &'a Fit,
+    vehicle: &'a Vehicle,
+    plain: Profile,
+    /// The quickest comes last.
+    score_tests: Vec<ScoreTest<'d>>,
+    slopes: &'a [f64],
+}
+
+/// A basis in a score test: what it explains there, by how much of each, and its columns.
+struct Contribution {
+    energy: f64,
+    by: DVector<f64>,
+    columns: Columns,
+}
+
+impl<'a, 'd> Comparison<'a, 'd> {
+    fn new(model: &'a Model<'a, 'd>, fit: &'a Fit, vehicle: &'a Vehicle, space: &SearchSpace<'a>) -> Self {
+        let data = model.free_run.data;
+        let plain = Noise::fit(data, &fit.residual);
+        let mut score_tests = vec![ScoreTest::new(data, &plain.noise, &fit.residual, &fit.columns)];
+        if space.declared.iter().all(|d| *d > 0.0) {
+            score_tests.push(ScoreTest::new(
+                data,
+                &Noise::white(space.declared),
+                &fit.residual,
+                &fit.columns,
+            ));
+        }
+        Self { model, fit, vehicle, plain, score_tests, slopes: &space.sizes.slopes }
+    }
+
+    /// The likeliest basis.
+    fn best(&self, entry: Entry, bases: &[Basis]) -> Option<ForceOnSignal> {
+        let data = self.model.free_run.data;
+        // A force into an input pushes all states that the input does.
+        let pushed: Vec<(usize, f64)> = match entry {
+            Entry::State(i) => vec![(i, 1.0)],
+            Entry::Input(j) => {
+                let column = self.vehicle.b.column(j);
+                column.iter().copied().enumerate().filter(|(_, b)| *b != 0.0).collect()
+            }
+        };
+        let probe = bases.first()?.functions.first()?;
+        let states: Vec<(usize, f64)> = pushed.iter().map(|(i, _)| (*i, self.slopes[*i])).collect();
+        let forces = Forces::new(self.model, self.fit, self.vehicle, &states, probe);
+        // The quickest score test sorts out, the others look at what is left.
+        let [rest @ .., quick] = self.score_tests.as_slice() else { return None };
+        let mut sorted: Vec<Contribution> = Vec::new();
+        for some in bases.chunks(BASES_TOGETHER) {
+            sorted.extend(self.weights(quick, &self.columns(&forces, &pushed, some)));
+            self.keep(&mut sorted, BASES_SORTED);
+        }
+        let columns: Vec<Columns> = sorted.iter().map(|w| w.columns.clone()).collect();
+        let mut weighed: Vec<(&ScoreTest<'_>, Contribution)> = Vec::new();
+        for score_test in rest {
+            let mut own = self.weights(score_test, &columns);
+            self.keep(&mut own, BASES_REFITTED);
+            weighed.extend(own.into_iter().map(|w| (score_test, w)));
+        }
+        self.keep(&mut sorted, BASES_REFITTED);
+        weighed.extend(sorted.into_iter().map(|w| (quick, w)));
+        let looks = 2.0 * (bases.len() as f64).ln();
+        let bics = weighed.into_par_iter().map(|(score_test, weight)| {
+            let mut rest = self.fit.residual.clone();
+            for (column, by) in weight.columns.samples.iter().zip(weight.by.iter()) {
+                rest.iter_mut().zip(column).for_each(|(r, c)| *r -= by * c);
+            }
+            let bic = Noise::fit(data, &score_test.without_nuisances(&rest)).bic(weight.by.len());
+            (bic, weight.columns.description)
+        });
+        let (bic, description) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(ForceOnSignal {
+            gain: self.plain.bic(0) - bic - looks,
+            description: on(self.vehicle, entry, &description),
+        })
+    }
+
+    /// The likeliest force that switches with a state.
+    fn relay(&self, state: usize, states: &[Signal]) -> Option<ForceOnSignal> {
+        let data = self.model.free_run.data;
+        let pushed = [(state, self.slopes[state])];
+        let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed, &states.first()?.values);
+        let looks = 2.0 * ((states.len() * hysteresis_relay::looks()) as f64).ln();
+        let bics = self.score_tests.iter().filter_map(|score_test| {
+            let relay = hysteresis_relay::likeliest(score_test, &forces, states, true)?;
+            let response = relay.response(score_test, &forces, states)?;
+            let rest: Vec<f64> = self.fit.residual.iter().zip(&response).map(|(r, c)| r - c).collect();
+            let bic = Noise::fit(data, &score_test.without_nuisances(&rest)).bic(1 + RELAY_PARAMETERS);
+            Some((bic, relay.description(states)))
+        });
+        let (bic, description) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let description = on(self.vehicle, Entry::State(state), &description);
+        Some(ForceOnSignal { gain: self.plain.bic(0) - bic - looks, description })
+    }
+
+    /// What bases explain in a score test.
+    fn weights(&self, score_test: &ScoreTest<'_>, bases: &[Columns]) -> Vec<Contribution> {
+        let weights = bases.par_iter().filter_map(|columns| {
+            let (energy, by) = explained(score_test, &columns.samples)?;
+            Some(Contribution { energy, by, columns: columns.clone() })
+        });
+        weights.collect()
+    }
+
+    /// Keeps those that explain most; each number costs.
+    fn keep(&self, weights: &mut Vec<Contribution>, most: usize) {
+        let worth = |w: &Contribution| w.energy - w.by.len() as f64 * (self.plain.rows as f64).ln();
+        weights.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
+        weights.truncate(most);
+    }
+
+    /// What the functions of each basis do to the samples; a basis of which one could not be simulated is left out.
+    fn columns(&self, forces: &Forces<'_>, pushed: &[(usize, f64)], bases: &[Basis]) -> Vec<Columns> {
+        let data = self.model.free_run.data;
+        let functions: Vec<&[f64]> = bases.iter().flat_map(|f| &f.functions).map(Vec::as_slice).collect();
+        let mut sums: Vec<Option<Vec<f64>>> = vec![Some(vec![0.0; data.samples()]); functions.len()];
+        let mut told = vec![0; functions.len()];
+        for (state, index, response) in
+            forces.each(&functions, |state, index, response| (state, index, response))
+        {
+            let by = pushed.iter().find(|(i, _)| *i == state).map_or(0.0, |(_, by)| *by);
+            if let Some(sum) = &mut sums[index] {
+                sum.iter_mut().zip(&response).for_each(|(s, r)| *s += by * r);
+            }
+            told[index] += 1;
+        }
+        let whole = sums.into_iter().zip(told).map(|(sum, told)| sum.filter(|_| told == pushed.len()));
+        let mut whole = whole.map(|sum| {
+            sum.map(|mut sum| {
+                data.fill(&mut sum);
+                sum
+            })
+        });
+        let bases = bases.iter().filter_map(|f| {
+            let own: Vec<Option<Vec<f64>>> = whole.by_ref().take(f.functions.len()).collect();
+            let samples = own.into_iter().collect::<Option<Vec<_>>>().map(Arc::new)?;
+            Some(Columns { description: f.description.as_str().into(), samples })
+        });
+        bases.collect()
+    }
+}
+
+/// What columns explain of a score test's residual together, and by how much of each.
+fn explained(score_test: &ScoreTest<'_>, columns: &[Vec<f64>]) -> Option<(f64, DVector<f64>)> {
+    let white: Vec<Vec<f64>> = columns.iter().map(|c| score_test.project(c)).collect();
+    let norms: Vec<f64> = white.iter().map(|w| dot(w, w).sqrt()).collect();
+    if white.is_empty() || norms.iter().any(|n| !n.is_finite()) {
+        return None;
+    }
+    let n = white.len();
+    let gram = DMatrix::from_fn(n, n, |i, j| {
+        if norms[i] * norms[j] > 0.0 { dot(&white[i], &white[j]) / (norms[i] * norms[j]) } else { 0.0 }
+    });
+    let product =
+        |i: usize| if norms[i] > 0.0 { dot(&white[i], score_test.residual()) / norms[i] } else { 0.0 };
+    let right = DVector::from_fn(n, |i, _| product(i));
+    let by = pseudo_inverse(&gram)? * &right;
+    let energy = by.dot(&right);
+    Some((energy, DVector::from_fn(n, |i, _| if norms[i] > 0.0 { by[i] / norms[i] } else { 0.0 })))
+}

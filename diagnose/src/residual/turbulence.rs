@@ -1,0 +1,252 @@
+//! What is random in a residual: noise beyond what is declared, and turbulence that the motion has shaped.
+
+use crate::thresholds::{
+    BANDWIDTH_STARTS, CLIMB_PROMISE, COMPLETE_ROWS_SHARE, FAR_ABOVE_NOISE, MAX_TURBULENCE_ERRORS,
+    MIN_PERIODS, MIN_TURBULENCE_BIC, PARTIAL_CORRELATION_STARTS, RESONANT_STARTS, SIZE_STARTS,
+    SLOW_TURBULENCE_BIC, SLOW_TURBULENCE_ERROR, STARTS_CLIMBED, TURBULENCE_SIZE_SHARES,
+    TURBULENCE_STATES_REFINED, UNLIKELY_TURBULENCE_BIC,
+};
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+use whirlstand_vehicle::Vehicle;
+
+use crate::data::record::Data;
+use crate::model::fit::Model;
+use crate::model::innovations::{Noises, Whitener, bandwidths_hz, climb, log_likelihood};
+use crate::model::noise::{Noise, Profile};
+use crate::model::whittle::{C, Shaped, ar_density, cross, responses, whittle};
+
+/// Turbulence on a state, with standard errors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Turbulence {
+    /// Index of the state.
+    pub state: usize,
+    /// Standard deviation of the derivative that it adds, SI, and its relative standard error.
+    pub std: (f64, f64),
+    /// Bandwidth, Hz, and its relative standard error.
+    pub bandwidth_hz: (f64, f64),
+    /// Relative standard error of that combination of size and bandwidth which the record shows best.
+    pub together: f64,
+    /// Gain in BIC over coloured noise of every channel for itself.
+    pub delta_bic: f64,
+    /// Gains of the same on other states: state and gain.
+    pub others: Vec<(usize, f64)>,
+    /// It and the noise of all channels, where the exact likelihood could be had.
+    noises: Option<Noises>,
+}
+
+impl Turbulence {
+    /// True when the record determines it.
+    pub fn is_known(&self, data: &Data) -> bool {
+        let (bandwidth, error) = self.bandwidth_hz;
+        let periods = bandwidth * data.duration_s();
+        let both =
+            self.std.1 < MAX_TURBULENCE_ERRORS.0 && error < MAX_TURBULENCE_ERRORS.1 && periods > MIN_PERIODS;
+        let together = self.delta_bic > SLOW_TURBULENCE_BIC
+            && self.together < MAX_TURBULENCE_ERRORS.0
+            && error < SLOW_TURBULENCE_ERROR
+            && periods * (1.96 * error).exp() > MIN_PERIODS;
+        self.delta_bic > MIN_TURBULENCE_BIC && (both || together) && bandwidth * data.period_s < 0.5
+    }
+
+    /// A noise model with it, for all channels together; `None` where only Whittle's likelihood could be had.
+    pub fn noise(&self, data: &Data, vehicle: &Vehicle, residual: &[f64]) -> Option<Noise> {
+        let whitener = Whitener::new(data, vehicle, self.state, self.noises.as_ref()?)?;
+        Some(Noise::fit(data, residual).noise.with_common(whitener))
+    }
+}
+
+/// Looks for turbulence on any state in a residual under noise of single channels; the likeliest, however small.
+///
+/// `None` when the record is too short, or the vehicle has no such motion.
+pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Option<Turbulence> {
+    // Where one channel has no value, what fills it is as smooth as nothing measured is: such rows count nowhere.
+    let data = &complete_rows(model.free_run.data)?;
+    let profile = &Noise::fit(data, residual);
+    let noise = &profile.noise.channels;
+    let cross = cross(data, residual)?;
+    let vehicle = model.vehicle(values).ok()?;
+    let responses = responses(&vehicle, data, &cross)?;
+    let rows = (2.0 * cross.averages.iter().sum::<f64>() * cross.channels.len() as f64).ln();
+    let density = |band: usize, c: usize| ar_density(&noise[cross.channels[c]], cross.f[band], data.period_s);
+    let alone = whittle(&cross, density, |_| 0.0, &[])?;
+    let parameters: usize = cross.channels.iter().map(|c| noise[*c].order() + 1).sum();
+    let alone = -2.0 * alone + parameters as f64 * rows;
+    let fits: Vec<(usize, Shaped, f64)> = (0..vehicle.states.len())
+        .into_par_iter()
+        .filter_map(|state| {
+            let shaped = {
+                let h: Vec<Vec<C>> =
+                    responses.iter().map(|r| r.column(state).iter().copied().collect()).collect();
+                Shaped::fit(&cross, &h, data.period_s)?
+            };
+            let bic = -2.0 * shaped.likelihood + shaped.parameters() as f64 * rows;
+            Some((state, shaped, alone - bic))
+        })
+        .collect();
+    refined(data, &vehicle, residual, profile, fits)
+}
+
+/// The record with only those samples counted whose row is complete; `None` when too few are. Channels that are not as
+/// fast as the record are left as they are.
+fn complete_rows(data: &Data) -> Option<Data> {
+    let mut whole = data.clone();
+    let every = |c: &crate::data::record::Channel| c.stride == 1 && c.first == 0;
+    let rows = data.channels.iter().map(|c| c.good.len()).min()?;
+    let good: Vec<bool> =
+        (0..rows).map(|k| data.channels.iter().filter(|c| every(c)).all(|c| c.good[k])).collect();
+    if (good.iter().filter(|g| **g).count() as f64) < COMPLETE_ROWS_SHARE * rows as f64 {
+        return None;
+    }
+    for channel in whole.channels.iter_mut().filter(|c| every(c)) {
+        channel.good.truncate(rows);
+        channel.good.iter_mut().zip(&good).for_each(|(own, all)| *own &= all);
+        channel.good.resize(channel.values.len(), false);
+    }
+    Some(whole)
+}
+
+/// The exact likelihood of the most likely states.
+fn refined(
+    data: &Data,
+    vehicle: &Vehicle,
+    residual: &[f64],
+    profile: &Profile,
+    mut fits: Vec<(usize, Shaped, f64)>,
+) -> Option<Turbulence> {
+    fits.sort_by(|a, b| b.2.total_cmp(&a.2));
+    if data.channels.iter().any(|c| c.stride != 1 || c.first != 0) || data.starts.len() > 1 {
+        // Slow sensors and several records: Whittle's is what there is.
+        let others = fits.iter().skip(1).map(|f| (f.0, f.2)).collect();
+        let (state, best, delta_bic) = fits.first()?;
+        return Some(Turbulence {
+            state: *state,
+            std: (best.values[0].exp(), best.errors[0]),
+            bandwidth_hz: (best.values[1].exp(), best.errors[1]),
+            together: best.errors[0],
+            delta_bic: *delta_bic,
+            others,
+            noises: None,
+        });
+    }
+    // Whittle's likelihood may be trusted to say that there is none, but not where the motion stands far above the noise.
+    let far = data.channels.iter().enumerate().any(|(c, channel)| {
+        let declared = vehicle.outputs[channel.output].noise;
+        let floor = if declared > 0.0 { declared } else { profile.noise.channels[c].variance.sqrt() };
+        profile.noise.total[c] > FAR_ABOVE_NOISE * floor
+    });
+    if !far {
+        fits.retain(|f| f.2 > UNLIKELY_TURBULENCE_BIC);
+    }
+    let alone = profile.bic(0);
+    let rows = (profile.rows as f64).ln();
+    let mut exact: Vec<(usize, Noises, [f64; 3], f64)> = fits
+        .par_iter()
+        .take(TURBULENCE_STATES_REFINED)
+        .enumerate()
+        .filter_map(|(rank, (state, shaped, whittle))| {
+            let starts =
+                starts((data, residual), (vehicle, *state), profile, shaped, (*whittle > 0.0, rank == 0));
+            let tops = starts.into_iter().filter(|n| far || promises(data, vehicle, *state, residual, n));
+            let tops = tops.filter_map(|noises| {
+                let wanted = 0.5 * (noises.parameters() as f64 * rows + MIN_TURBULENCE_BIC - alone);
+                let (noises, likelihood, errors) = climb(data, vehicle, *state, residual, noises, wanted)?;
+                let bic = -2.0 * likelihood + noises.parameters() as f64 * rows;
+                Some((*state, noises, errors, alone - bic))
+            });
+            tops.max_by(|a, b| a.3.total_cmp(&b.3))
+        })
+        .collect();
+    exact.sort_by(|a, b| b.3.total_cmp(&a.3));
+    let others = exact.iter().skip(1).map(|f| (f.0, f.3)).collect();
+    if exact.is_empty() {
+        return None;
+    }
+    let (state, noises, errors, delta_bic) = exact.swap_remove(0);
+    Some(Turbulence {
+        state,
+        std: (noises.common[0].exp(), errors[0]),
+        bandwidth_hz: (noises.common[1].exp(), errors[1]),
+        together: errors[2],
+        delta_bic,
+        others,
+        noises: Some(noises),
+    })
+}
+
+/// True when turbulence of some size beside the given noise is likelier than none.
+fn promises(data: &Data, vehicle: &Vehicle, state: usize, residual: &[f64], noises: &Noises) -> bool {
+    let at = |share: f64| {
+        let mut sized = noises.clone();
+        sized.common[0] += share.ln();
+        log_likelihood(data, vehicle, state, residual, &sized).unwrap_or(f64::NEG_INFINITY)
+    };
+    let [sizes @ .., none] = TURBULENCE_SIZE_SHARES.map(at);
+    sizes.into_iter().fold(f64::NEG_INFINITY, f64::max) > none + CLIMB_PROMISE
+}
+
+/// Noises from which the exact likelihood is climbed. Far above the noise Whittle's likelihood is none, and no start
+/// either; of the best state it is not trusted alone: then the noise is what the vehicle declares, white, of first order or
+/// resonant, and the likeliest are followed, each from the likeliest size and bandwidth.
+fn starts(
+    (data, residual): (&Data, &[f64]),
+    (vehicle, state): (&Vehicle, usize),
+    profile: &Profile,
+    shaped: &Shaped,
+    (trusted, best): (bool, bool),
+) -> Vec<Noises> {
+    let p = data.channels.len();
+    let values = if trusted { &shaped.values } else { &shaped.first };
+    let common = [values[0], values[1].max(-4.6)];
+    let noises = |own: &dyn Fn(usize) -> f64, partial: Vec<[f64; 2]>| {
+        // What one channel's own past foretells is no less than all channels' together: the noise is at most that.
+        let most = |c: usize| 0.5 * profile.noise.channels[c].variance.ln();
+        Noises { common, own: (0..p).map(|c| own(c).min(most(c))).collect(), partial }
+    };
+    let whittle = noises(&|c| values[2 + c], (0..p).map(|c| shaped.partial(c)).collect());
+    if trusted && !best {
+        return vec![whittle];
+    }
+    let declared = |c: usize| vehicle.outputs[data.channels[c].output].noise;
+    let first_order = PARTIAL_CORRELATION_STARTS.into_iter().map(|k| [k, 0.0]);
+    let narrowest = PARTIAL_CORRELATION_STARTS.into_iter().fold(0.0, f64::min);
+    let resonant = RESONANT_STARTS.into_iter().map(|share| [(PI * share).cos(), narrowest]);
+    let mut starts: Vec<(f64, Noises)> = first_order
+        .chain(resonant)
+        .map(|partial: [f64; 2]| {
+            let innovation: f64 = partial.iter().map(|k| 0.5 * (1.0 - k * k).ln()).sum();
+            let own =
+                |c: usize| if declared(c) > 0.0 { declared(c).ln() + innovation } else { values[2 + c] };
+            noises(&own, vec![partial; p])
+        })
+        .chain(trusted.then_some(whittle))
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|noises| {
+            let likelihood = log_likelihood(data, vehicle, state, residual, &noises);
+            (likelihood.unwrap_or(f64::NEG_INFINITY), noises)
+        })
+        .collect();
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    starts.truncate(STARTS_CLIMBED);
+    starts.into_iter().map(|(_, noises)| likeliest((data, residual), (vehicle, state), &noises)).collect()
+}
+
+/// The likeliest of bandwidths and sizes beside the same noise of the channels; what it was when none is likelier. What
+/// it adds up to is kept where the bandwidth is another.
+fn likeliest((data, residual): (&Data, &[f64]), (vehicle, state): (&Vehicle, usize), own: &Noises) -> Noises {
+    let [size, bandwidth] = own.common;
+    let (lowest, highest) = bandwidths_hz(data);
+    let share = |i: usize| (i as f64 + 0.5) / BANDWIDTH_STARTS as f64;
+    let bandwidths = (0..BANDWIDTH_STARTS).map(|i| lowest * (highest / lowest).powf(share(i)));
+    let tried = bandwidths
+        .flat_map(|b| SIZE_STARTS.map(|share| [size + share.ln() + 0.5 * (bandwidth - b.ln()), b.ln()]));
+    let mut all: Vec<Noises> = tried.map(|common| Noises { common, ..own.clone() }).collect();
+    all.push(own.clone());
+    let likelihood =
+        |n: &Noises| log_likelihood(data, vehicle, state, residual, n).unwrap_or(f64::NEG_INFINITY);
+    let values: Vec<f64> = all.par_iter().map(likelihood).collect();
+    let best = values.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
+    all.swap_remove(best)
+}

@@ -1,0 +1,189 @@
+//! Causes beside turbulence: which of the two explains what.
+//!
+//! Turbulence shakes all channels that follow its state, so that noise models of single channels find each shake several
+//! times, and events in it. Where a residual looks turbulent, the causes are therefore chosen once more under a noise model
+//! of all channels together, and the turbulence is sized anew beside them.
+
+use crate::thresholds::{
+    CIRCULAR_SHIFTS, FORCE_SHARE_OF_TURBULENCE, MIN_TURBULENCE_BIC, RELATED_SIGMAS, SETTLED_SIZE_RATIO,
+    TURBULENCE_PASSES,
+};
+use whirlstand_vehicle::Kind;
+
+use crate::candidates::library::Candidate;
+use crate::data::record::Data;
+use crate::model::fit::Model;
+use crate::model::noise::Noise;
+use crate::residual::out_of_library::{self, ForceOnSignal};
+use crate::residual::turbulence::{Turbulence, turbulence};
+use crate::search::select::{Selection, select};
+use crate::search::survey::SearchSpace;
+use whirlstand_logs::stats::{mean, rms};
+
+/// Causes with turbulence beside them, where that explains more than `selection` alone. And a force that follows a signal,
+/// where that is likelier than turbulence, with what it gains over the causes.
+pub(crate) fn with_turbulence<'r, 'd>(
+    selection: Selection<'r, 'd>,
+    model: &Model<'r, 'd>,
+    space: &SearchSpace<'_>,
+) -> (Selection<'r, 'd>, Option<Turbulence>, Option<ForceOnSignal>) {
+    let data = model.free_run.data;
+    let look = |s: &Selection<'r, 'd>| {
+        turbulence(&s.model, &s.fit.values, &s.fit.residual).filter(|t| t.delta_bic > MIN_TURBULENCE_BIC)
+    };
+    let alone = plain_bic(&selection, data);
+    // Gusts that were taken for single events hide what is left of the turbulence.
+    let calm = without_gusts(&selection, None);
+    let first = look(&selection).or_else(|| calm.as_ref().and_then(look));
+    let Some(mut found) = first else { return (selection, None, None) };
+    let mut chosen: Option<Selection<'r, 'd>> = None;
+    for _ in 0..TURBULENCE_PASSES {
+        let last = chosen.as_ref().or(calm.as_ref()).unwrap_or(&selection);
+        let noise =
+            last.model.vehicle(&last.fit.values).ok().and_then(|v| found.noise(data, &v, &last.fit.residual));
+        let Some(noise) = noise else { break };
+        let Ok(next) = select(model.clone(), space, Some(&noise), &[]) else { break };
+        let next = without_gusts(&next, Some(found.state)).unwrap_or(next);
+        let again = look(&next);
+        chosen = Some(next);
+        let Some(again) = again else { return (single(selection, chosen, alone), None, None) };
+        let same =
+            again.state == found.state && (again.std.0 / found.std.0).ln().abs() < SETTLED_SIZE_RATIO.ln();
+        found = again;
+        if same {
+            break;
+        }
+    }
+    let Some(mut chosen) = chosen else {
+        // Only an approximate likelihood could be had: the causes are those without it.
+        let known = found.is_known(data);
+        return (selection, known.then_some(found), None);
+    };
+    if !found.is_known(data) || plain_bic(&chosen, data) - found.delta_bic > alone - MIN_TURBULENCE_BIC {
+        return (selection, None, None);
+    }
+    let Some(noise) = chosen
+        .model
+        .vehicle(&chosen.fit.values)
+        .ok()
+        .and_then(|v| found.noise(data, &v, &chosen.fit.residual))
+    else {
+        return (selection, None, None);
+    };
+    let more = |by: ForceOnSignal| ForceOnSignal { gain: by.gain + alone - plain_bic(&chosen, data), ..by };
+    let forced = out_of_library::on_state(&chosen.model, &chosen.fit, found.state, space);
+    if let Some(by) = forced.filter(|by| by.gain > FORCE_SHARE_OF_TURBULENCE * found.delta_bic) {
+        return (selection, None, Some(more(by)).filter(|by| by.gain > MIN_TURBULENCE_BIC));
+    }
+    if let Some(by) = out_of_library::followed((&chosen.model, &chosen.fit), found.state, &noise, space) {
+        let gain = by.gain + found.delta_bic;
+        return (selection, None, Some(more(ForceOnSignal { gain, ..by })));
+    }
+    if related(data, &noise, &chosen) {
+        return (selection, None, None);
+    }
+    if let Ok(fit) = chosen.model.fit(chosen.fit.values.clone(), Some(&noise), None) {
+        chosen.fit = fit;
+    }
+    (chosen, Some(found), None)
+}
+
+/// The same causes without disturbances, on one state or on all, fitted anew; `None` when there are none. A gust is part
+/// of the turbulence of its state.
+fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) -> Option<Selection<'r, 'd>> {
+    let place = state.map(|s| selection.model.free_run.vehicle.states[s].name.as_str());
+    let gust = |c: &Candidate| {
+        matches!(c.kind, Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance)
+            && place.is_none_or(|p| c.place == p)
+    };
+    selection.model.terms.iter().any(gust).then_some(())?;
+    let mut calm = selection.clone();
+    calm.keep(|c| !gust(c));
+    calm.fit = calm.model.fit(calm.fit.values.clone(), selection.fit.profile.noise.shared(), None).ok()?;
+    Some(calm)
+}
+
+/// The turbulence was the trace of causes that were found only when it was taken for noise.
+fn single<'r, 'd>(
+    selection: Selection<'r, 'd>,
+    chosen: Option<Selection<'r, 'd>>,
+    alone: f64,
+) -> Selection<'r, 'd> {
+    let better = chosen.and_then(|mut chosen| {
+        let fit = chosen.model.fit(chosen.fit.values.clone(), None, None).ok()?;
+        let bic = fit.profile.bic(chosen.model.parameters());
+        chosen.fit = fit;
+        chosen.null = selection.null.clone();
+        (bic < alone - MIN_TURBULENCE_BIC && !chosen.model.terms.is_empty()).then_some(chosen)
+    });
+    better.unwrap_or(selection)
+}
+
+/// BIC with noise models of single channels.
+fn plain_bic(selection: &Selection<'_, '_>, data: &Data) -> f64 {
+    Noise::fit(data, &selection.fit.residual).bic(selection.model.parameters())
+}
+
+/// True when the turbulence is larger where a command or an output is larger: then it is something that the vehicle does.
+fn related(data: &Data, noise: &Noise, selection: &Selection<'_, '_>) -> bool {
+    let Some(common) = &noise.common else { return false };
+    let states = selection.model.free_run.states();
+    let gust: Vec<f64> = common.states(data, &selection.fit.residual, states).iter().map(|w| w * w).collect();
+    let square = |v: &mut dyn Iterator<Item = f64>| v.map(|v| v * v).collect::<Vec<f64>>();
+    let mut features: Vec<Vec<f64>> = (0..data.m).map(|j| square(&mut data.input(j))).collect();
+    features
+        .extend(data.ranges().into_iter().map(|r| square(&mut selection.fit.predicted[r].iter().copied())));
+    features.iter().any(|f| correlation_in_sigmas(&gust, f) > RELATED_SIGMAS)
+}
+
+/// Correlation of two sequences over what it is when one is shifted in time, in a circle.
+fn correlation_in_sigmas(a: &[f64], b: &[f64]) -> f64 {
+    let n = a.len().min(b.len());
+    if n < 2 * CIRCULAR_SHIFTS {
+        return 0.0;
+    }
+    let centred = |v: &[f64]| {
+        let m = mean(&v[..n]);
+        v[..n].iter().map(|x| x - m).collect::<Vec<f64>>()
+    };
+    let (a, b) = (centred(a), centred(b));
+    let at = |shift: usize| -> f64 {
+        let (head, tail) = b.split_at(shift);
+        crate::model::fit::dot(&a[..n - shift], tail) + crate::model::fit::dot(&a[n - shift..], head)
+    };
+    let shifted: Vec<f64> = (1..=CIRCULAR_SHIFTS).map(|i| at(i * (n - 1) / (CIRCULAR_SHIFTS + 1))).collect();
+    let spread = rms(&shifted);
+    if spread > 0.0 { at(0) / spread } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::correlation_in_sigmas;
+    use whirlstand_vehicle::Stream;
+
+    fn slow(seed: u64, n: usize) -> Vec<f64> {
+        let mut stream = Stream::new(seed, "slow");
+        let mut x = 0.0;
+        (0..n)
+            .map(|_| {
+                x = 0.98 * x + stream.normal();
+                x
+            })
+            .collect()
+    }
+
+    #[test]
+    fn sequences_of_their_own_are_not_related_however_slow() {
+        let far = (0..20)
+            .filter(|s| correlation_in_sigmas(&slow(*s, 6000), &slow(100 + s, 6000)).abs() > 4.0)
+            .count();
+        assert_eq!(far, 0, "of 20 pairs");
+    }
+
+    #[test]
+    fn a_sequence_that_follows_another_is_related() {
+        let (a, own) = (slow(1, 6000), slow(2, 6000));
+        let b: Vec<f64> = a.iter().zip(&own).map(|(a, o)| a + o).collect();
+        assert!(correlation_in_sigmas(&a, &b) > 4.5);
+    }
+}

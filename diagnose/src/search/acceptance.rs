@@ -1,0 +1,172 @@
+//! Whether a candidate is a cause: all conditions, its detectability, and the rivals that explain as much.
+
+use crate::candidates::library::Candidate;
+use crate::model::fit::{Fit, Model, dot};
+use crate::model::score_test::{ScoreTest, cosine};
+use crate::search::cross_validation::held_out_gain;
+use crate::search::survey::Alternative;
+use crate::search::survey_cache::Surveyed;
+use crate::thresholds::{
+    MAX_P_VALUE, MAX_RELATIVE_ERROR, MIN_BIC_GAIN, MIN_HELD_OUT_SIGMAS, RIVAL_BIC, SAME_SIGNATURE_COSINE,
+    UNDECIDED_BIC,
+};
+use whirlstand_logs::stats::chi_square_tail;
+
+/// Evidence for a term.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TermEvidence {
+    /// Gain in BIC over the model without it.
+    pub delta_bic: f64,
+    /// Gain on left-out data over its standard error.
+    pub heldout: f64,
+    /// Probability by chance, corrected.
+    pub p_value: f64,
+    /// Squared norm of its whitened signature, nuisances projected out.
+    pub detectability: f64,
+}
+
+/// Why a candidate was not accepted, or its evidence.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Decision {
+    /// All conditions hold.
+    Accepted(TermEvidence),
+    /// The first that does not.
+    Refused(String),
+}
+
+/// A rival that explains as much.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rival {
+    /// The effect.
+    pub candidate: Candidate,
+    /// Its values.
+    pub values: Vec<f64>,
+    /// By how much the accepted cause is better, in BIC.
+    pub gap: f64,
+    /// By how much it is better in twice the log-likelihood: what the record itself says, whatever the parameters cost.
+    pub ratio: f64,
+    /// Cosine of the angle between the signatures.
+    pub kappa: f64,
+}
+
+/// Whether a fitted candidate passes all conditions.
+pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypotheses: usize) -> Decision {
+    let refuse = |why: String| Decision::Refused(why);
+    let k = alternative.candidate.tunables.len();
+    let delta_bic = alternative.delta_bic;
+    if delta_bic < MIN_BIC_GAIN {
+        return refuse(match delta_bic {
+            d if d <= 0.0 => "what it explains is not worth its parameters".into(),
+            d => format!("it gains {d:.1} in BIC; {MIN_BIC_GAIN:.0} are asked"),
+        });
+    }
+    let Some(extended) = &alternative.fit else {
+        return refuse("others explain more".into());
+    };
+    // Where an effect was taken for colour, the noise has numbers that it does without beside the effect: what these are
+    // worth counts as it does in the choice of the colour.
+    let worth = delta_bic + k as f64 * (fit.profile.rows as f64).ln();
+    let chance = chi_square_tail(alternative.ratio.max(worth), k as f64);
+    let p_value = (chance * alternative.candidate.looks * hypotheses as f64).min(1.0);
+    if p_value >= MAX_P_VALUE {
+        return refuse(format!("chance alone does as well with probability {p_value:.2}, all looks counted"));
+    }
+    let mut whole = model.clone();
+    whole.terms.push(alternative.candidate.clone());
+    let covariance = match whole.covariance(extended) {
+        Ok(covariance) => covariance,
+        Err(why) => return refuse(format!("its parameters have no interval: {why}")),
+    };
+    let from = extended.values.len() - k;
+    for (i, tunable) in alternative.candidate.tunables.iter().enumerate() {
+        if !tunable.size {
+            continue;
+        }
+        let null = if i + 1 == k { alternative.candidate.null } else { 0.0 };
+        let size = (extended.values[from + i] - null).abs();
+        let mut variance = covariance[(from + i, from + i)];
+        // Of a short pulse a record shows the area; how high and how long it was go together.
+        if let Some(d) = alternative.candidate.tunables.iter().position(|t| t.name == "duration_s") {
+            let share = size / extended.values[from + d].abs().max(f64::MIN_POSITIVE);
+            let sign = (extended.values[from + i] - null).signum();
+            let both = covariance[(from + i, from + d)];
+            variance += share * share * covariance[(from + d, from + d)] + 2.0 * sign * share * both;
+        }
+        let error = variance.max(0.0).sqrt();
+        if error > MAX_RELATIVE_ERROR * size {
+            return refuse(format!(
+                "its {} is known to {:.0} % only",
+                tunable.name,
+                (100.0 * error / size.max(f64::MIN_POSITIVE)).min(999.0)
+            ));
+        }
+    }
+    let heldout = held_out_gain((model, fit), (&whole, extended));
+    if heldout <= MIN_HELD_OUT_SIGMAS {
+        return refuse(format!(
+            "on data left out of the fit it gains {heldout:.1} standard errors; 2 are asked"
+        ));
+    }
+    let detectability = detectability(model, fit, alternative).unwrap_or(0.0);
+    Decision::Accepted(TermEvidence { delta_bic, heldout, p_value, detectability })
+}
+
+/// The signature of a fitted candidate: what it changes at its values, the others as they are.
+fn signature(model: &Model<'_, '_>, candidate: &Candidate, values: &[f64]) -> Option<Vec<f64>> {
+    let mut whole = model.clone();
+    whole.terms.push(candidate.clone());
+    let others = &values[..values.len() - candidate.tunables.len()];
+    let without = model.predict(others).ok()?;
+    Some(whole.predict(values).ok()?.iter().zip(&without).map(|(a, b)| a - b).collect())
+}
+
+fn detectability(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative) -> Option<f64> {
+    let extended = alternative.fit.as_ref()?;
+    let zero = vec![0.0; fit.residual.len()];
+    let score_test = ScoreTest::new(model.free_run.data, &extended.profile.noise, &zero, &fit.columns);
+    let s = score_test.signature(&signature(model, &alternative.candidate, &extended.values)?);
+    Some(dot(&s, &s))
+}
+
+/// Other fitted candidates, and how alike they look.
+pub(crate) fn rivals(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    own: &Alternative,
+    alternatives: &[Surveyed],
+) -> Vec<Rival> {
+    let Some(extended) = &own.fit else { return Vec::new() };
+    let Some(mine) = signature(model, &own.candidate, &extended.values) else { return Vec::new() };
+    let zero = vec![0.0; fit.residual.len()];
+    let score_test = ScoreTest::new(model.free_run.data, &extended.profile.noise, &zero, &fit.columns);
+    let mine = score_test.signature(&mine);
+    let name = own.candidate.name();
+    let others = alternatives.iter().filter(|t| t.candidate.name() != name);
+    let mut rivals: Vec<Rival> = others
+        .filter_map(|t| {
+            let values = t.values.as_ref()?;
+            let theirs = score_test.signature(&signature(model, &t.candidate, values)?);
+            Some(Rival {
+                values: values[values.len() - t.candidate.tunables.len()..].to_vec(),
+                candidate: t.candidate.clone(),
+                gap: own.delta_bic - t.delta_bic,
+                ratio: own.ratio - t.ratio,
+                kappa: cosine(&mine, &theirs).abs(),
+            })
+        })
+        .collect();
+    rivals.sort_by(|a, b| a.gap.total_cmp(&b.gap));
+    rivals
+}
+
+impl Rival {
+    /// True when it explains as much, and is another thing.
+    pub fn is_undecided(&self) -> bool {
+        self.gap < UNDECIDED_BIC && self.kappa <= SAME_SIGNATURE_COSINE
+    }
+
+    /// True when the record cannot tell it from the accepted cause; a simpler cause may be preferred, not proven.
+    pub fn indistinguishable(&self) -> bool {
+        self.kappa > SAME_SIGNATURE_COSINE && self.gap.min(self.ratio) < RIVAL_BIC
+    }
+}

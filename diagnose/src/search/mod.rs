@@ -1,0 +1,11 @@
+//! Which candidates are causes: survey, selection, acceptance.
+
+pub mod acceptance;
+pub mod cross_validation;
+pub mod equivalence;
+pub mod mode_substitution;
+pub mod restarts;
+pub mod select;
+pub mod survey;
+pub mod survey_cache;
+mod survey_order;

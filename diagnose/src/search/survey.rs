@@ -1,0 +1,359 @@
+//! The survey: every candidate weighed against the residual of a model, the best of them fitted.
+
+use crate::thresholds::{
+    DISTANT_TRANSITION_SCORE, FITTED, FITTED_BEHIND_BIC, FITTED_BEHIND_SHARE, FITTED_NEAR_BIC, GLANCED,
+    HOPELESS_BIC, PROFILED,
+};
+use rayon::prelude::*;
+use whirlstand_vehicle::Kind;
+
+use crate::Watch;
+use crate::candidates::events;
+use crate::candidates::library::Candidate;
+use crate::candidates::library::Sizes;
+use crate::candidates::tones;
+use crate::model::fit::{Effort, Fit, Model};
+use crate::model::noise::Noise;
+use crate::model::score_test::ScoreTest;
+use crate::model::step_response::Responses;
+use crate::search::survey_order::{once, simpler_first};
+
+/// A candidate beside the terms of a model, fitted together with them.
+#[derive(Debug, Clone)]
+pub struct Alternative {
+    /// The candidate.
+    pub candidate: Candidate,
+    /// The fit of model and candidate; the candidate's values come last. `None` when it was not worth a fit.
+    pub fit: Option<Fit>,
+    /// The model's terms in that fit: those of a search's end may be others.
+    pub beside: Vec<Candidate>,
+    /// Gain in BIC over the model without it: by the fit, or estimated from the score.
+    pub delta_bic: f64,
+    /// Twice the gain in log-likelihood.
+    pub ratio: f64,
+}
+
+/// A signature at one start, and how well it does in a score test.
+#[derive(Debug, Clone)]
+struct ScoredStart {
+    start: usize,
+    amplitude: f64,
+    score: f64,
+    score_test: usize,
+}
+
+/// What the search knows beside model and fit.
+#[derive(Debug, Clone, Copy)]
+pub struct SearchSpace<'s> {
+    /// Candidates whose response follows from the inputs.
+    pub library: &'s [Candidate],
+    /// Sizes of the record.
+    pub sizes: &'s Sizes,
+    /// Causes that are named, at most.
+    pub most: usize,
+    /// Standard deviations of the channels' noise as the vehicle declares it; 0 where it says nothing.
+    pub declared: &'s [f64],
+    /// Who waits for the answer.
+    pub watch: &'s Watch,
+}
+
+/// Weighs every candidate of the space, and events and tones that the residual suggests. Best first.
+pub fn survey(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<Alternative> {
+    let score_tests = score_tests(model, fit, space);
+    let candidates = candidates(model, fit, space, &score_tests);
+    let beside = match model.terms.len() {
+        0 => "for a cause".into(),
+        n => format!("for another cause beside {n}"),
+    };
+    space.watch.tell(&format!("looks {beside}: {} candidates", candidates.len()));
+    let mut alternatives = profiles(model, fit, &score_tests, candidates, space.watch);
+    alternatives.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
+    once(&mut alternatives);
+    fit_best(model, fit, &mut alternatives, space.watch);
+    alternatives.sort_by(|a, b| {
+        let fitted = |t: &Alternative| t.fit.is_some();
+        fitted(&b.0).cmp(&fitted(&a.0)).then(b.0.delta_bic.total_cmp(&a.0.delta_bic))
+    });
+    simpler_first(model, fit, space, &mut alternatives);
+    let mut names = std::collections::HashSet::new();
+    let alternatives = alternatives.into_iter().map(|(alternative, _)| alternative);
+    alternatives.filter(|t| names.insert(t.candidate.name())).collect()
+}
+
+/// Where an effect is strong, the noise model fitted to its own traces hides it; white noise of the declared size does
+/// not. Both are asked, the likelihood with a noise model fitted anew decides.
+fn score_tests<'d>(model: &Model<'_, 'd>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<ScoreTest<'d>> {
+    let (data, noise) = (model.free_run.data, &fit.profile.noise);
+    let mut score_tests = vec![ScoreTest::new(data, noise, &fit.residual, &fit.columns)];
+    if noise.common.is_none() && noise.channels.iter().any(|ar| ar.order() > 0) {
+        let stds = space.declared.iter().zip(&noise.channels);
+        let stds: Vec<f64> = stds.map(|(declared, ar)| declared.max(ar.variance.sqrt())).collect();
+        score_tests.push(ScoreTest::new(data, &Noise::white(&stds), &fit.residual, &fit.columns));
+    }
+    score_tests
+}
+
+/// The library without what the model has already, and the events and tones that the residual suggests.
+fn candidates(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    space: &SearchSpace<'_>,
+    score_tests: &[ScoreTest<'_>],
+) -> Vec<Candidate> {
+    let known = |c: &&Candidate| model.terms.iter().any(|t| t.kind == c.kind && t.place == c.place);
+    let mut candidates: Vec<Candidate> = space.library.iter().filter(|c| !known(c)).cloned().collect();
+    let responses = Responses::new(model, fit, space.sizes);
+    for score_test in score_tests {
+        // An event of one of several records is none of the others.
+        if model.free_run.data.starts.len() == 1 {
+            candidates.extend(events::events(model, score_test, space.sizes, &responses));
+        }
+        candidates.extend(tones::tones(model, fit, score_test, space.sizes, &responses));
+    }
+    candidates
+}
+
+/// The best start of every candidate and its gain in BIC: with the noise fitted anew for the promising ones, by the score
+/// for the others.
+fn profiles(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    score_tests: &[ScoreTest<'_>],
+    candidates: Vec<Candidate>,
+    watch: &Watch,
+) -> Vec<(Alternative, Vec<f64>)> {
+    let scored = candidates.into_par_iter().map(|candidate| {
+        let starts =
+            if watch.is_stopped() { Vec::new() } else { scored_starts(model, fit, score_tests, &candidate) };
+        (candidate, starts)
+    });
+    let scored: Vec<(Candidate, Vec<ScoredStart>)> = scored.collect();
+    let promising = promising(&scored, score_tests.len(), 1.0 / model.free_run.data.period_s);
+    let rows = (fit.profile.rows as f64).ln();
+    let profile = |((candidate, starts), promising): ((Candidate, Vec<ScoredStart>), bool)| {
+        let cost = candidate.tunables.len() as f64 * rows;
+        let mut best = (-cost, candidate.starts.first().cloned().unwrap_or_default());
+        for scored in &starts {
+            let score_test = &score_tests[scored.score_test];
+            let (gain, values) = if !promising {
+                // The first test is that of the fit itself.
+                let gain = if scored.score_test == 0 { scored.score - cost } else { -cost };
+                (gain, start(&candidate, scored))
+            } else if candidate.kind == Kind::ModeTransition {
+                located(model, fit, score_test, &candidate, scored)
+            } else {
+                let values = &candidate.starts[scored.start];
+                let gain = profiled(model, fit, score_test, &candidate, values, scored.amplitude);
+                (gain.unwrap_or(-cost), start(&candidate, scored))
+            };
+            if gain > best.0 {
+                best = (gain, values);
+            }
+        }
+        let (delta_bic, values) = best;
+        let ratio = delta_bic + cost;
+        (Alternative { candidate, fit: None, beside: Vec::new(), delta_bic, ratio }, values)
+    };
+    scored.into_par_iter().zip(promising).map(profile).collect()
+}
+
+/// Fits the likeliest: a few steps for the first ones, to the optimum for those of them that promise as much as the best.
+fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, Vec<f64>)], watch: &Watch) {
+    // A few steps from a start may end far from what the signature has promised: the promise counts until it is fitted.
+    let glance = |(i, (t, start)): (usize, &(Alternative, Vec<f64>))| {
+        let glance = followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
+        let promise = glance.delta_bic.max(t.delta_bic);
+        Some((glance, promise, i))
+    };
+    let hopeful = alternatives.par_iter().enumerate().take(GLANCED);
+    let hopeful = hopeful.filter(|(_, (t, _))| t.delta_bic > HOPELESS_BIC && !watch.is_stopped());
+    let mut glances: Vec<(Alternative, f64, usize)> = hopeful.filter_map(glance).collect();
+    glances.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let sure = |(glance, promise, _): &(Alternative, f64, usize)| {
+        if glance.candidate.linear { *promise } else { glance.delta_bic }
+    };
+    let best = glances.iter().map(sure).fold(0.0, f64::max);
+    let mut rank = 0..;
+    glances.retain(|(_, promise, _)| {
+        let among = rank.next().is_some_and(|rank| rank < FITTED);
+        best - promise < FITTED_NEAR_BIC
+            || among && best - promise < FITTED_BEHIND_BIC.max(FITTED_BEHIND_SHARE * best)
+    });
+    let full = |(glance, _, i): (Alternative, f64, usize)| {
+        if watch.is_stopped() {
+            return None;
+        }
+        let own = |fit: Fit| fit.values[fit.values.len() - glance.candidate.tunables.len()..].to_vec();
+        Some((fitted(model, fit, &glance.candidate, own(glance.fit?))?, i))
+    };
+    let fitted: Vec<(Alternative, usize)> = glances.into_par_iter().filter_map(full).collect();
+    for (fitted, i) in fitted {
+        alternatives[i].0 = fitted;
+    }
+}
+
+/// Which candidates are among the best of any score test.
+fn promising(weighed: &[(Candidate, Vec<ScoredStart>)], score_tests: usize, rate_hz: f64) -> Vec<bool> {
+    let mut promising = vec![false; weighed.len()];
+    for score_test in 0..score_tests {
+        let score =
+            |i: usize| weighed[i].1.iter().find(|s| s.score_test == score_test).map_or(0.0, |s| s.score);
+        let mut order: Vec<usize> = (0..weighed.len()).collect();
+        order.sort_by(|a, b| score(*b).total_cmp(&score(*a)));
+        order.iter().take(PROFILED).for_each(|i| promising[*i] = true);
+    }
+    // A noise model can hold a tone so well that only one fitted without it shows the tone. In the lower half of the band
+    // commands make what looks like tones.
+    let tone = |i: &usize| {
+        let candidate = &weighed[*i].0;
+        let high = candidate.starts[0].first().is_some_and(|f| *f > 0.25 * rate_hz);
+        candidate.kind == Kind::Vibration && high
+    };
+    (0..weighed.len()).filter(tone).for_each(|i| promising[i] = true);
+    promising
+}
+
+/// The best start in each score test.
+fn scored_starts(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    score_tests: &[ScoreTest<'_>],
+    candidate: &Candidate,
+) -> Vec<ScoredStart> {
+    let mut best: Vec<Option<ScoredStart>> = vec![None; score_tests.len()];
+    for (start, values) in candidate.starts.iter().enumerate() {
+        let Some(signature) = signature(model, fit, candidate, values) else { continue };
+        for (f, score_test) in score_tests.iter().enumerate() {
+            let mut look = score_test.score(&signature);
+            if candidate.kind == Kind::ModeTransition {
+                // It has one size only. Far from the true time it may be too much even so: then its shape must do.
+                let whole = score_test.whole(&signature);
+                look.amplitude = if whole > 0.0 { 1.0 } else { look.amplitude };
+                look.score = if whole > 0.0 { whole } else { look.score.min(DISTANT_TRANSITION_SCORE) };
+            }
+            // A delay cannot be negative: what points the other way is no sign of it.
+            if look.amplitude <= 0.0 && !two_sided(candidate) {
+                continue;
+            }
+            if best[f].as_ref().is_none_or(|b| look.score > b.score) {
+                best[f] =
+                    Some(ScoredStart { start, amplitude: look.amplitude, score: look.score, score_test: f });
+            }
+        }
+    }
+    best.into_iter().flatten().collect()
+}
+
+/// True when the response may be turned round.
+fn two_sided(candidate: &Candidate) -> bool {
+    candidate.linear && candidate.tunables.last().is_some_and(|t| t.lower < candidate.null)
+}
+
+/// Change of the predicted samples when the candidate is added.
+fn signature(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, values: &[f64]) -> Option<Vec<f64>> {
+    let mut vehicle = model.vehicle(&fit.values).ok()?;
+    vehicle.add_effect(candidate.effect(values)?).ok()?;
+    let mut samples = model.free_run.run_vehicle(&vehicle, &fit.values[..model.states()]).ok()?;
+    samples.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y -= p);
+    Some(samples)
+}
+
+/// Where a fit starts: at the amplitude that the score suggests where the response is proportional to it.
+fn start(candidate: &Candidate, scored: &ScoredStart) -> Vec<f64> {
+    let mut values = candidate.starts[scored.start].clone();
+    if candidate.linear
+        && let (Some(value), Some(tunable)) = (values.last_mut(), candidate.tunables.last())
+    {
+        let moved = candidate.null + scored.amplitude * (*value - candidate.null);
+        *value = moved.clamp(tunable.lower, tunable.upper);
+    }
+    values
+}
+
+/// Gain in BIC when the signature is taken off at its amplitude and the noise fitted anew.
+fn profiled(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    score_test: &ScoreTest<'_>,
+    candidate: &Candidate,
+    values: &[f64],
+    amplitude: f64,
+) -> Option<f64> {
+    let data = model.free_run.data;
+    let mut signature = signature(model, fit, candidate, values)?;
+    data.fill(&mut signature);
+    let rest: Vec<f64> = fit.residual.iter().zip(&signature).map(|(r, s)| r - amplitude * s).collect();
+    let profile = fit.profile.noise.again(data, &score_test.without_nuisances(&rest));
+    Some(fit.profile.bic(0) - profile.bic(candidate.tunables.len()))
+}
+
+/// Where in time a transition does best, and its gain in BIC: all starts, then a search by halves, as a fit by derivatives
+/// would stay at the nearest hump.
+fn located(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    score_test: &ScoreTest<'_>,
+    candidate: &Candidate,
+    scored: &ScoredStart,
+) -> (f64, Vec<f64>) {
+    let gain = |t: f64| profiled(model, fit, score_test, candidate, &[t], 1.0).unwrap_or(f64::NEG_INFINITY);
+    let start = |s: &Vec<f64>| (gain(s[0]), s[0]);
+    let first = start(&candidate.starts[scored.start]);
+    let (mut best, mut at) = candidate
+        .starts
+        .iter()
+        .map(start)
+        .fold(first, |best, next| if next.0 > best.0 { next } else { best });
+    let mut step = candidate.starts.get(1).map_or(0.0, |second| 0.5 * (second[0] - candidate.starts[0][0]));
+    while step > 2.0 * model.free_run.data.period_s {
+        for t in [at - step, at + step] {
+            let here = gain(t.clamp(candidate.tunables[0].lower, candidate.tunables[0].upper));
+            if here > best {
+                (best, at) = (here, t);
+            }
+        }
+        step *= 0.5;
+    }
+    (best, vec![at])
+}
+
+/// The model with the candidate, all values fitted.
+pub fn fitted(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    candidate: &Candidate,
+    start: Vec<f64>,
+) -> Option<Alternative> {
+    followed(model, fit, candidate, start, Effort::Full)
+}
+
+/// As [`fitted`], as far as asked.
+pub fn followed(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    candidate: &Candidate,
+    start: Vec<f64>,
+    effort: Effort,
+) -> Option<Alternative> {
+    let mut values = fit.values.clone();
+    values.extend(start);
+    joined(model, fit, candidate, values, effort)
+}
+
+/// The model with the candidate, from all values together.
+pub fn joined(
+    model: &Model<'_, '_>,
+    fit: &Fit,
+    candidate: &Candidate,
+    values: Vec<f64>,
+    effort: Effort,
+) -> Option<Alternative> {
+    let mut extended = model.clone();
+    extended.terms.push(candidate.clone());
+    let initial = &fit.columns[..model.states()];
+    let result = extended.follow(values, fit.profile.noise.shared(), Some(initial), effort).ok()?;
+    let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
+    let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
+    let beside = model.terms.clone();
+    Some(Alternative { candidate: candidate.clone(), fit: Some(result), beside, delta_bic, ratio })
+}

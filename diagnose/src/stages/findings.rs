@@ -1,0 +1,87 @@
+//! Findings: all that was found, the vehicle that it makes, and what that gains.
+
+use std::collections::BTreeMap;
+
+use whirlstand_vehicle::{Effect, Kind, Vehicle};
+
+use super::baseline::Baseline;
+use super::residual::Residual;
+use crate::answer::Estimate;
+use crate::answer::gains::{Gains, gains, output_error};
+use crate::residual::narrow_band;
+
+/// All that was found, before it is put into words.
+#[derive(Debug)]
+pub(crate) struct Findings<'r> {
+    pub baseline: &'r Baseline<'r>,
+    pub residual: Residual<'r>,
+    /// The vehicle with everything that was found; `None` when that is nothing.
+    pub extended: Option<Vehicle>,
+    pub gains: Gains,
+}
+
+impl<'r> Findings<'r> {
+    pub fn new(baseline: &'r Baseline<'r>, residual: Residual<'r>) -> Self {
+        let extended = extended(baseline.vehicle(), &residual);
+        let gains = gains(baseline, &residual);
+        Self { baseline, residual, extended, gains }
+    }
+}
+
+/// The vehicle with everything that was found.
+fn extended(vehicle: &Vehicle, residual: &Residual<'_>) -> Option<Vehicle> {
+    let (model, fit) = (&residual.selection.model, &residual.selection.fit);
+    let mut extended = vehicle.clone();
+    let refitted = if model.free.is_empty() { None } else { output_error(model, fit) };
+    let values = refitted.as_ref().map_or(&fit.values, |f| &f.values);
+    for (free, value) in model.free.iter().zip(&values[model.states()..]) {
+        extended.set_free(&free.target, *value).ok()?;
+    }
+    let data = model.free_run.data;
+    let output = |channel: usize| vehicle.outputs[data.channels[channel].output].name.as_str();
+    let samples = residual.samples.iter().filter_map(|effect| {
+        let parameters: Vec<(&str, f64)> = effect.parameters.iter().map(|(n, v)| (*n, v.0)).collect();
+        Effect::new(effect.kind, output(effect.channel), &parameters).ok()
+    });
+    let turbulence = residual.turbulence.iter().filter_map(|t| {
+        let parameters = [("std", t.std.0), ("bandwidth_hz", t.bandwidth_hz.0)];
+        Effect::new(Kind::Turbulence, &vehicle.states[t.state].name, &parameters).ok()
+    });
+    let noise = residual.noise.iter().filter_map(|(channel, noise)| {
+        Effect::new(Kind::Noise, output(*channel), &[("std", noise.std.0)]).ok()
+    });
+    let mut any = false;
+    for effect in model.effects(values).ok()?.into_iter().chain(samples).chain(turbulence).chain(noise) {
+        any |= extended.add_effect(effect).is_ok();
+    }
+    for found in &residual.narrow_band {
+        narrow_band::declare(&mut extended, data, found);
+    }
+    (any || !residual.narrow_band.is_empty()).then_some(extended)
+}
+
+/// Names and 95 % intervals of a term's values.
+pub(crate) fn estimates(residual: &Residual<'_>, term: usize) -> BTreeMap<String, Estimate> {
+    let selection = &residual.selection;
+    let covariance = selection.model.covariance(&selection.fit);
+    let candidate = &selection.model.terms[term];
+    let estimate = |(tunable, i): (&crate::candidates::Tunable, usize)| {
+        let mut value = selection.fit.values[i];
+        let mut half = covariance.as_ref().map_or(0.0, |c| 1.96 * c[(i, i)].max(0.0).sqrt());
+        if matches!(tunable.name, "at_s" | "duration_s") {
+            // Within a period nothing tells times apart.
+            half = half.max(selection.model.free_run.data.period_s);
+        }
+        let (mut low, mut high) = ((value - half).max(tunable.lower), (value + half).min(tunable.upper));
+        if tunable.name == "phase_rad" {
+            let turns = (value / std::f64::consts::TAU).round() * std::f64::consts::TAU;
+            (value, low, high) = (value - turns, low - turns, high - turns);
+        }
+        (tunable.name.to_string(), Estimate { value, low, high })
+    };
+    let fixed = |(name, value): &(&'static str, f64)| {
+        ((*name).to_string(), Estimate { value: *value, low: *value, high: *value })
+    };
+    let open = candidate.tunables.iter().zip(selection.model.range(term)).map(estimate);
+    open.chain(candidate.fixed.iter().map(fixed)).collect()
+}

@@ -1,0 +1,118 @@
+//! Residual: what the causes leave, and whether they are believed.
+
+use super::select::Selected;
+use crate::candidates::Candidate;
+use crate::data::outliers::still_wild;
+use crate::data::sample_effects::SampleEffect;
+use crate::model::fit::Fit;
+use crate::residual::credibility::withhold;
+use crate::residual::excess_noise::{ExcessNoise, excess_noise};
+use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
+use crate::residual::narrow_band::{NarrowBand, narrow_band};
+use crate::residual::out_of_library::ForceOnSignal;
+use crate::residual::turbulence::Turbulence;
+use crate::residual::with_turbulence::with_turbulence;
+use crate::search::select::Selection;
+use crate::stages::baseline::Baseline;
+use crate::stages::select::rest_before;
+use whirlstand_vehicle::Kind;
+
+/// The causes that are believed, and what is random, or unexplained, beside them.
+#[derive(Debug)]
+pub(crate) struct Residual<'r> {
+    pub selection: Selection<'r, 'r>,
+    pub samples: Vec<SampleEffect>,
+    pub turbulence: Option<Turbulence>,
+    pub noise: Vec<(usize, ExcessNoise)>,
+    /// Lines that wander, which no tone explains.
+    pub narrow_band: Vec<NarrowBand>,
+    /// What is left, against chance.
+    pub lack: Option<LackOfFit>,
+    /// A force that would explain what is left, or as much as the causes that were taken back.
+    pub out_of_library: Option<ForceOnSignal>,
+    /// Causes that were found and taken back, because what they leave is not noise; with their gains in BIC.
+    pub withheld: Vec<(Candidate, f64)>,
+    /// What the causes would gain in BIC had the inputs been at rest before the records.
+    pub rest_before: f64,
+}
+
+impl<'r> Residual<'r> {
+    pub fn new(selected: Selected<'r>) -> Self {
+        let Selected { baseline, model, selection: alone } = selected;
+        let space = baseline.space();
+        let (mut selection, mut turbulence, mut force) = (alone.clone(), None, None);
+        // A predictor that follows the record has noise on the states already.
+        let follows = baseline.data().memory_s.is_some();
+        let watch = space.watch;
+        if !baseline.blocked && !follows && !watch.is_stopped() {
+            watch.tell("looks for turbulence");
+            (selection, turbulence, force) = with_turbulence(selection, &model, &space);
+        }
+        let (mut noise, mut lack) = tested(baseline, &selection, turbulence.is_some());
+        if turbulence.is_some() && lack.is_some_and(|lack| lack.is_certain()) {
+            // The turbulence was the trace of something else, and what was chosen beside it rests on it.
+            (selection, turbulence) = (alone, None);
+            (noise, lack) = tested(baseline, &selection, false);
+        }
+        if let Some(force) = &force {
+            lack = lack.map(|lack| lack.or_one(force.gain));
+        }
+        let rest_before = if baseline.data().held { rest_before(&selection) } else { 0.0 };
+        let mut withheld = Vec::new();
+        if let Some(lack) = lack.as_mut().filter(|_| !watch.is_stopped()) {
+            watch.tell("asks what the causes leave");
+            let start = baseline.start();
+            withheld = withhold(&mut selection, (lack, &mut force), turbulence.is_some(), start, &space);
+        }
+        let mut samples = baseline.checked.samples.clone();
+        still_wild(&mut samples, baseline.data(), baseline.good.clone(), &selection.fit.predicted);
+        let narrow_band = if baseline.blocked {
+            Vec::new()
+        } else {
+            narrow_band(&selection.model, &selection.fit.residual)
+        };
+        let out_of_library = force.filter(|_| lack.is_some_and(|lack| lack.is_told()));
+        Self {
+            selection,
+            samples,
+            turbulence,
+            noise,
+            narrow_band,
+            lack,
+            out_of_library,
+            withheld,
+            rest_before,
+        }
+    }
+}
+
+/// Noise beyond the declared, and whether what is left is noise at all: that is asked only where all noise is declared
+/// and none is in excess.
+fn tested(
+    baseline: &Baseline<'_>,
+    selection: &Selection<'_, '_>,
+    turbulent: bool,
+) -> (Vec<(usize, ExcessNoise)>, Option<LackOfFit>) {
+    let noise = excess(baseline, &selection.fit, turbulent);
+    let all_declared = baseline.declared.iter().all(|d| *d > 0.0);
+    let follows = baseline.data().memory_s.is_some();
+    if baseline.blocked || follows || !all_declared || !noise.is_empty() {
+        return (noise, None);
+    }
+    let rounded = baseline.checked.samples.iter().filter(|e| e.kind == Kind::Quantization);
+    let rounded: Vec<usize> = rounded.map(|e| e.channel).collect();
+    let lack = lack_of_fit(&selection.model, &selection.fit, &baseline.sizes, &rounded);
+    (noise, lack)
+}
+
+/// Noise beyond the declared; coloured noise that turbulence accounts for is none.
+fn excess(baseline: &Baseline<'_>, fit: &Fit, turbulent: bool) -> Vec<(usize, ExcessNoise)> {
+    if turbulent || baseline.data().memory_s.is_some() {
+        return Vec::new();
+    }
+    let data = baseline.data();
+    let channels = fit.profile.noise.channels.iter().zip(&baseline.declared).enumerate();
+    channels
+        .filter_map(|(c, (ar, declared))| Some((c, excess_noise(data, &fit.residual, ar, c, *declared)?)))
+        .collect()
+}

@@ -1,0 +1,51 @@
+//! Select: the causes of the record.
+
+use super::baseline::Baseline;
+use crate::data::record::Data;
+use crate::model::fit::{Fit, Model};
+use crate::model::free_run::{FreeRun, ModelError};
+use crate::search::restarts::search;
+use crate::search::select::Selection;
+use crate::thresholds::BEGINNING_S;
+use whirlstand_vehicle::Kind;
+
+/// The causes that explain most, before it is asked what they leave.
+#[derive(Debug, Clone)]
+pub(crate) struct Selected<'r> {
+    pub baseline: &'r Baseline<'r>,
+    pub model: Model<'r, 'r>,
+    pub selection: Selection<'r, 'r>,
+}
+
+impl<'r> Selected<'r> {
+    /// `free_run` is of the baseline's data.
+    ///
+    /// # Errors
+    /// When the vehicle cannot be simulated over the record.
+    pub fn new(baseline: &'r Baseline<'r>, free_run: &'r FreeRun<'r>) -> Result<Self, ModelError> {
+        let model = baseline.model(free_run);
+        let selection = if baseline.blocked {
+            Selection::nothing(model.clone(), baseline.start())?
+        } else {
+            search(&model, &baseline.space())?
+        };
+        Ok(Self { baseline, model, selection })
+    }
+}
+
+/// What the same causes gain in BIC when the inputs were at rest before the records. A push at the very beginning may
+/// stand for just that: it is left out.
+pub(crate) fn rest_before(selection: &Selection<'_, '_>) -> f64 {
+    let own = selection.model.free_run.data;
+    let data = Data { held: false, ..own.clone() };
+    let free_run = FreeRun::new(&selection.model.free_run.vehicle, &data);
+    let mut rest = selection.clone();
+    rest.keep_terms(|_, candidate, values| {
+        let at = candidate.tunables.iter().position(|t| t.name == "at_s");
+        !(candidate.kind == Kind::PulseDisturbance && at.is_some_and(|i| values[i] < BEGINNING_S))
+    });
+    let model = Model { free_run: &free_run, free: selection.model.free, terms: rest.model.terms.clone() };
+    let other = model.fit(rest.fit.values, selection.fit.profile.noise.shared(), None);
+    let bic = |fit: &Fit, model: &Model<'_, '_>| fit.profile.bic(model.parameters());
+    other.map_or(0.0, |other| bic(&selection.fit, &selection.model) - bic(&other, &model))
+}

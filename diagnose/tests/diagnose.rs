@@ -1,0 +1,210 @@
+//! What a diagnosis says of records whose fault is known, and of records that are no good.
+
+mod support;
+
+use support::{changed, flight};
+use whirlstand_diagnose::{Diagnosis, Options, Verdict, diagnose};
+use whirlstand_logs::Record;
+use whirlstand_vehicle::{Effect, Kind, Vehicle};
+
+/// The quadrotor with white noise alone.
+fn quadrotor() -> Vehicle {
+    let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
+    vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
+    vehicle
+}
+
+fn with(kind: Kind, place: &str, parameters: &[(&str, f64)]) -> Vehicle {
+    let mut vehicle = quadrotor();
+    vehicle.add_effect(Effect::new(kind, place, parameters).unwrap()).unwrap();
+    vehicle
+}
+
+fn fly(vehicle: &Vehicle, seed: u64) -> Record {
+    flight(vehicle, 30.0, &[0.0; 4], 3.0, Some(seed))
+}
+
+fn told(record: Record) -> Diagnosis {
+    diagnose(&[record], &quadrotor(), &Options::default()).unwrap()
+}
+
+#[track_caller]
+fn names(answer: &Diagnosis, effect: &str, place: &str) {
+    assert_eq!(answer.verdict, Verdict::Explained, "{}", answer.text());
+    assert_eq!(answer.causes.len(), 1, "{}", answer.text());
+    assert_eq!((answer.causes[0].effect.as_str(), answer.causes[0].place.as_str()), (effect, place));
+}
+
+#[track_caller]
+fn holds(answer: &Diagnosis, parameter: &str, truth: f64, within: f64) {
+    let estimate = &answer.causes[0].parameters[parameter];
+    // Three times the half width: a test of five seeds must not fail by chance.
+    let reach = 1.5 * (estimate.high - estimate.low);
+    assert!((estimate.value - truth).abs() <= reach, "{parameter}: {estimate:?}, in truth {truth}");
+    assert!((estimate.value / truth - 1.0).abs() < within, "{parameter}: {estimate:?}, in truth {truth}");
+}
+
+#[test]
+fn a_clean_record_is_consistent() {
+    for seed in 1..=3 {
+        let answer = told(fly(&quadrotor(), seed));
+        assert_eq!(answer.verdict, Verdict::Consistent, "{}", answer.text());
+        assert!(answer.causes.is_empty() && answer.extended.is_none());
+    }
+}
+
+#[test]
+fn a_late_command_and_a_slow_actuator_are_told_apart() {
+    let delayed = told(fly(&with(Kind::InputDelay, "u_roll", &[("delay_s", 0.06)]), 1));
+    names(&delayed, "input_delay", "u_roll");
+    holds(&delayed, "delay_s", 0.06, 0.05);
+    let slow = told(fly(&with(Kind::ActuatorLag, "u_pitch", &[("time_constant_s", 0.08)]), 2));
+    names(&slow, "actuator_lag", "u_pitch");
+    holds(&slow, "time_constant_s", 0.08, 0.05);
+}
+
+#[test]
+fn a_bias_a_tone_and_a_gust_are_found_where_they_are() {
+    let biased = told(fly(&with(Kind::SensorBias, "pitch", &[("offset", 0.01)]), 3));
+    names(&biased, "sensor_bias", "pitch");
+    holds(&biased, "offset", 0.01, 0.1);
+    let tone = [("frequency_hz", 12.3), ("amplitude", 0.01), ("phase_rad", 0.5)];
+    let shaken = told(fly(&with(Kind::Vibration, "roll_rate", &tone), 4));
+    names(&shaken, "vibration", "roll_rate");
+    holds(&shaken, "frequency_hz", 12.3, 1e-3);
+    let gust = [("at_s", 12.0), ("magnitude", 0.3), ("duration_s", 0.5)];
+    let pushed = told(fly(&with(Kind::PulseDisturbance, "pitch_rate", &gust), 5));
+    names(&pushed, "pulse_disturbance", "pitch_rate");
+    holds(&pushed, "at_s", 12.0, 0.02);
+}
+
+#[test]
+fn turbulence_is_sized() {
+    let stormy = told(fly(&with(Kind::Turbulence, "roll_rate", &[("std", 0.3), ("bandwidth_hz", 1.0)]), 6));
+    names(&stormy, "turbulence", "roll_rate");
+    holds(&stormy, "std", 0.3, 0.4);
+}
+
+#[test]
+fn the_transition_between_flight_modes_is_dated() {
+    let hover = || {
+        let mut vehicle = Vehicle::builtin("helicopter-hover").unwrap();
+        vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
+        vehicle
+    };
+    let mut truth = hover();
+    truth.add_effect(Effect::mode_transition(21.0, "helicopter-longitudinal").unwrap()).unwrap();
+    let record = flight(&truth, 30.0, &vec![0.0; truth.states.len()], 0.01, Some(7));
+    let answer = diagnose(&[record], &hover(), &Options::default()).unwrap();
+    names(&answer, "mode_transition", "vehicle");
+    assert_eq!(answer.causes[0].text.as_deref(), Some("helicopter-longitudinal"));
+    holds(&answer, "at_s", 21.0, 0.01);
+}
+
+#[test]
+fn a_flight_in_another_mode_than_the_files_is_told_by_that_modes_name() {
+    let still = |name: &str| {
+        let mut vehicle = Vehicle::builtin(name).unwrap();
+        vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
+        vehicle
+    };
+    for (mode, seed) in [("helicopter-longitudinal", 9), ("helicopter-lateral", 10)] {
+        let flown = still(mode);
+        let record = flight(&flown, 30.0, &vec![0.0; flown.states.len()], 0.01, Some(seed));
+        let answer = diagnose(&[record], &still("helicopter-hover"), &Options::default()).unwrap();
+        names(&answer, "mode_transition", "vehicle");
+        assert_eq!(answer.causes[0].text.as_deref(), Some(mode));
+        assert!(answer.causes[0].parameters["at_s"].value < 1.0, "{}", answer.text());
+    }
+}
+
+#[test]
+fn a_tone_that_stops_with_the_engine_is_the_engines() {
+    let tone = [("frequency_hz", 17.0), ("amplitude", 0.004), ("phase_rad", 0.0)];
+    let shaken = with(Kind::Vibration, "pitch_rate", &tone);
+    // On the ground nothing moves: only sensors.
+    let ground = |vehicle: &Vehicle, seed| flight(vehicle, 10.0, &[0.0; 4], 0.0, Some(seed));
+    let options = Options {
+        engine_on: Some(ground(&shaken, 1)),
+        engine_off: Some(ground(&quadrotor(), 2)),
+        ..Options::default()
+    };
+    let answer = diagnose(&[fly(&shaken, 8)], &quadrotor(), &options).unwrap();
+    names(&answer, "vibration", "pitch_rate");
+    let notes = answer.causes[0].notes.join(" ");
+    assert!(notes.contains("engine"), "{notes}");
+}
+
+#[test]
+fn several_flights_are_one_question() {
+    let late = with(Kind::InputDelay, "u_roll", &[("delay_s", 0.04)]);
+    let records = [fly(&late, 9), flight(&late, 20.0, &[0.05, 0.0, 0.0, 0.0], 2.0, Some(10))];
+    let answer = diagnose(&records, &quadrotor(), &Options::default()).unwrap();
+    names(&answer, "input_delay", "u_roll");
+    holds(&answer, "delay_s", 0.04, 0.05);
+}
+
+#[test]
+fn the_extended_vehicle_flies_as_the_record_did() {
+    let truth = with(Kind::DeadZone, "u_pitch", &[("width", 1.0)]);
+    let record = fly(&truth, 11);
+    let answer = told(record.clone());
+    names(&answer, "dead_zone", "u_pitch");
+    let extended = Vehicle::parse(&answer.extended.unwrap().to_toml(), "extended").unwrap();
+    let again = diagnose(&[record], &extended, &Options::default()).unwrap();
+    assert_eq!(again.verdict, Verdict::Consistent, "{}", again.text());
+    let simulated = fly(&extended, 12);
+    let answer = diagnose(&[simulated], &truth, &Options::default()).unwrap();
+    assert_eq!(answer.verdict, Verdict::Consistent, "{}", answer.text());
+}
+
+#[track_caller]
+fn says(answer: &Diagnosis, kind: &str, channel: &str) {
+    let found = answer.data.iter().any(|d| d.kind == kind && d.place.contains(channel));
+    assert!(found, "{kind} of {channel} in {:?}\n{}", answer.data, answer.text());
+    assert!(answer.causes.is_empty(), "{}", answer.text());
+}
+
+#[test]
+fn wrong_wiring_and_wrong_units_are_told_and_no_cause_is_named() {
+    let record = fly(&quadrotor(), 13);
+    says(&told(changed(&record, "roll", |_, v| -v)), "sign", "roll");
+    says(&told(changed(&record, "pitch", |_, v| v.to_degrees())), "unit", "pitch");
+    let pitch = record.signal("pitch").unwrap().values.clone();
+    let roll = record.signal("roll").unwrap().values.clone();
+    let swapped = changed(&changed(&record, "roll", |k, _| pitch[k]), "pitch", |k, _| roll[k]);
+    says(&told(swapped), "swapped", "roll");
+}
+
+#[test]
+fn gaps_stuck_sensors_and_missing_values_do_no_harm() {
+    let record = fly(&quadrotor(), 14);
+    let frozen = record.signal("roll_rate").unwrap().values[900];
+    says(
+        &told(changed(&record, "roll_rate", |k, v| if (900..1500).contains(&k) { frozen } else { v })),
+        "stuck",
+        "roll_rate",
+    );
+    let holes = told(changed(&record, "pitch", |k, v| if k % 97 < 3 { f64::NAN } else { v }));
+    assert_eq!(holes.verdict, Verdict::Consistent, "{}", holes.text());
+    let keep = |k: usize| !(1200..1400).contains(&k);
+    let mut gap =
+        Record::new("gap.csv", (0..record.time.len()).filter(|k| keep(*k)).map(|k| record.time[k]).collect())
+            .unwrap();
+    for signal in record.signals() {
+        let values = (0..record.time.len()).filter(|k| keep(*k)).map(|k| signal.values[k]).collect();
+        gap.push(&signal.name, &signal.unit, values).unwrap();
+    }
+    let answer = told(gap);
+    assert!(answer.causes.is_empty(), "{}", answer.text());
+}
+
+#[test]
+fn without_excitation_or_length_nothing_is_claimed() {
+    let still = told(flight(&quadrotor(), 30.0, &[0.0; 4], 0.0, Some(15)));
+    assert!(still.causes.is_empty(), "{}", still.text());
+    assert!(still.data.iter().any(|d| d.kind == "no_excitation"), "{:?}", still.data);
+    let short = flight(&quadrotor(), 0.3, &[0.0; 4], 3.0, Some(16));
+    let error = diagnose(&[short], &quadrotor(), &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("30") && error.contains("64"), "{error}");
+}

@@ -1,0 +1,171 @@
+//! Expectations of a run (upper limits on its figures), and whether they hold.
+
+use serde::Serialize;
+use whirlstand_logs::shown::shown;
+use whirlstand_vehicle::Vehicle;
+
+use crate::metrics::Timing;
+use crate::summary::{Figure, INPUT_KEYS, OUTPUT_KEYS, RunSummary};
+
+/// Keys of counts and times of the whole bench that can be limited, with their SI unit.
+pub const BENCH_LIMITS: [(&str, &str); 6] = [
+    ("max_deadline_misses", ""),
+    ("max_latency_p99_s", "s"),
+    ("max_latency_s", "s"),
+    ("max_lost", ""),
+    ("max_rejected", ""),
+    ("max_restarts", ""),
+];
+
+/// One figure that must not be greater than its limit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Expectation {
+    /// One of [`BENCH_LIMITS`], or a figure of a signal, for example `roll.peak`.
+    pub key: String,
+    /// Upper limit, SI.
+    pub limit: f64,
+    /// SI unit of the limit.
+    pub unit: String,
+}
+
+/// An expectation with the figure that was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CheckedExpectation {
+    /// Key as in [`Expectation::key`].
+    pub key: String,
+    /// The limit, SI.
+    pub limit: f64,
+    /// The figure that was found, SI; null when it has no value or was not measured.
+    pub found: Option<f64>,
+    /// SI unit of `limit` and `found`.
+    pub unit: String,
+    /// Whether the expectation holds.
+    pub holds: bool,
+    /// Why the expectation does not hold; `None` when it holds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+}
+
+/// The figures that an output or input of the vehicle has, and the SI unit of each; `None` for a name that is neither.
+pub fn signal_figures(vehicle: &Vehicle, name: &str) -> Option<Vec<(&'static str, String)>> {
+    let output = vehicle.output_index(name).map(|i| (&vehicle.outputs[i].unit, &OUTPUT_KEYS[..]));
+    let input = || vehicle.input_index(name).map(|i| (&vehicle.inputs[i].unit, &INPUT_KEYS[..]));
+    let (unit, figures) = output.or_else(input)?;
+    let unit = unit.si_symbol();
+    Some(figures.iter().map(|figure| (*figure, unit_of_figure(figure, &unit))).collect())
+}
+
+/// SI unit of a figure of a signal in `unit`; see the keys in [`crate::summary`].
+fn unit_of_figure(figure: &str, unit: &str) -> String {
+    let times_s = |power: &str| match unit {
+        "" => "s".to_string(),
+        unit => format!("{unit}{power}*s"),
+    };
+    match figure {
+        "recovery_s" | "rise_s" | "settling_s" => "s".into(),
+        "overshoot_percent" | "saturated" => String::new(),
+        "iae" => times_s(""),
+        "ise" => times_s("^2"),
+        "travel_per_s" if unit.is_empty() => "1/s".into(),
+        "travel_per_s" => format!("{unit}/s"),
+        _ => unit.into(),
+    }
+}
+
+/// Checks the expectations of a run. `timing` holds the figures of the whole bench, `figures` those of its log, if it
+/// has one. An expectation of a figure that was not measured does not hold.
+pub fn check(
+    expectations: &[Expectation],
+    timing: &Timing,
+    figures: Option<&RunSummary>,
+) -> Vec<CheckedExpectation> {
+    expectations.iter().map(|e| checked(e, figure(&e.key, timing, figures))).collect()
+}
+
+fn figure(key: &str, timing: &Timing, figures: Option<&RunSummary>) -> Option<Figure> {
+    let plant = timing.nodes.get("plant").and_then(|p| p.latency);
+    match key {
+        "max_deadline_misses" => Some(Figure::Value(timing.deadline_misses as f64)),
+        "max_lost" => Some(Figure::Value(timing.lost as f64)),
+        "max_restarts" => Some(Figure::Value(timing.restarts as f64)),
+        "max_rejected" => Some(Figure::Value(timing.nodes.values().map(|n| n.rejected).sum::<u64>() as f64)),
+        "max_latency_p99_s" => plant.map(|l| Figure::Value(l.p99_us * 1e-6)),
+        "max_latency_s" => plant.map(|l| Figure::Value(l.max_us * 1e-6)),
+        key => figures?.figure(key),
+    }
+}
+
+fn checked(e: &Expectation, figure: Option<Figure>) -> CheckedExpectation {
+    let limit = || shown(e.limit, &e.unit);
+    let (found, why) = match figure {
+        Some(Figure::Value(value)) if value <= e.limit => (Some(value), None),
+        Some(Figure::Value(value)) => {
+            let value_in_words = shown(value, &e.unit);
+            (Some(value), Some(format!("{} is {value_in_words}, above the limit {}", e.key, limit())))
+        }
+        Some(Figure::Never) => {
+            (None, Some(format!("{}: it never came to that, the limit is {}", e.key, limit())))
+        }
+        Some(Figure::NoEvent) | None => (None, Some(format!("{} was not measured in this run", e.key))),
+    };
+    CheckedExpectation {
+        key: e.key.clone(),
+        limit: e.limit,
+        found,
+        unit: e.unit.clone(),
+        holds: why.is_none(),
+        why,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn expectation(key: &str, limit: f64, unit: &str) -> Expectation {
+        Expectation { key: key.into(), limit, unit: unit.into() }
+    }
+
+    #[test]
+    fn what_was_not_measured_or_never_came_does_not_hold() {
+        let peak = expectation("roll.peak", 1.0, "rad");
+        for (figure, found, words) in [
+            (Some(Figure::Value(1.5)), Some(1.5), "roll.peak is 85.9 deg, above the limit 57.3 deg"),
+            (Some(Figure::Never), None, "roll.peak: it never came to that, the limit is 57.3 deg"),
+            (Some(Figure::NoEvent), None, "roll.peak was not measured in this run"),
+            (None, None, "roll.peak was not measured in this run"),
+        ] {
+            let checked = checked(&peak, figure);
+            assert_eq!((checked.holds, checked.found, checked.why.as_deref()), (false, found, Some(words)));
+        }
+        let met = checked(&peak, Some(Figure::Value(1.0)));
+        assert_eq!((met.holds, met.found, met.why), (true, Some(1.0), None));
+    }
+
+    #[test]
+    fn figures_of_the_bench_need_no_log_and_those_of_signals_do() {
+        let expectations = [
+            expectation("max_lost", 0.0, ""),
+            expectation("max_deadline_misses", 2.0, ""),
+            expectation("roll.peak", 1.0, "rad"),
+            expectation("max_latency_s", 1.0, "s"),
+        ];
+        let timing = Timing { deadline_misses: 3, ..Timing::default() };
+        let holds: Vec<bool> = check(&expectations, &timing, None).iter().map(|c| c.holds).collect();
+        assert_eq!(holds, [true, false, false, false]);
+    }
+
+    #[test]
+    fn every_figure_of_a_signal_has_its_unit() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let unit = |signal: &str, figure: &str| {
+            let all = signal_figures(&vehicle, signal).unwrap();
+            all.into_iter().find(|(name, _)| *name == figure).unwrap().1
+        };
+        assert_eq!(unit("roll", "peak"), "rad");
+        assert_eq!(unit("roll", "ise"), "rad^2*s");
+        assert_eq!(unit("roll_rate", "recovery_s"), "s");
+        assert_eq!(unit("u_roll", "travel_per_s"), "1/s");
+        assert_eq!(signal_figures(&vehicle, "yaw"), None);
+    }
+}

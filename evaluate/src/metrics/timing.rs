@@ -1,0 +1,134 @@
+//! Timing figures from the health messages of a run.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use whirlstand_msgs::{flags, latency_bucket_upper_ns};
+
+use crate::run::{NodeHealth, Run};
+
+/// Percentiles of a latency, us. Each is the upper edge of the histogram's bucket that holds it (two buckets an
+/// octave), so the true value is at most 29 % lower; never more than `max`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Latency {
+    /// Median of the latency, us.
+    pub p50_us: f64,
+    /// 99 % quantile of the latency, us.
+    pub p99_us: f64,
+    /// 99.9 % quantile of the latency, us.
+    pub p999_us: f64,
+    /// Greatest latency, us.
+    pub max_us: f64,
+    /// Number of answers.
+    pub count: u64,
+}
+
+/// Timing figures of one node, over all processes that it had.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NodeTiming {
+    /// Number of steps done.
+    pub steps: u64,
+    /// Number of steps whose answer came too late or not at all.
+    pub deadline_misses: u64,
+    /// Number of messages lost on the way to the node.
+    pub lost: u64,
+    /// Number of messages refused: not finite, stale, repeated or out of range.
+    pub rejected: u64,
+    /// How often the node was started again.
+    pub restarts: u64,
+    /// Time from a message to the answer of the node; for the plant, from a measurement to the command that answers it.
+    /// `None` without an answer.
+    pub latency: Option<Latency>,
+}
+
+/// Timing figures of a run.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Timing {
+    /// Number of deadline misses of the plant.
+    pub deadline_misses: u64,
+    /// Number of steps over which the last command was held because the new one was late or not usable.
+    pub held_steps: u64,
+    /// Number of steps in failsafe.
+    pub failsafe_steps: u64,
+    /// Number of messages lost, all nodes together.
+    pub lost: u64,
+    /// Number of restarts, all nodes together.
+    pub restarts: u64,
+    /// Figures node by node.
+    pub nodes: BTreeMap<String, NodeTiming>,
+}
+
+/// Percentiles from a latency histogram in the buckets of [`whirlstand_msgs::latency_bucket`]; `None` when empty.
+pub fn latency(histogram: &[u64], max_ns: u64) -> Option<Latency> {
+    let count: u64 = histogram.iter().sum();
+    if count == 0 {
+        return None;
+    }
+    let max_us = max_ns as f64 * 1e-3;
+    let percentile = |p: f64| {
+        let rank = ((p * count as f64).ceil() as u64).clamp(1, count);
+        let mut seen = 0;
+        let bucket = histogram.iter().position(|c| {
+            seen += c;
+            seen >= rank
+        });
+        (bucket.map_or(f64::INFINITY, latency_bucket_upper_ns) * 1e-3).min(max_us)
+    };
+    Some(Latency {
+        p50_us: percentile(0.5),
+        p99_us: percentile(0.99),
+        p999_us: percentile(0.999),
+        max_us,
+        count,
+    })
+}
+
+fn node_timing(health: &NodeHealth) -> NodeTiming {
+    let lives = health.lives();
+    let sum = |f: fn(&whirlstand_msgs::Health) -> u64| lives.iter().map(|h| f(h)).sum::<u64>();
+    let max_ns = lives.iter().map(|h| h.latency_max_ns).max().unwrap_or(0);
+    NodeTiming {
+        steps: sum(|h| h.steps),
+        deadline_misses: sum(|h| h.deadline_misses),
+        lost: sum(|h| h.lost),
+        rejected: sum(|h| h.rejected),
+        restarts: lives.len().saturating_sub(1) as u64,
+        latency: latency(&health.histogram(), max_ns),
+    }
+}
+
+/// Timing figures of a run. Misses are counted by the plant; without its health, held steps stand for them.
+pub fn timing(run: &Run) -> Timing {
+    let nodes: BTreeMap<String, NodeTiming> =
+        run.health.iter().map(|h| (h.node.clone(), node_timing(h))).collect();
+    let held_steps = run.flagged(flags::HELD).1;
+    Timing {
+        deadline_misses: nodes.get("plant").map_or(held_steps, |p| p.deadline_misses),
+        held_steps,
+        failsafe_steps: run.flagged(flags::FAILSAFE).1,
+        lost: nodes.values().map(|n| n.lost).sum(),
+        restarts: nodes.values().map(|n| n.restarts).sum(),
+        nodes,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_msgs::{LATENCY_BUCKETS, latency_bucket};
+
+    #[test]
+    fn percentiles_bound_the_true_ones_from_above_within_a_bucket() {
+        let mut ns: Vec<u64> = (0..10_000u64).map(|i| 20_000 + (i * i) % 80_000).collect();
+        let mut histogram = [0u64; LATENCY_BUCKETS];
+        ns.iter().for_each(|l| histogram[latency_bucket(*l)] += 1);
+        ns.sort_unstable();
+        let l = latency(&histogram, ns[9_999]).unwrap();
+        for (found, rank) in [(l.p50_us, 4_999), (l.p99_us, 9_899), (l.p999_us, 9_989)] {
+            let truth = ns[rank] as f64 * 1e-3;
+            assert!(found >= truth && found <= truth * 2f64.sqrt(), "{found} {truth}");
+        }
+        assert_eq!((l.max_us, l.count), (ns[9_999] as f64 * 1e-3, 10_000));
+        assert!(latency(&[0; LATENCY_BUCKETS], 0).is_none());
+    }
+}

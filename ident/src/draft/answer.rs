@@ -1,0 +1,166 @@
+//! A drafted vehicle as data and as text.
+
+use serde::Serialize;
+use whirlstand_logs::shown::{number, shown};
+
+use super::structure::Structure;
+
+/// Schema of [`Draft`].
+pub const DRAFT_SCHEMA: &str = "whirlstand.vehicle_draft.v1";
+
+/// A vehicle drafted from a record, and how well it predicts data that it never saw.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Draft {
+    /// Always [`DRAFT_SCHEMA`].
+    pub schema: String,
+    /// The log.
+    pub log: String,
+    /// Name of the vehicle.
+    pub vehicle: String,
+    /// Time between two steps of the fit, s.
+    pub period_s: f64,
+    /// The axes, in the order of the file.
+    pub axes: Vec<AxisAnswer>,
+    /// Angles that are integrals of rates.
+    pub angles: Vec<String>,
+    /// Signals that were chosen: the vehicle's name, the log's, and why.
+    pub signals: Vec<SignalAnswer>,
+    /// Outputs that no axis was made of, each with the reason.
+    pub left_out: Vec<LeftOut>,
+    /// The vehicle file, if it was written.
+    pub vehicle_file: Option<String>,
+    /// The text of the vehicle file.
+    #[serde(skip)]
+    pub toml: String,
+}
+
+/// An output, the input that it follows, and how.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AxisAnswer {
+    /// The output.
+    pub output: String,
+    /// SI unit of the output.
+    pub unit: String,
+    /// The input.
+    pub input: String,
+    /// The structure.
+    pub structure: Structure,
+    /// The structure in words.
+    pub words: String,
+    /// Fitted parameters, SI.
+    pub parameters: Vec<ParameterAnswer>,
+    /// Predictions of data that were held out.
+    pub heldout: HeldOut,
+    /// All structures that were tried, the simplest first.
+    pub tried: Vec<TriedAnswer>,
+}
+
+/// A structure that was tried.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TriedAnswer {
+    /// The structure in words.
+    pub words: String,
+    /// Root mean square error of its predictions of held-out data, SI.
+    pub rmse: f64,
+}
+
+/// A fitted parameter, SI.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParameterAnswer {
+    /// Name in the vehicle file, as `A[1,1]` or `input_delay(u_roll).delay_s`.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Standard error; `None` for one that the data do not determine.
+    pub standard_error: Option<f64>,
+}
+
+/// Predictions of data that were held out.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct HeldOut {
+    /// How far the predictions look ahead, s.
+    pub horizon_s: f64,
+    /// Length of the data that were held out, s.
+    pub seconds: f64,
+    /// 100 (1 - root mean square error / spread of the output), %.
+    pub fit: f64,
+    /// The same of a prediction from the output's own past alone, %.
+    pub own_past_fit: f64,
+    /// Root mean square error, SI.
+    pub rmse: f64,
+}
+
+/// A signal that was chosen.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SignalAnswer {
+    /// The vehicle's name for it.
+    pub name: String,
+    /// The log's name for it.
+    pub source: String,
+    /// Why it was chosen.
+    pub why: String,
+}
+
+/// An output that no axis was made of.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// The vehicle's name for it.
+    pub output: String,
+    /// Why, in a sentence.
+    pub why: String,
+}
+
+impl AxisAnswer {
+    /// The held-out predictions in a sentence.
+    pub fn sentence(&self) -> String {
+        let h = &self.heldout;
+        format!(
+            "{} {} s ahead on {} s of held-out data: fit {:.1} % ({:.1} % from its own past alone), error {}",
+            self.output,
+            number(h.horizon_s),
+            number(h.seconds),
+            h.fit,
+            h.own_past_fit,
+            shown(h.rmse, &self.unit)
+        )
+    }
+}
+
+impl ParameterAnswer {
+    /// The value with its standard error.
+    pub fn sentence(&self) -> String {
+        match self.standard_error {
+            Some(error) => format!("{} = {} ± {}", self.name, number(self.value), number(error)),
+            None => format!("{} = {}, not determined by the record", self.name, number(self.value)),
+        }
+    }
+}
+
+impl Draft {
+    /// The draft for the terminal.
+    pub fn text(&self) -> String {
+        let mut text =
+            format!("{}  drafted from {}, steps of {} s\n", self.vehicle, self.log, number(self.period_s));
+        let mut row = |head: &str, body: String| text.push_str(&format!("{head:<9} {body}\n"));
+        for s in &self.signals {
+            let from = if s.name == s.source { String::new() } else { format!(" = {}", s.source) };
+            row("signal", format!("{}{from}  {}", s.name, s.why));
+        }
+        for axis in &self.axes {
+            row("axis", format!("{} from {}: {}", axis.output, axis.input, axis.words));
+            let values: Vec<String> = axis.parameters.iter().map(ParameterAnswer::sentence).collect();
+            row("", values.join(", "));
+            row("held out", axis.sentence());
+        }
+        for angle in &self.angles {
+            row("angle", format!("{angle}, the integral of its rate"));
+        }
+        for left in &self.left_out {
+            row("left out", format!("{}: {}", left.output, left.why));
+        }
+        if let Some(path) = &self.vehicle_file {
+            row("vehicle", path.clone());
+        }
+        text
+    }
+}

@@ -1,0 +1,207 @@
+//! One input and one output, cut into data that are fitted and data that are held out.
+
+use whirlstand_logs::Record;
+use whirlstand_logs::stats::{mean, median, rms};
+use whirlstand_vehicle::{Input, Output, SignalUnit, State, Vehicle};
+
+use crate::identify::{IdentifyError, Segment};
+
+/// Blocks into which a record is cut at least; two of three are fitted, the third is held out.
+const BLOCKS: usize = 12;
+/// Fewest steps of a block.
+const LEAST_STEPS: usize = 60;
+/// Most steps that are used, in all; of longer records evenly spread blocks are taken.
+const MOST_STEPS: usize = 9000;
+
+/// Data of one input and one output, their levels taken off.
+#[derive(Debug, Clone)]
+pub struct Pair {
+    /// Data that are fitted.
+    pub fitted: Vec<Segment>,
+    /// Data that are held out.
+    pub held: Vec<Segment>,
+    /// Mean of the input over the fitted data, SI.
+    pub input_level: f64,
+    /// Mean of the output over the fitted data, SI.
+    pub output_level: f64,
+    /// Root mean square of the input about its level, SI.
+    pub input_spread: f64,
+    /// Root mean square of the output about its level, SI.
+    pub output_spread: f64,
+    /// Time between two steps, s.
+    pub period_s: f64,
+}
+
+/// Fewest steps of a record that can be cut.
+pub const fn least_steps() -> usize {
+    3 * LEAST_STEPS
+}
+
+/// A vehicle with nothing but one input and one output, to take both from a record.
+fn probe(input: &str, output: &str) -> Vehicle {
+    let unit = SignalUnit::default();
+    let zero = nalgebra::DMatrix::zeros(1, 1);
+    Vehicle {
+        name: "probe".into(),
+        description: String::new(),
+        states: vec![State { name: output.into(), unit: unit.clone() }],
+        inputs: vec![Input {
+            name: input.into(),
+            unit: unit.clone(),
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            rate_limit: f64::INFINITY,
+        }],
+        outputs: vec![Output {
+            name: output.into(),
+            unit,
+            noise: 0.0,
+            bias: 0.0,
+            quantization: 0.0,
+            every: 1,
+            vibration: None,
+        }],
+        a: zero.clone(),
+        b: zero.clone(),
+        c: nalgebra::DMatrix::identity(1, 1),
+        d: zero,
+        effects: Vec::new(),
+        free: Vec::new(),
+        fit: Vec::new(),
+        map: Vec::new(),
+        provenance: Vec::new(),
+        source_text: String::new(),
+        folder: None,
+    }
+}
+
+impl Pair {
+    /// Cuts the record; `None` when it is too short for data that are held out.
+    ///
+    /// # Errors
+    /// When the record has no grid, or lacks a signal.
+    pub fn new(record: &Record, input: &str, output: &str) -> Result<Option<Self>, IdentifyError> {
+        let whole = Segment::unbroken(record, &probe(input, output), None, (None, None))?;
+        let (mut fitted, mut held) = split(&whole);
+        if fitted.is_empty() || held.is_empty() {
+            return Ok(None);
+        }
+        let level = |of: fn(&Segment) -> &[f64]| {
+            let known: Vec<f64> = fitted.iter().flat_map(of).copied().filter(|v| v.is_finite()).collect();
+            let mean = mean(&known);
+            (mean, rms(&known.iter().map(|v| v - mean).collect::<Vec<_>>()))
+        };
+        let (input_level, input_spread) = level(|s| &s.inputs);
+        let (output_level, output_spread) = level(|s| &s.outputs);
+        for segment in fitted.iter_mut().chain(&mut held) {
+            segment.inputs.iter_mut().for_each(|u| *u -= input_level);
+            segment.outputs.iter_mut().for_each(|y| *y -= output_level);
+        }
+        let period_s = fitted[0].period_s;
+        Ok(Some(Self { fitted, held, input_level, output_level, input_spread, output_spread, period_s }))
+    }
+
+    /// Total length of the data that are held out, s.
+    pub fn held_s(&self) -> f64 {
+        self.held.iter().map(|s| s.steps as f64 * s.period_s).sum()
+    }
+}
+
+/// Steps `from..until` of a segment of one input and one output.
+fn part(segment: &Segment, from: usize, until: usize) -> Segment {
+    Segment {
+        origin: segment.origin.clone(),
+        start_s: segment.time(from),
+        period_s: segment.period_s,
+        inputs: segment.inputs[from..until].to_vec(),
+        outputs: segment.outputs[from..until].to_vec(),
+        steps: until - from,
+    }
+}
+
+/// Data that are fitted and data that are held out: of every three blocks the third is held out, so that both come from
+/// all of the flight.
+fn split(whole: &[Segment]) -> (Vec<Segment>, Vec<Segment>) {
+    let steps: usize = whole.iter().map(|s| s.steps).sum();
+    let block = (steps.min(MOST_STEPS) / BLOCKS).max(LEAST_STEPS);
+    // Groups of three blocks; of a long record every so manieth.
+    let every = steps.div_ceil(MOST_STEPS);
+    let (mut fitted, mut held) = (Vec::new(), Vec::new());
+    let mut group = 0;
+    for segment in whole {
+        let groups = segment.steps / (3 * block);
+        // What is left over lengthens the groups.
+        let length = segment.steps.checked_div(groups).unwrap_or(0);
+        for g in 0..groups {
+            group += 1;
+            if (group - 1) % every != 0 {
+                continue;
+            }
+            let start = g * length;
+            fitted.push(part(segment, start, start + 2 * length / 3));
+            held.push(part(segment, start + 2 * length / 3, start + length));
+        }
+    }
+    (fitted, held)
+}
+
+/// How far predictions look ahead, s: the time over which the output's correlation with itself falls to one half, since
+/// beyond it the past alone says little. At least four samples of the slower of input and output, so that the input can
+/// act, and at most half a second. The samples' own noise is left out of the correlation by smoothing over three steps.
+pub fn horizon_s(pair: &Pair, slowest_interval_s: f64) -> f64 {
+    let lags = (LONGEST_HORIZON_S / pair.period_s) as usize;
+    let smooth: Vec<Vec<f64>> = pair
+        .fitted
+        .iter()
+        .map(|s| s.outputs.windows(3).map(|w| (w[0] + w[1] + w[2]) / 3.0).collect())
+        .collect();
+    let correlation = |lag: usize| {
+        let products = smooth.iter().flat_map(|s| s.iter().zip(s.iter().skip(lag)).map(|(a, b)| a * b));
+        let known: Vec<f64> = products.filter(|v| v.is_finite()).collect();
+        mean(&known)
+    };
+    let whole = correlation(0);
+    let half = (1..=lags).find(|lag| correlation(*lag) < 0.5 * whole).unwrap_or(lags);
+    let least = (4.0 * slowest_interval_s).max(4.0 * pair.period_s);
+    (half as f64 * pair.period_s).max(least).min(LONGEST_HORIZON_S.max(least))
+}
+
+/// Farthest look ahead, s; predictions of the motion of a small vehicle over longer times are guesses about gusts.
+const LONGEST_HORIZON_S: f64 = 0.5;
+
+/// Median and greatest absolute deviation of values that are known.
+pub fn range(values: &[f64]) -> (f64, f64) {
+    let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    let middle = median(&known);
+    (middle, known.iter().map(|v| (v - middle).abs()).fold(0.0, f64::max))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_third_from_all_of_the_flight_is_held_out() {
+        let mut record = Record::new("x", (0..3000).map(|k| k as f64 * 0.01).collect()).unwrap();
+        record.push("u", "", (0..3000).map(|k| 5.0 + f64::from(k % 7)).collect()).unwrap();
+        record.push("y", "", (0..3000).map(|k| (k as f64 * 0.1).sin() - 2.0).collect()).unwrap();
+        let pair = Pair::new(&record, "u", "y").unwrap().unwrap();
+        let steps = |segments: &[Segment]| segments.iter().map(|s| s.steps).sum::<usize>();
+        assert_eq!((steps(&pair.fitted), steps(&pair.held)), (2000, 1000));
+        assert_eq!((pair.fitted.len(), pair.held.len()), (4, 4));
+        assert!((pair.input_level - 8.0).abs() < 0.02 && (pair.output_level + 2.0).abs() < 0.02);
+        assert!((pair.held_s() - 10.0).abs() < 1e-9);
+        // cos(10 t) falls to one half at t = pi / 30.
+        let ahead = horizon_s(&pair, 0.01);
+        assert!((ahead - 0.105).abs() < 0.012, "{ahead}");
+        assert!((horizon_s(&pair, 0.05) - 0.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_short_record_cannot_be_cut() {
+        let mut record = Record::new("x", (0..150).map(|k| k as f64 * 0.01).collect()).unwrap();
+        record.push("u", "", (0..150).map(f64::from).collect()).unwrap();
+        record.push("y", "", (0..150).map(f64::from).collect()).unwrap();
+        assert!(Pair::new(&record, "u", "y").unwrap().is_none());
+    }
+}

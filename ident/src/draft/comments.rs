@@ -1,0 +1,100 @@
+//! The text of a drafted vehicle file, with comments that say where each number comes from.
+
+use whirlstand_logs::shown::number;
+use whirlstand_vehicle::{Kind, Vehicle};
+
+use super::answer::{Draft, ParameterAnswer};
+
+/// The vehicle file of a draft: the vehicle as it is always written, with comments above its parts.
+pub fn text(vehicle: &Vehicle, draft: &Draft) -> String {
+    let mut text = vehicle.to_toml();
+    above(&mut text, "A = [", &model(draft));
+    let bounds = [
+        "Bounds: poles from a time constant of one step to slow growth, gains ten times what the spreads of output and"
+            .to_string(),
+        "input suggest, delays and lags as long as those of small vehicles are.".to_string(),
+    ];
+    above(&mut text, "free = [", &bounds);
+    for input in &vehicle.inputs {
+        let anchor = format!("[[inputs]]\nname = \"{}\"", input.name);
+        above(&mut text, &anchor, &["Limits: the range of the record with a tenth of room.".to_string()]);
+    }
+    for output in &vehicle.outputs {
+        let anchor = format!("[[outputs]]\nname = \"{}\"", output.name);
+        let noise = "Noise: what differs from sample to sample beyond a smooth motion (white_noise_std).";
+        above(&mut text, &anchor, &[noise.to_string()]);
+    }
+    for effect in &vehicle.effects {
+        let anchor = format!("[[effects]]\neffect = \"{}\"\nwhere = \"{}\"", effect.kind(), effect.place());
+        above(&mut text, &anchor, &[effect_comment(effect.kind(), effect.place(), draft)]);
+    }
+    head(draft) + &text
+}
+
+/// Puts comment lines above the line that begins with `anchor`.
+fn above(text: &mut String, anchor: &str, lines: &[String]) {
+    let found =
+        if text.starts_with(anchor) { Some(0) } else { text.find(&format!("\n{anchor}")).map(|at| at + 1) };
+    if let Some(at) = found {
+        let comment: String = lines.iter().map(|line| format!("# {line}\n")).collect();
+        text.insert_str(at, &comment);
+    }
+}
+
+fn head(draft: &Draft) -> String {
+    let mut lines = vec![
+        format!(
+            "A first vehicle file, drafted from {}. Every number below was estimated from that record.",
+            draft.log
+        ),
+        "Predictions of data that the fit did not see:".into(),
+    ];
+    lines.extend(draft.axes.iter().map(|axis| format!("  {}.", axis.sentence())));
+    for left in &draft.left_out {
+        lines.push(format!("Left out is {}: {}", left.output, left.why));
+    }
+    lines.iter().map(|line| format!("# {line}\n")).collect()
+}
+
+/// What the matrices are.
+fn model(draft: &Draft) -> Vec<String> {
+    let mut lines = vec![format!(
+        "Each axis by itself, fitted by prediction error in steps of {} s, its structure chosen by predictions of held-out data:",
+        number(draft.period_s)
+    )];
+    for axis in &draft.axes {
+        let values: Vec<String> = axis.parameters.iter().map(ParameterAnswer::sentence).collect();
+        lines.push(format!("  {} from {}, {}: {}", axis.output, axis.input, axis.words, values.join(", ")));
+    }
+    lines.extend(
+        draft.angles.iter().map(|angle| format!("  {angle} is the integral of its rate by definition.")),
+    );
+    lines
+}
+
+fn effect_comment(kind: Kind, place: &str, draft: &Draft) -> String {
+    if kind == Kind::InputBias {
+        return format!(
+            "Trim: what {place} lacks to the value that holds the output at its mean in the record."
+        );
+    }
+    let start = format!("{kind}({place})");
+    let all = draft.axes.iter().flat_map(|axis| &axis.parameters);
+    let values: Vec<String> =
+        all.filter(|p| p.name.starts_with(&start)).map(ParameterAnswer::sentence).collect();
+    format!("Fitted: {}.", values.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_comment_stands_above_the_line_that_it_is_about() {
+        let mut text = "A = [\n]\n\n[[inputs]]\nname = \"u\"\n".to_string();
+        above(&mut text, "[[inputs]]\nname = \"u\"", &["Limits.".into()]);
+        above(&mut text, "A = [", &["Model.".into(), "More.".into()]);
+        above(&mut text, "nothing", &["lost".into()]);
+        assert_eq!(text, "# Model.\n# More.\nA = [\n]\n\n# Limits.\n[[inputs]]\nname = \"u\"\n");
+    }
+}

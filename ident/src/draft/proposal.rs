@@ -1,0 +1,385 @@
+//! Which signals of a log are inputs and outputs, by name and by unit.
+
+use super::error::DraftError;
+use super::presets::{FAMILIES, Family, INTEGRALS, Known};
+
+/// A signal that a log offers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Offered {
+    /// The log's name for it.
+    pub name: String,
+    /// The unit that the log states, if any.
+    pub unit: Option<String>,
+    /// Samples per second, where the log keeps every topic on a clock of its own.
+    pub rate_hz: Option<f64>,
+}
+
+/// A signal that was chosen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chosen {
+    /// The vehicle's name for it.
+    pub name: String,
+    /// The log's name for it, with a unit where the log states none, as `--map` takes it.
+    pub source: String,
+    /// Time between two samples where the log keeps every topic on a clock of its own, s.
+    pub interval_s: Option<f64>,
+    /// Why it was chosen, as the end of a sentence.
+    pub why: String,
+}
+
+/// What a log seems to hold.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Proposal {
+    /// Groups of inputs, those nearest to the actuators first.
+    pub inputs: Vec<Vec<Chosen>>,
+    /// Outputs.
+    pub outputs: Vec<Chosen>,
+    /// What the motors were told.
+    pub motors: Vec<Chosen>,
+}
+
+/// Signals chosen by hand: `SIGNAL[unit]` or `NAME=SIGNAL[unit]`.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Choice {
+    /// Inputs; those that are known when empty.
+    pub inputs: Vec<String>,
+    /// Outputs; those that are known when empty.
+    pub outputs: Vec<String>,
+}
+
+/// How columns and fields are called that people steer with.
+const STEERING: [&str; 5] = ["u_", "in_", "cmd", "command", "setpoint"];
+
+/// A topic with fewer samples per second tells of states, not of motion.
+const SLOWEST_TOPIC_HZ: f64 = 2.0;
+
+/// What an input is, for those who have to choose one.
+const INPUT_HINT: &str = "An input is what steers: commands to the motors, torques, or setpoints of rates";
+/// What an output is.
+const OUTPUT_HINT: &str = "An output is a rate, an angle, an acceleration or a speed in the vehicle's own axes; positions and quaternions are none, since a linear model of the motors does not give them: turn them into rates first";
+
+/// Proposes inputs and outputs. `clocks` says that every topic of the log has a clock of its own, where the reader
+/// holds those signals whose name begins with `u_`.
+///
+/// # Errors
+/// [`DraftError::NoSignal`] and [`DraftError::Choice`].
+pub fn propose(
+    log: &str,
+    offered: &[Offered],
+    clocks: bool,
+    choice: &Choice,
+) -> Result<Proposal, DraftError> {
+    let family = family(offered);
+    let mut proposal = Proposal::default();
+    let by_hand = |texts: &[String], flag, held| {
+        texts.iter().map(|text| chosen_by_hand(text, flag, offered, held)).collect::<Result<Vec<_>, _>>()
+    };
+    if choice.inputs.is_empty() {
+        proposal.inputs = family.map_or(Vec::new(), |family| known_inputs(family, offered));
+        if proposal.inputs.is_empty() {
+            proposal.inputs = vec![steering(offered, clocks)];
+        }
+    } else {
+        proposal.inputs = vec![by_hand(&choice.inputs, "--input", clocks)?];
+    }
+    if choice.outputs.is_empty() {
+        proposal.outputs = family.map_or(Vec::new(), |family| known_outputs(family, offered));
+        if proposal.outputs.is_empty() {
+            let inputs: Vec<&str> = proposal.inputs.iter().flatten().map(|c| bare(&c.source)).collect();
+            proposal.outputs = rates(offered, &inputs);
+        }
+    } else {
+        proposal.outputs = by_hand(&choice.outputs, "--measure", false)?;
+    }
+    proposal.motors = family.map_or(Vec::new(), |family| motors(family, offered));
+    proposal.inputs.retain(|group| !group.is_empty());
+    let missing = |what, flag, hint| DraftError::NoSignal { log: log.into(), what, flag, hint };
+    if proposal.outputs.is_empty() {
+        return Err(missing("an output", "--measure", OUTPUT_HINT));
+    }
+    if proposal.inputs.is_empty() {
+        return Err(missing("an input", "--input", INPUT_HINT));
+    }
+    distinct(&mut proposal);
+    Ok(proposal)
+}
+
+/// The program whose names the log has: that of which it has most outputs.
+fn family(offered: &[Offered]) -> Option<&'static Family> {
+    let found = |family: &Family| known_outputs(family, offered).len();
+    // The first of several equals: max_by_key gives the last.
+    FAMILIES.iter().rev().max_by_key(|family| found(family)).filter(|family| found(family) > 0)
+}
+
+/// The signal that a known name stands for.
+fn find<'o>((name, _): &Known, offered: &'o [Offered]) -> Option<&'o Offered> {
+    offered.iter().find(|o| match name.strip_prefix('*') {
+        Some(ending) => o.name.ends_with(ending),
+        None => o.name == *name,
+    })
+}
+
+fn known(name: &str, (_, unit): &Known, signal: &Offered, family: &Family) -> Chosen {
+    let stated = signal.unit.as_deref().is_some_and(|u| !u.is_empty());
+    let source =
+        if stated || unit.is_empty() { signal.name.clone() } else { format!("{}[{unit}]", signal.name) };
+    Chosen {
+        name: name.into(),
+        source,
+        interval_s: signal.rate_hz.map(|rate| 1.0 / rate),
+        why: format!("known by name ({})", family.name),
+    }
+}
+
+fn alive(signal: &Offered) -> bool {
+    signal.rate_hz.is_none_or(|rate| rate >= SLOWEST_TOPIC_HZ)
+}
+
+fn known_inputs(family: &Family, offered: &[Offered]) -> Vec<Vec<Chosen>> {
+    let group = |group: &&[(&str, Known)]| {
+        let mut chosen: Vec<Chosen> = Vec::new();
+        for (name, source) in group.iter() {
+            if let Some(signal) = find(source, offered).filter(|s| alive(s))
+                && !chosen.iter().any(|c| c.name == *name)
+            {
+                chosen.push(known(name, source, signal, family));
+            }
+        }
+        chosen
+    };
+    family.inputs.iter().map(group).filter(|group| !group.is_empty()).collect()
+}
+
+fn known_outputs(family: &Family, offered: &[Offered]) -> Vec<Chosen> {
+    let mut all: Vec<Chosen> = Vec::new();
+    for (name, sources) in family.outputs {
+        let there: Vec<(&Known, &Offered)> =
+            sources.iter().filter_map(|s| Some((s, find(s, offered).filter(|o| alive(o))?))).collect();
+        let fastest = there.iter().filter_map(|(_, o)| o.rate_hz).fold(0.0, f64::max);
+        // The best known, unless another is logged more than twice as often.
+        let best = there.iter().find(|(_, o)| o.rate_hz.is_none_or(|rate| rate >= 0.5 * fastest));
+        all.extend(best.map(|(source, signal)| known(name, source, signal, family)));
+    }
+    // One output tells of the vertical axis.
+    if all.iter().any(|c| c.name == "vertical_acceleration") {
+        all.retain(|c| c.name != "vertical_speed");
+    }
+    all
+}
+
+fn motors(family: &Family, offered: &[Offered]) -> Vec<Chosen> {
+    let signals = family.motors.iter().filter_map(|m| find(&(m, ""), offered).filter(|o| alive(o)));
+    signals.enumerate().map(|(i, s)| known(&format!("motor_{}", i + 1), &("", ""), s, family)).collect()
+}
+
+/// The last part of a name: `control[0]` of `/fcu/actuator.control[0]`.
+fn last_part(name: &str) -> &str {
+    let (head, index) = name.split_at(name.find('[').unwrap_or(name.len()));
+    let start = head.rfind(['.', '/', ' ']).map_or(0, |at| at + 1);
+    if index.is_empty() { &head[start..] } else { &name[start..] }
+}
+
+/// A name that a vehicle file allows: `control_0` of `control[0]`.
+fn valid_name(name: &str) -> String {
+    let mut clean = String::new();
+    for c in name.chars() {
+        let allowed = c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
+        if allowed {
+            clean.push(c);
+        } else if !clean.is_empty() && !clean.ends_with('_') {
+            clean.push('_');
+        }
+    }
+    clean.trim_end_matches('_').into()
+}
+
+fn vehicle_name(name: &str, clocks: bool) -> String {
+    let own = valid_name(last_part(name));
+    if clocks && !own.starts_with("u_") { format!("u_{own}") } else { own }
+}
+
+/// Signals that are called as what steers.
+fn steering(offered: &[Offered], clocks: bool) -> Vec<Chosen> {
+    let steers = |o: &&Offered| {
+        let name = last_part(&o.name).to_lowercase();
+        STEERING.iter().any(|start| name.starts_with(start))
+    };
+    let chosen = |o: &Offered| Chosen {
+        name: vehicle_name(&o.name, clocks),
+        source: o.name.clone(),
+        interval_s: o.rate_hz.map(|rate| 1.0 / rate),
+        why: "named as something that steers".into(),
+    };
+    offered.iter().filter(|o| alive(o)).filter(steers).map(chosen).collect()
+}
+
+/// Signals in a unit of angular rate.
+fn rates(offered: &[Offered], inputs: &[&str]) -> Vec<Chosen> {
+    let turns = |o: &&Offered| matches!(o.unit.as_deref(), Some("rad/s" | "deg/s" | "1/s*rad"));
+    let chosen = |o: &Offered| Chosen {
+        name: valid_name(last_part(&o.name)),
+        source: o.name.clone(),
+        interval_s: o.rate_hz.map(|rate| 1.0 / rate),
+        why: "a rate by its unit".into(),
+    };
+    let free = offered.iter().filter(|o| alive(o) && !inputs.contains(&o.name.as_str()));
+    free.filter(turns).map(chosen).collect()
+}
+
+/// A source without its unit.
+fn bare(source: &str) -> &str {
+    split_unit(source).0
+}
+
+/// Splits `name[unit]`; digits in the brackets are an index.
+pub fn split_unit(text: &str) -> (&str, Option<&str>) {
+    let split = || {
+        let (name, unit) = text.strip_suffix(']')?.rsplit_once('[')?;
+        let index = !unit.is_empty() && unit.bytes().all(|b| b.is_ascii_digit());
+        (!index && !name.is_empty()).then_some((name, unit))
+    };
+    split().map_or((text, None), |(name, unit)| (name, Some(unit)))
+}
+
+fn chosen_by_hand(
+    text: &str,
+    flag: &'static str,
+    offered: &[Offered],
+    held: bool,
+) -> Result<Chosen, DraftError> {
+    let wrong = |reason: String| DraftError::Choice { flag, text: text.into(), reason };
+    let (name, source) = match text.split_once('=') {
+        Some((name, source)) => (Some(name.trim()), source.trim()),
+        None => (None, text.trim()),
+    };
+    let plain = source.strip_prefix('-').unwrap_or(source);
+    let signal = offered.iter().find(|o| o.name == plain || o.name == bare(plain)).ok_or_else(|| {
+        let names: Vec<&str> = offered.iter().map(|o| o.name.as_str()).collect();
+        wrong(format!("the log has no signal '{}'. It has: {}", bare(plain), names.join(", ")))
+    })?;
+    let name = name.map_or_else(|| vehicle_name(&signal.name, held), String::from);
+    if name.is_empty() || valid_name(&name) != name {
+        return Err(wrong(format!(
+            "'{name}' is not a name: write NAME=SIGNAL with letters, digits, '_', '-' and '.'"
+        )));
+    }
+    if held && !name.starts_with("u_") {
+        let reason = format!(
+            "in logs of many topics the name of an input begins with u_, so that it is held from sample to sample: write u_{name}={source}"
+        );
+        return Err(wrong(reason));
+    }
+    Ok(Chosen {
+        name,
+        source: source.into(),
+        interval_s: signal.rate_hz.map(|rate| 1.0 / rate),
+        why: format!("chosen with {flag}"),
+    })
+}
+
+/// Numbers names that are given twice.
+fn distinct(proposal: &mut Proposal) {
+    let Proposal { inputs, outputs, .. } = proposal;
+    for group in inputs {
+        let mut seen: Vec<String> = Vec::new();
+        for chosen in group.iter_mut().chain(outputs.iter_mut()) {
+            let own = chosen.name.clone();
+            let mut count = 2;
+            while seen.contains(&chosen.name) {
+                chosen.name = format!("{own}_{count}");
+                count += 1;
+            }
+            seen.push(chosen.name.clone());
+        }
+    }
+}
+
+/// The rate of which an output is the integral, if it is an angle of the vehicle.
+pub fn rate_of(output: &str) -> Option<&'static str> {
+    INTEGRALS.iter().find(|(angle, _)| *angle == output).map(|(_, rate)| *rate)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn offered(signals: &[(&str, &str, f64)]) -> Vec<Offered> {
+        let one = |&(name, unit, rate): &(&str, &str, f64)| Offered {
+            name: name.into(),
+            unit: (!unit.is_empty()).then(|| unit.into()),
+            rate_hz: (rate > 0.0).then_some(rate),
+        };
+        signals.iter().map(one).collect()
+    }
+
+    fn pairs(chosen: &[Chosen]) -> Vec<(&str, &str)> {
+        chosen.iter().map(|c| (c.name.as_str(), c.source.as_str())).collect()
+    }
+
+    #[test]
+    fn signals_of_px4_are_known_and_the_faster_topic_is_taken() {
+        let log = offered(&[
+            ("actuator_controls_0.control[0]", "", 250.0),
+            ("vehicle_rates_setpoint.roll", "", 250.0),
+            ("sensor_combined.gyro_rad[0]", "", 9.6),
+            ("vehicle_attitude.rollspeed", "", 31.0),
+            ("sensor_gyro.x", "", 1.0),
+        ]);
+        let found = propose("x.ulg", &log, true, &Choice::default()).unwrap();
+        assert_eq!(pairs(&found.inputs[0]), [("u_roll", "actuator_controls_0.control[0]")]);
+        assert_eq!(pairs(&found.inputs[1]), [("u_roll", "vehicle_rates_setpoint.roll[rad/s]")]);
+        assert_eq!(pairs(&found.outputs), [("roll_rate", "vehicle_attitude.rollspeed[rad/s]")]);
+    }
+
+    #[test]
+    fn a_stated_unit_is_kept_and_a_missing_one_comes_from_the_format() {
+        let log = offered(&[
+            ("main.setpoint[0]", "deg/s", 1000.0),
+            ("main.gyroADC[0]", "deg/s", 1000.0),
+            ("main.motor[0]", "", 1000.0),
+        ]);
+        let found = propose("x.bbl", &log, true, &Choice::default()).unwrap();
+        assert_eq!(pairs(&found.inputs[0]), [("u_roll", "main.setpoint[0]")]);
+        assert_eq!(pairs(&found.outputs), [("roll_rate", "main.gyroADC[0]")]);
+        assert_eq!(found.motors.len(), 1);
+        let flow = offered(&[("gyro.x", "", 0.0), ("controller.cmd_roll", "", 0.0)]);
+        let found = propose("x.csv", &flow, false, &Choice::default()).unwrap();
+        assert_eq!(pairs(&found.outputs), [("roll_rate", "gyro.x[deg/s]")]);
+    }
+
+    #[test]
+    fn unknown_columns_are_told_by_unit_and_by_what_they_are_called() {
+        let log =
+            offered(&[("in_lat", "", 0.0), ("cmdTail", "", 0.0), ("wx", "rad/s", 0.0), ("h", "m", 0.0)]);
+        let found = propose("x.csv", &log, false, &Choice::default()).unwrap();
+        assert_eq!(pairs(&found.inputs[0]), [("in_lat", "in_lat"), ("cmdTail", "cmdTail")]);
+        assert_eq!(pairs(&found.outputs), [("wx", "wx")]);
+    }
+
+    #[test]
+    fn a_choice_by_hand_goes_before_what_is_known() {
+        let log = offered(&[("a.b[3]", "", 50.0), ("gyro.x", "", 50.0), ("y", "", 50.0)]);
+        let by_hand = |input: &str, output: &str| {
+            let choice = Choice { inputs: vec![input.into()], outputs: vec![output.into()] };
+            propose("x", &log, true, &choice)
+        };
+        let found = by_hand("a.b[3]", "rate=y[deg/s]").unwrap();
+        assert_eq!(pairs(&found.inputs[0]), [("u_b_3", "a.b[3]")]);
+        assert_eq!(pairs(&found.outputs), [("rate", "y[deg/s]")]);
+        for (input, output, word) in
+            [("nothing", "y", "has no signal"), ("tail=y", "y", "u_tail"), ("u x=y", "y", "not a name")]
+        {
+            let error = by_hand(input, output).unwrap_err().to_string();
+            assert!(error.starts_with("--input") && error.contains(word), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_told() {
+        let log = offered(&[("/cub1/pose.pose.position.x", "", 100.0), ("/cub1/joy.data[0]", "", 10.0)]);
+        let error = propose("x.mcap", &log, true, &Choice::default()).unwrap_err().to_string();
+        assert!(error.contains("--measure") && error.contains("quaternions"), "{error}");
+        let error = propose("x.csv", &offered(&[("p", "", 0.0)]), false, &Choice::default()).unwrap_err();
+        assert!(error.to_string().contains("as an input"), "{error}");
+    }
+}

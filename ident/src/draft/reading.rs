@@ -1,0 +1,144 @@
+//! A log as the signals that it offers, and the chosen ones as a record.
+
+use std::path::Path;
+
+use whirlstand_logs::{AnyReadError, Kind, LogInfo, Mapping, Record, info, kind, median_interval, read};
+
+use super::error::DraftError;
+use super::proposal::{Chosen, Offered, split_unit};
+
+/// A log that was looked into.
+pub struct Opened {
+    /// What it offers.
+    pub offered: Vec<Offered>,
+    /// Every topic has a clock of its own.
+    pub clocks: bool,
+}
+
+/// Looks into a log. `time` names the time column of a CSV, as `--map t=` takes it.
+///
+/// # Errors
+/// [`DraftError::Read`].
+pub fn open(path: &Path, time: Option<&str>) -> Result<Opened, DraftError> {
+    let io = |source| AnyReadError::Io { path: path.into(), source };
+    let table = match kind(path).map_err(io)? {
+        Kind::Csv => true,
+        Kind::Mcap => whirlstand_logs::Log::open(path).map_err(AnyReadError::from)?.info().is_some(),
+        Kind::Ulog | Kind::Dataflash | Kind::Blackbox => false,
+    };
+    if table {
+        let record = read(path, &mappings(&[], time)?)?;
+        let one = |s: &whirlstand_logs::Signal| Offered {
+            name: s.name.clone(),
+            unit: Some(s.unit.clone()).filter(|u| !u.is_empty()),
+            rate_hz: None,
+        };
+        return Ok(Opened { offered: record.signals().iter().map(one).collect(), clocks: false });
+    }
+    Ok(Opened { offered: signals_of(&info(path)?), clocks: true })
+}
+
+/// The signals of all topics.
+fn signals_of(log: &LogInfo) -> Vec<Offered> {
+    let topic = |topic: &whirlstand_logs::TopicInfo| {
+        // A topic that comes in bursts has a median interval that says little; its mean rate says more.
+        let mean = (topic.messages as f64 - 1.0) / (topic.to - topic.from).max(1e-9);
+        let rate = topic.rate_hz.map_or(mean, |rate| rate.min(2.0 * mean)).max(0.0);
+        let one = move |signal: &String| {
+            let (name, unit) = split_unit(signal);
+            Offered { name: name.into(), unit: unit.map(Into::into), rate_hz: Some(rate) }
+        };
+        topic.signals.iter().map(one).collect::<Vec<_>>()
+    };
+    log.topics.iter().flat_map(topic).collect()
+}
+
+fn mappings(chosen: &[&Chosen], time: Option<&str>) -> Result<Vec<Mapping>, DraftError> {
+    let texts = chosen.iter().map(|c| format!("{}={}", c.name, c.source));
+    let time = time.map(|column| format!("t={column}"));
+    texts
+        .chain(time)
+        .map(|text| text.parse::<Mapping>().map_err(|e| DraftError::from(AnyReadError::from(e))))
+        .collect()
+}
+
+/// Reads the chosen signals, in the part of the log between two times.
+///
+/// # Errors
+/// [`DraftError::Read`].
+pub fn read_chosen(
+    path: &Path,
+    chosen: &[&Chosen],
+    time: Option<&str>,
+    (from, to): (Option<f64>, Option<f64>),
+) -> Result<Record, DraftError> {
+    let record = read(path, &mappings(chosen, time)?)?;
+    let names: Vec<String> = chosen.iter().map(|c| c.name.clone()).collect();
+    let record = record.only(&names).map_err(AnyReadError::from)?;
+    let whole = (from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY));
+    Ok(if from.is_some() || to.is_some() { record.between(whole.0, whole.1) } else { record })
+}
+
+/// Time between two samples of a signal, s: that of its topic, else the median time between two changes of its value.
+/// `None` for a signal that does not change.
+pub fn interval(record: &Record, chosen: &Chosen) -> Option<f64> {
+    if chosen.interval_s.is_some() {
+        return chosen.interval_s;
+    }
+    let values = &record.get(&chosen.name)?.values;
+    let known = || record.time.iter().zip(values).filter(|(_, v)| v.is_finite());
+    let mut last = f64::NAN;
+    let mut changes = Vec::new();
+    for (t, v) in known() {
+        if *v != last {
+            changes.push(*t);
+            last = *v;
+        }
+    }
+    median_interval(&changes)
+}
+
+/// The samples of a signal: of one that comes more seldom than the record has points, every so manieth, since between
+/// its samples it was interpolated and shows no noise.
+pub fn own_samples(record: &Record, chosen: &Chosen) -> Vec<f64> {
+    let step = record.period().unwrap_or(0.0).max(1e-9);
+    let every = interval(record, chosen).map_or(1, |s| (s / step).round().max(1.0) as usize);
+    let values = record.get(&chosen.name).map_or(&[][..], |signal| &signal.values);
+    values.iter().copied().filter(|v| v.is_finite()).step_by(every).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_held_column_has_the_interval_of_its_changes() {
+        let mut record = Record::new("x", (0..100).map(|k| k as f64 * 0.01).collect()).unwrap();
+        record.push("u", "", (0..100).map(|k| f64::from(k / 5)).collect()).unwrap();
+        record.push("c", "", vec![1.0; 100]).unwrap();
+        let chosen = |name: &str, interval_s| Chosen {
+            name: name.into(),
+            source: name.into(),
+            interval_s,
+            why: String::new(),
+        };
+        assert!((interval(&record, &chosen("u", None)).unwrap() - 0.05).abs() < 1e-9);
+        assert_eq!(interval(&record, &chosen("u", Some(0.2))), Some(0.2));
+        assert_eq!(interval(&record, &chosen("c", None)), None);
+    }
+
+    #[test]
+    fn a_table_offers_its_columns_with_their_units() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("log.csv");
+        std::fs::write(&path, "t,u_roll,p[deg/s]\n0,0,1\n0.1,1,2\n0.2,0,3\n").unwrap();
+        let log = open(&path, None).unwrap();
+        assert!(!log.clocks);
+        assert_eq!(log.offered[1].unit.as_deref(), Some("rad/s"));
+        let chosen =
+            Chosen { name: "roll_rate".into(), source: "p".into(), interval_s: None, why: String::new() };
+        let record = read_chosen(&path, &[&chosen], None, (Some(0.05), None)).unwrap();
+        assert_eq!(record.names(), ["roll_rate"]);
+        assert_eq!(record.len(), 2);
+    }
+}

@@ -1,0 +1,324 @@
+//! A draft from the log to the text of a vehicle file.
+
+use std::path::Path;
+
+use whirlstand_logs::Record;
+use whirlstand_logs::stats::{rms, white_noise_std};
+use whirlstand_vehicle::Vehicle;
+
+use super::answer::{
+    AxisAnswer, DRAFT_SCHEMA, Draft, HeldOut, LeftOut, ParameterAnswer, SignalAnswer, TriedAnswer,
+};
+use super::comments;
+use super::compose::{Angle, Axis, compose};
+use super::error::DraftError;
+use super::own_past::{compare, starts};
+use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
+use super::reading::{open, own_samples, read_chosen};
+use super::select::select;
+use super::structure::{Signals, rounded};
+use super::survey::{Link, check_motors, fast_enough, link, moves, takes_away};
+use crate::identify::align::lags;
+
+/// Shortest step of a fit, s: the motion of a vehicle is slower than the gyroscope's clock.
+const SHORTEST_STEP_S: f64 = 0.004;
+/// Longest step to which a faster record is brought, s.
+const LONGEST_STEP_S: f64 = 0.008;
+/// Steps above which a record is brought to longer ones.
+const MANY_STEPS: f64 = 6000.0;
+/// Room that limits of an input have beyond the record's range, as a share of it.
+const LIMIT_ROOM: f64 = 0.1;
+/// Correlation of an angle with the integral of its rate from which both show one motion.
+const SAME_MOTION: f64 = 0.7;
+
+/// What to draft from.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Names {
+    /// Signals chosen by hand.
+    pub choice: Choice,
+    /// The time column of a CSV, as `--map t=` takes it.
+    pub time: Option<String>,
+    /// Name of the vehicle; that of the log without its ending when none is given.
+    pub vehicle: Option<String>,
+    /// SHA-256 of the log, for the file's provenance; empty for none.
+    pub sha256: String,
+}
+
+/// Drafts a vehicle from the part of a log between two times, s of its clock. `observe` is told what is being done.
+///
+/// # Errors
+/// [`DraftError`], in a full sentence that says what to do.
+pub fn draft(
+    path: &Path,
+    names: &Names,
+    part: (Option<f64>, Option<f64>),
+    observe: &(dyn Fn(&str) + Sync),
+) -> Result<Draft, DraftError> {
+    let log = path.display().to_string();
+    observe("looking for inputs and outputs");
+    let time = names.time.as_deref();
+    let opened = open(path, time)?;
+    let proposal = propose(&log, &opened.offered, opened.clocks, &names.choice)?;
+    let (inputs, record) = moving(path, &log, &proposal, time, part)?;
+    check_motors(&record, &proposal.motors, &inputs)?;
+    let (angles, outputs): (Vec<Chosen>, Vec<Chosen>) =
+        proposal.outputs.iter().cloned().partition(|o| is_integral(o, &proposal.outputs));
+    let mut left_out = Vec::new();
+    let (inputs, outputs) = fast_enough(&record, inputs, outputs, &mut left_out)?;
+    observe("asking which input explains which output");
+    let even = on_even_steps(&record, &inputs)?;
+    let links = link(&even, &record, &inputs, &outputs, &mut left_out)?;
+    let axes = axes(&even, &links, &mut left_out, observe)?;
+    if axes.is_empty() {
+        let found = left_out.iter().map(|l| format!("{}: {}", l.output, l.why)).collect::<Vec<_>>();
+        return Err(DraftError::Unexplained { log, found: found.join("; ") });
+    }
+    finish(&log, names, &record, &axes, &angles, left_out)
+}
+
+/// True for an angle whose rate is among the outputs.
+fn is_integral(output: &Chosen, outputs: &[Chosen]) -> bool {
+    rate_of(&output.name).is_some_and(|rate| outputs.iter().any(|o| o.name == rate))
+}
+
+/// The first group of inputs of which one moves, with the record of it, the outputs and the motors.
+fn moving(
+    path: &Path,
+    log: &str,
+    proposal: &Proposal,
+    time: Option<&str>,
+    part: (Option<f64>, Option<f64>),
+) -> Result<(Vec<Chosen>, Record), DraftError> {
+    for group in &proposal.inputs {
+        let chosen: Vec<&Chosen> = group.iter().chain(&proposal.outputs).chain(&proposal.motors).collect();
+        let record = read_chosen(path, &chosen, time, part)?;
+        let inputs: Vec<Chosen> = group.iter().filter(|c| moves(&record, c)).cloned().collect();
+        if !inputs.is_empty() {
+            return Ok((inputs, record));
+        }
+    }
+    let still: Vec<&str> = proposal.inputs.iter().flatten().map(|c| c.source.as_str()).collect();
+    Err(DraftError::InputsAtRest { log: log.into(), inputs: still.join(", ") })
+}
+
+/// The record in steps as long as the fit needs them.
+fn on_even_steps(record: &Record, inputs: &[Chosen]) -> Result<Record, DraftError> {
+    let own = record.period().unwrap_or(0.0);
+    let wanted = (record.duration() / MANY_STEPS).clamp(SHORTEST_STEP_S, LONGEST_STEP_S);
+    if record.time_unit != "s" || wanted < 1.2 * own {
+        return Ok(record.clone());
+    }
+    let held = |name: &str| inputs.iter().any(|input| input.name == name);
+    // A record whose clock cannot be made even is refused by the fit, which says why.
+    Ok(record.resampled(wanted, held).unwrap_or_else(|_| record.clone()))
+}
+
+/// The structure of every linked output; those that no structure predicts better than their past are left out.
+fn axes(
+    record: &Record,
+    links: &[Link],
+    left_out: &mut Vec<LeftOut>,
+    observe: &(dyn Fn(&str) + Sync),
+) -> Result<Vec<(Link, Axis)>, DraftError> {
+    let mut axes = Vec::new();
+    for link in links {
+        observe(&format!("fitting structures of {} from {}", link.output.name, link.input.name));
+        let unit = |name: &str| {
+            record.get(name).map_or_else(Default::default, |s| s.unit.parse().unwrap_or_default())
+        };
+        let signals = Signals {
+            input: link.input.name.clone(),
+            input_unit: unit(&link.input.name),
+            output: link.output.name.clone(),
+            output_unit: unit(&link.output.name),
+            ratio: link.pair.output_spread / link.pair.input_spread.max(f64::MIN_POSITIVE),
+            period_s: link.pair.period_s,
+        };
+        let found = select(&link.pair, &signals, link.horizon)?;
+        let better = |errors: &[f64]| compare(&link.own_past, errors).is_some_and(|c| takes_away(&c));
+        match found {
+            Some((tried, all)) if better(&tried.errors) => {
+                axes.push((link.clone(), Axis { pair: link.pair.clone(), tried, all }));
+            }
+            Some((tried, _)) => left_out.push(LeftOut {
+                output: link.output.name.clone(),
+                why: format!(
+                    "the best structure, {}, predicts held-out data no better than the output's own past",
+                    tried.structure.words()
+                ),
+            }),
+            None => left_out.push(LeftOut {
+                output: link.output.name.clone(),
+                why: "no structure could be fitted".into(),
+            }),
+        }
+    }
+    Ok(axes)
+}
+
+/// Puts the axes together and writes the text.
+fn finish(
+    log: &str,
+    names: &Names,
+    record: &Record,
+    fitted: &[(Link, Axis)],
+    angles: &[Chosen],
+    mut left_out: Vec<LeftOut>,
+) -> Result<Draft, DraftError> {
+    let axes: Vec<Axis> = fitted.iter().map(|(_, axis)| axis.clone()).collect();
+    let name = names.vehicle.clone().unwrap_or_else(|| stem(log));
+    let angles = integrals(record, &name, &axes, angles, &mut left_out)?;
+    let mut vehicle = compose(&name, &axes, &angles.iter().map(|(_, a)| a.clone()).collect::<Vec<_>>())?;
+    vehicle.description = "Drafted from a record by whirlstand vehicle new".into();
+    let outputs = fitted.iter().map(|(link, _)| &link.output).chain(angles.iter().map(|(c, _)| c));
+    let used: Vec<&Chosen> = fitted.iter().map(|(link, _)| &link.input).chain(outputs).collect();
+    let named = used.iter().filter(|c| c.name != c.source);
+    vehicle.map = named.map(|c| (c.name.clone(), c.source.clone())).collect();
+    vehicle.map.extend(names.time.iter().map(|column| ("t".to_string(), column.clone())));
+    limits_and_noise(&mut vehicle, record, &used);
+    vehicle.provenance = provenance(log, names);
+    let mut draft = Draft {
+        schema: DRAFT_SCHEMA.into(),
+        log: log.into(),
+        vehicle: name,
+        period_s: axes.first().map_or(0.0, |axis| axis.pair.period_s),
+        axes: answers(&vehicle, fitted),
+        angles: angles.iter().map(|(c, _)| c.name.clone()).collect(),
+        signals: used
+            .iter()
+            .map(|c| SignalAnswer { name: c.name.clone(), source: c.source.clone(), why: c.why.clone() })
+            .collect(),
+        left_out,
+        vehicle_file: None,
+        toml: String::new(),
+    };
+    draft.toml = comments::text(&vehicle, &draft);
+    Vehicle::parse(&draft.toml, &draft.vehicle).map_err(whirlstand_vehicle::VehicleError::from)?;
+    Ok(draft)
+}
+
+/// A name from that of the log.
+fn stem(log: &str) -> String {
+    let stem = Path::new(log).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+    let clean: String =
+        stem.chars().map(|c| if c.is_alphanumeric() || "_-.".contains(c) { c } else { '_' }).collect();
+    if clean.is_empty() { "drafted".into() } else { clean }
+}
+
+/// The angles that show the same motion as their rates.
+fn integrals(
+    record: &Record,
+    name: &str,
+    axes: &[Axis],
+    angles: &[Chosen],
+    left_out: &mut Vec<LeftOut>,
+) -> Result<Vec<(Chosen, Angle)>, DraftError> {
+    let there = |rate: &str| axes.iter().any(|a| a.tried.fit.problem.vehicle.outputs[0].name == rate);
+    let mut found = Vec::new();
+    for chosen in angles {
+        let (Some(rate), Some(signal)) = (rate_of(&chosen.name), record.get(&chosen.name)) else { continue };
+        let mut leave =
+            |why: &str| left_out.push(LeftOut { output: chosen.name.clone(), why: why.to_string() });
+        if !there(rate) {
+            leave("its rate is no axis of the model");
+        } else if signal.values.windows(2).any(|w| (w[1] - w[0]).abs() > std::f64::consts::PI) {
+            leave("it jumps by a whole turn, which no linear model does");
+        } else {
+            let unit = signal.unit.parse().unwrap_or_default();
+            found.push((chosen.clone(), Angle { name: chosen.name.clone(), unit, rate: rate.into() }));
+        }
+    }
+    let all: Vec<Angle> = found.iter().map(|(_, angle)| angle.clone()).collect();
+    let told = lags(record, &compose(name, axes, &all)?);
+    let same = |angle: &Angle| told.iter().any(|l| l.output == angle.name && l.correlation > SAME_MOTION);
+    let (kept, other): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, angle)| same(angle));
+    left_out.extend(other.into_iter().map(|(chosen, angle)| LeftOut {
+        output: chosen.name,
+        why: format!("it does not show the motion of {}, of which it should be the integral", angle.rate),
+    }));
+    Ok(kept)
+}
+
+fn limits_and_noise(vehicle: &mut Vehicle, record: &Record, used: &[&Chosen]) {
+    let values = |name: &str| -> Vec<f64> {
+        record
+            .get(name)
+            .map_or_else(Vec::new, |s| s.values.iter().copied().filter(|v| v.is_finite()).collect())
+    };
+    for input in &mut vehicle.inputs {
+        let all = values(&input.name);
+        let least = all.iter().copied().fold(f64::INFINITY, f64::min);
+        let greatest = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let room = LIMIT_ROOM * (greatest - least);
+        // Outwards also where zero lies outside.
+        let outwards = |v: f64, up: bool| if (v > 0.0) == up { rounded(v) } else { v };
+        (input.lower, input.upper) = (outwards(least - room, false), outwards(greatest + room, true));
+    }
+    for output in &mut vehicle.outputs {
+        let chosen = used.iter().find(|c| c.name == output.name);
+        let own = chosen.map_or_else(Vec::new, |c| own_samples(record, c));
+        output.noise = format!("{:.2e}", white_noise_std(&own)).parse().unwrap_or(0.0);
+    }
+}
+
+fn provenance(log: &str, names: &Names) -> Vec<(String, String)> {
+    let mut all = vec![
+        ("program".to_string(), format!("whirlstand {}", env!("CARGO_PKG_VERSION"))),
+        ("command".into(), "vehicle new".into()),
+        ("method".into(), "pem".into()),
+        ("noise".into(), "kalman".into()),
+        ("log_1".into(), log.to_string()),
+    ];
+    if !names.sha256.is_empty() {
+        all.push(("log_1_sha256".into(), names.sha256.clone()));
+    }
+    all
+}
+
+/// The axes with their parameters under the names of the whole vehicle.
+fn answers(vehicle: &Vehicle, fitted: &[(Link, Axis)]) -> Vec<AxisAnswer> {
+    let mut free = vehicle.free.iter();
+    let one = |(link, axis): &(Link, Axis)| {
+        let fit = &axis.tried.fit;
+        let own = fit.problem.vehicle.free.iter().zip(free.by_ref());
+        let parameters = own.map(|(own, whole)| {
+            let at = fit.problem.parameters.iter().position(|p| p.target == own.target);
+            ParameterAnswer {
+                name: vehicle.free_name(&whole.target),
+                value: vehicle.free_value(&whole.target),
+                standard_error: at.map(|i| fit.covariance[(i, i)].max(0.0).sqrt()),
+            }
+        });
+        AxisAnswer {
+            parameters: parameters.collect(),
+            output: link.output.name.clone(),
+            unit: fit.problem.vehicle.outputs[0].unit.si_symbol(),
+            input: link.input.name.clone(),
+            structure: axis.tried.structure,
+            words: axis.tried.structure.words(),
+            heldout: held_out(link, axis),
+            tried: axis.all.iter().map(|(s, rmse)| TriedAnswer { words: s.words(), rmse: *rmse }).collect(),
+        }
+    };
+    fitted.iter().map(one).collect()
+}
+
+fn held_out(link: &Link, axis: &Axis) -> HeldOut {
+    let known = |errors: &[f64]| -> Vec<f64> { errors.iter().copied().filter(|e| e.is_finite()).collect() };
+    let measured: Vec<f64> = link
+        .pair
+        .held
+        .iter()
+        .flat_map(|s| starts(s, 0, link.horizon).into_iter().map(|k| s.outputs[k + link.horizon]))
+        .filter(|v| v.is_finite())
+        .collect();
+    let spread = rms(&measured).max(f64::MIN_POSITIVE);
+    let rmse = rms(&known(&axis.tried.errors));
+    HeldOut {
+        horizon_s: link.horizon as f64 * link.pair.period_s,
+        seconds: link.pair.held_s(),
+        fit: 100.0 * (1.0 - rmse / spread),
+        own_past_fit: 100.0 * (1.0 - rms(&known(&link.own_past)) / spread),
+        rmse,
+    }
+}

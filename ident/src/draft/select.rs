@@ -1,0 +1,144 @@
+//! The structure of one output, chosen by predictions of held-out data.
+
+use rayon::prelude::*;
+use whirlstand_vehicle::{Target, Vehicle};
+
+use super::ahead::errors;
+use super::blocks::Pair;
+use super::error::DraftError;
+use super::own_past::{Regression, compare, lags, starts};
+use super::structure::{Signals, Structure};
+use crate::identify::Segment;
+use crate::identify::fitted::Fit;
+use crate::identify::pem::{self, Noise};
+use crate::identify::problem::{Nuisance, Parameter, Problem};
+
+/// A simpler structure is taken when the best predicts better by less than this many standard errors (Breiman, Friedman,
+/// Olshen and Stone, Classification and Regression Trees, 1984, section 3.4.3: the one-standard-error rule).
+const BETTER_SIGMAS: f64 = 1.0;
+
+/// Nor when its mean square error is greater by more than this share: a lag shows in the few manoeuvres alone, too few to
+/// count in standard errors.
+const BETTER_SHARE: f64 = 1.02;
+
+/// Delays from which a search starts, s: a wrong one hides the right one, so that several are tried.
+const START_DELAYS_S: [f64; 3] = [0.01, 0.03, 0.08];
+
+/// A structure that was fitted, with its errors on held-out data.
+#[derive(Debug, Clone)]
+pub struct Tried {
+    /// The structure.
+    pub structure: Structure,
+    /// The fit to the fitted data.
+    pub fit: Fit,
+    /// Errors at the horizon on the held-out data.
+    pub errors: Vec<f64>,
+    /// Root mean square of these errors, SI.
+    pub rmse: f64,
+}
+
+/// Errors of the regression on inputs and past, or on the past alone, at the horizon on the held-out data. Where the mean is
+/// a better prediction than the regression on the past alone, the errors are those of the mean.
+pub fn regression_errors(pair: &Pair, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
+    let lags = lags(pair.period_s);
+    let found = Regression::fit(&pair.fitted, lags, if with_input { lags } else { 0 })?;
+    let from = |s: &Segment| starts(s, warm(pair, horizon), horizon);
+    let errors: Vec<f64> = pair.held.iter().flat_map(|s| found.errors(s, &from(s), horizon)).collect();
+    if with_input {
+        return Some(errors);
+    }
+    let level = |s: &Segment| from(s).into_iter().map(|k| s.outputs[k + horizon]).collect::<Vec<_>>();
+    let of_mean: Vec<f64> = pair.held.iter().flat_map(level).collect();
+    let worse = compare(&errors, &of_mean).is_some_and(|c| c.first > c.second);
+    Some(if worse { of_mean } else { errors })
+}
+
+/// Steps at the start of held-out data in which a filter settles.
+fn warm(pair: &Pair, horizon: usize) -> usize {
+    lags(pair.period_s).max(horizon)
+}
+
+/// A structure with its fit, and the errors of all that were tried.
+pub type Choice = (Tried, Vec<(Structure, f64)>);
+
+/// Fits every structure and gives the simplest of those that predict as well as the best, beside the root mean square
+/// errors of all.
+///
+/// # Errors
+/// When none can be fitted.
+pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<Choice>, DraftError> {
+    let all = Structure::all();
+    let plain: Vec<Structure> = all.iter().copied().filter(|s| *s == s.plain()).collect();
+    let first: Vec<Option<Tried>> =
+        plain.par_iter().map(|s| tried(*s, pair, signals, horizon, None)).collect::<Result<_, _>>()?;
+    let first: Vec<Tried> = first.into_iter().flatten().collect();
+    let extended: Vec<Structure> = all.into_iter().filter(|s| *s != s.plain()).collect();
+    let second = extended.par_iter().map(|s| {
+        let from = first.iter().find(|t| t.structure == s.plain()).map(|t| &t.fit);
+        tried(*s, pair, signals, horizon, from)
+    });
+    let second: Vec<Option<Tried>> = second.collect::<Result<_, _>>()?;
+    let mut all: Vec<Tried> = first.into_iter().chain(second.into_iter().flatten()).collect();
+    all.retain(|t| t.rmse.is_finite());
+    all.sort_by_key(|t| t.structure.parameters());
+    let figures = all.iter().map(|t| (t.structure, t.rmse)).collect();
+    all.retain(effects_show);
+    Ok(simplest(all).map(|found| (found, figures)))
+}
+
+/// True when every delay and lag is determined and beyond two standard errors from nothing.
+fn effects_show(tried: &Tried) -> bool {
+    let fit = &tried.fit;
+    let shows = |i: usize| fit.theta[i] > 2.0 * fit.covariance[(i, i)].max(0.0).sqrt();
+    let of_effect = |p: &Parameter| matches!(p.target, Target::Effect(..));
+    fit.fixed.iter().all(|f| !of_effect(&f.parameter))
+        && fit.problem.parameters.iter().enumerate().all(|(i, p)| !of_effect(p) || shows(i))
+}
+
+/// The simplest of those that predict as well as the best; `all` has the simplest first.
+fn simplest(mut all: Vec<Tried>) -> Option<Tried> {
+    let best = all.iter().min_by(|a, b| a.rmse.total_cmp(&b.rmse))?;
+    let as_good = |t: &Tried| {
+        compare(&t.errors, &best.errors)
+            .is_none_or(|c| c.sigmas < BETTER_SIGMAS && c.first < BETTER_SHARE * c.second)
+    };
+    let at = all.iter().position(as_good)?;
+    Some(all.swap_remove(at))
+}
+
+/// Fits one structure; `None` when no search leads anywhere.
+fn tried(
+    structure: Structure,
+    pair: &Pair,
+    signals: &Signals,
+    horizon: usize,
+    from: Option<&Fit>,
+) -> Result<Option<Tried>, DraftError> {
+    let vehicle = structure.vehicle(signals)?;
+    let problem = Problem::new(&vehicle, &pair.fitted, Nuisance::default())?;
+    let extra = from.map_or(Vec::new(), |plain| extended_starts(&vehicle, &problem, plain));
+    let Ok(fit) = pem::fit(&problem, &pair.fitted, Noise::Kalman, &extra, &|_| ()) else { return Ok(None) };
+    let on = |s: &Segment| errors(&fit, s, &starts(s, warm(pair, horizon), horizon), horizon);
+    let Some(parts) = pair.held.iter().map(on).collect::<Option<Vec<_>>>() else { return Ok(None) };
+    let errors: Vec<f64> = parts.concat();
+    let known: Vec<f64> = errors.iter().copied().filter(|e| e.is_finite()).collect();
+    let rmse = if known.is_empty() { f64::NAN } else { whirlstand_logs::stats::rms(&known) };
+    Ok(Some(Tried { structure, fit, errors, rmse }))
+}
+
+/// Starts for a structure with effects: the plain one's entries, with short and longer delays and lags.
+fn extended_starts(vehicle: &Vehicle, problem: &Problem, plain: &Fit) -> Vec<Vec<f64>> {
+    let value = |name: &str| {
+        let at = plain.problem.parameters.iter().position(|p| p.name == name)?;
+        Some(plain.theta[at])
+    };
+    let start = |time_s: f64| {
+        let one = |p: &Parameter| {
+            let known = value(&p.name).unwrap_or_else(|| vehicle.free_value(&p.target));
+            let wanted = if matches!(p.target, Target::Effect(..)) { time_s } else { known };
+            wanted.clamp(p.lower, p.upper)
+        };
+        problem.parameters.iter().map(one).collect()
+    };
+    START_DELAYS_S.iter().map(|s| start(*s)).collect()
+}

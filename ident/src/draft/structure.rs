@@ -1,0 +1,232 @@
+//! The structures among which a draft chooses, each as a vehicle of one input and one output with free parameters.
+
+use nalgebra::DMatrix;
+use serde::Serialize;
+use whirlstand_vehicle::{Effect, Free, Input, Kind, Matrix, Output, SignalUnit, State, Target, Vehicle};
+
+use super::error::DraftError;
+
+/// Longest delay that is looked for, s: those of radios and flight controllers lie well below.
+pub const LONGEST_DELAY_S: f64 = 0.25;
+/// Longest lag of an actuator, s: a large rotor's takes about as long.
+pub const LONGEST_LAG_S: f64 = 0.5;
+/// Fastest growth that a pole may have, 1/s: a helicopter in hover doubles its amplitude within some 0.3 s at worst.
+const FASTEST_GROWTH: f64 = 2.0;
+/// A gain may be this many times what spread of output over spread of input suggests.
+const GAIN_ROOM: f64 = 10.0;
+
+/// How an output follows an input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Structure {
+    /// Order of the motion itself, 1 or 2.
+    pub order: usize,
+    /// The actuator follows as a first-order lag.
+    pub lag: bool,
+    /// The input arrives late.
+    pub delay: bool,
+}
+
+/// What a structure needs to know of the signals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Signals {
+    /// Name of the input.
+    pub input: String,
+    /// SI unit of the input.
+    pub input_unit: SignalUnit,
+    /// Name of the output.
+    pub output: String,
+    /// SI unit of the output.
+    pub output_unit: SignalUnit,
+    /// Spread of the output over that of the input, SI.
+    pub ratio: f64,
+    /// Time between two steps, s.
+    pub period_s: f64,
+}
+
+impl Structure {
+    /// All structures, the simplest first.
+    pub fn all() -> Vec<Self> {
+        let mut all = Vec::new();
+        for order in [1, 2] {
+            for (lag, delay) in [(false, false), (false, true), (true, false), (true, true)] {
+                all.push(Self { order, lag, delay });
+            }
+        }
+        all.sort_by_key(Self::parameters);
+        all
+    }
+
+    /// Number of free parameters.
+    pub fn parameters(&self) -> usize {
+        self.order + 1 + usize::from(self.lag) + usize::from(self.delay)
+    }
+
+    /// The structure without what acts on the input.
+    pub fn plain(&self) -> Self {
+        Self { order: self.order, lag: false, delay: false }
+    }
+
+    /// The structure in words.
+    pub fn words(&self) -> String {
+        let order = if self.order == 1 { "first order" } else { "second order" };
+        match (self.lag, self.delay) {
+            (false, false) => order.into(),
+            (true, false) => format!("{order} with lag"),
+            (false, true) => format!("{order} with delay"),
+            (true, true) => format!("{order} with lag and delay"),
+        }
+    }
+
+    /// The structure as a vehicle with free parameters.
+    ///
+    /// # Errors
+    /// When an effect does not fit, which means a mistake in this file.
+    pub fn vehicle(&self, signals: &Signals) -> Result<Vehicle, DraftError> {
+        let n = self.order;
+        let (a, b) = self.start_matrices(signals);
+        let slope = |k: usize| -> SignalUnit {
+            let text = format!("{}{}", per_one(&signals.output_unit), "/s".repeat(k));
+            text.parse().unwrap_or_default()
+        };
+        let names = [signals.output.clone(), format!("{}_slope", signals.output)];
+        let state = |k: usize| State {
+            name: names[k].clone(),
+            unit: if k == 0 { signals.output_unit.clone() } else { slope(k) },
+        };
+        let mut vehicle = Vehicle {
+            name: "draft".into(),
+            description: String::new(),
+            states: (0..n).map(state).collect(),
+            inputs: vec![Input {
+                name: signals.input.clone(),
+                unit: signals.input_unit.clone(),
+                lower: f64::NEG_INFINITY,
+                upper: f64::INFINITY,
+                rate_limit: f64::INFINITY,
+            }],
+            outputs: vec![Output {
+                name: signals.output.clone(),
+                unit: signals.output_unit.clone(),
+                noise: 0.0,
+                bias: 0.0,
+                quantization: 0.0,
+                every: 1,
+                vibration: None,
+            }],
+            a,
+            b,
+            c: DMatrix::from_fn(1, n, |_, j| if j == 0 { 1.0 } else { 0.0 }),
+            d: DMatrix::zeros(1, 1),
+            effects: Vec::new(),
+            free: self.free_entries(signals),
+            fit: Vec::new(),
+            map: Vec::new(),
+            provenance: Vec::new(),
+            source_text: String::new(),
+            folder: None,
+        };
+        self.add_effects(signals, &mut vehicle)?;
+        Ok(vehicle)
+    }
+
+    /// A motion that settles within a tenth of a second, with the gain of the signals' spreads.
+    fn start_matrices(&self, signals: &Signals) -> (DMatrix<f64>, DMatrix<f64>) {
+        let speed = 10f64.min(0.25 / signals.period_s);
+        match self.order {
+            1 => (DMatrix::from_element(1, 1, -speed), DMatrix::from_element(1, 1, speed * signals.ratio)),
+            _ => (
+                DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -speed * speed, -1.4 * speed]),
+                DMatrix::from_row_slice(2, 1, &[0.0, speed * speed * signals.ratio]),
+            ),
+        }
+    }
+
+    /// Entries of A and B, with poles between a time constant of one step and slow growth.
+    fn free_entries(&self, signals: &Signals) -> Vec<Free> {
+        let fastest = 1.0 / signals.period_s;
+        let entry = |matrix, i, j, lower: f64, upper: f64| Free {
+            target: Target::Entry(matrix, i, j),
+            lower: rounded(lower),
+            upper: rounded(upper),
+            start: None,
+        };
+        let gain = GAIN_ROOM * signals.ratio;
+        match self.order {
+            1 => {
+                let b = gain * fastest;
+                vec![entry(Matrix::A, 0, 0, -fastest, FASTEST_GROWTH), entry(Matrix::B, 0, 0, -b, b)]
+            }
+            _ => {
+                let b = gain * fastest * fastest;
+                vec![
+                    entry(Matrix::A, 1, 0, -fastest * fastest, FASTEST_GROWTH * FASTEST_GROWTH),
+                    entry(Matrix::A, 1, 1, -2.0 * fastest, FASTEST_GROWTH),
+                    entry(Matrix::B, 1, 0, -b, b),
+                ]
+            }
+        }
+    }
+
+    fn add_effects(&self, signals: &Signals, vehicle: &mut Vehicle) -> Result<(), DraftError> {
+        let shortest = rounded(0.25 * signals.period_s);
+        let wanted = [
+            (self.delay, Kind::InputDelay, "delay_s", 0.0, LONGEST_DELAY_S.max(4.0 * signals.period_s)),
+            (self.lag, Kind::ActuatorLag, "time_constant_s", shortest, LONGEST_LAG_S),
+        ];
+        for (_, kind, name, lower, upper) in wanted.into_iter().filter(|w| w.0) {
+            let effect = Effect::new(kind, &signals.input, &[(name, (2.0 * signals.period_s).max(0.02))])?;
+            vehicle.effects.push(effect);
+            let target = Target::Effect(vehicle.effects.len() - 1, name);
+            vehicle.free.push(Free { target, lower, upper, start: None });
+        }
+        Ok(())
+    }
+}
+
+/// The text of a unit by which one can divide.
+pub fn per_one(unit: &SignalUnit) -> String {
+    let text = unit.to_string();
+    if text.is_empty() { "1".into() } else { text }
+}
+
+/// Two significant digits, outwards: a bound is no measurement.
+pub fn rounded(value: f64) -> f64 {
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    let size = 10f64.powf(value.abs().log10().floor() - 1.0);
+    let digits = (value.abs() / size * (1.0 - 1e-12)).ceil();
+    // Through text, so that 0.00051 does not become 0.0005099999999999999.
+    format!("{:.1e}", value.signum() * digits * size).parse().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_structure_is_a_vehicle_that_a_file_can_hold() {
+        let signals = Signals {
+            input: "u_roll".into(),
+            input_unit: SignalUnit::default(),
+            output: "roll_rate".into(),
+            output_unit: "rad/s".parse().unwrap(),
+            ratio: 3.0,
+            period_s: 0.01,
+        };
+        let all = Structure::all();
+        assert_eq!(all.len(), 8);
+        assert_eq!(all[0], Structure { order: 1, lag: false, delay: false });
+        for structure in all {
+            let vehicle = structure.vehicle(&signals).unwrap();
+            assert_eq!(vehicle.free.len(), structure.parameters(), "{}", structure.words());
+            let again = Vehicle::parse(&vehicle.to_toml(), "draft.toml").unwrap();
+            assert_eq!((again.a, again.free), (vehicle.a, vehicle.free));
+        }
+    }
+
+    #[test]
+    fn bounds_are_rounded_outwards() {
+        assert_eq!([0.0, 1.234, -0.000_513, 50.0, 99.9].map(rounded), [0.0, 1.3, -0.000_52, 50.0, 100.0]);
+    }
+}

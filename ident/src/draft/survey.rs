@@ -1,0 +1,214 @@
+//! Which input explains each output, by regressions on held-out data, and what is to be refused before that.
+
+use rayon::prelude::*;
+use whirlstand_logs::Record;
+use whirlstand_logs::stats::white_noise_std;
+
+use super::answer::LeftOut;
+use super::blocks::{Pair, horizon_s, least_steps, range};
+use super::error::DraftError;
+use super::own_past::{Comparison, compare};
+use super::proposal::Chosen;
+use super::reading::{interval, own_samples};
+use super::select::regression_errors;
+
+/// Longest interval between two samples of an input or of a rate or an acceleration, s. Such a motion of a small vehicle
+/// rises within some 0.2 s, and takes four to ten samples in that time (Astrom and Wittenmark, Computer-Controlled
+/// Systems, 3rd ed., section 2.9).
+const LONGEST_INTERVAL_S: f64 = 0.05;
+/// Standard errors by which the inputs must predict better than the past alone; several pairs are tried.
+const EXPLAINED_SIGMAS: f64 = 3.0;
+/// Share of the mean square error that the inputs must take away.
+const EXPLAINED_SHARE: f64 = 0.05;
+/// An output whose spread is less than so many times its noise does not move.
+const REST_RATIO: f64 = 3.0;
+/// Nor does a rate whose spread is less than this, rad/s: what a small gyroscope shows on a table, 0.01 deg/s and root Hz
+/// over some hundred Hz, with room for a draught.
+const REST_RATE: f64 = 0.01;
+
+/// An output and the input that explains it best.
+#[derive(Debug, Clone)]
+pub struct Link {
+    /// The input.
+    pub input: Chosen,
+    /// The output.
+    pub output: Chosen,
+    /// Their data.
+    pub pair: Pair,
+    /// How far predictions look ahead, steps.
+    pub horizon: usize,
+    /// Errors of the prediction from the output's own past alone.
+    pub own_past: Vec<f64>,
+    /// The past alone against past and input.
+    pub comparison: Comparison,
+}
+
+impl Link {
+    /// Share of the mean square error that the input takes away.
+    fn share(&self) -> f64 {
+        1.0 - self.comparison.second / self.comparison.first.max(f64::MIN_POSITIVE)
+    }
+
+    fn explains(&self) -> bool {
+        self.comparison.sigmas > EXPLAINED_SIGMAS && takes_away(&self.comparison)
+    }
+}
+
+/// True when the second prediction takes enough off the mean square error of the first.
+pub fn takes_away(comparison: &Comparison) -> bool {
+    comparison.second < (1.0 - EXPLAINED_SHARE) * comparison.first
+}
+
+/// True when a signal has more than one value.
+pub fn moves(record: &Record, chosen: &Chosen) -> bool {
+    record.get(&chosen.name).is_some_and(|signal| {
+        let (middle, deviation) = range(&signal.values);
+        deviation > 1e-9 * middle.abs().max(1e-9)
+    })
+}
+
+/// Refuses a record whose motors stand still.
+///
+/// # Errors
+/// [`DraftError::MotorsOff`].
+pub fn check_motors(record: &Record, motors: &[Chosen], inputs: &[Chosen]) -> Result<(), DraftError> {
+    if motors.is_empty() || motors.iter().any(|motor| moves(record, motor)) {
+        return Ok(());
+    }
+    let list = |all: &[Chosen], of: fn(&Chosen) -> &str| all.iter().map(of).collect::<Vec<_>>().join(", ");
+    Err(DraftError::MotorsOff {
+        log: record.origin.clone(),
+        motors: list(motors, |c| &c.source),
+        inputs: list(inputs, |c| &c.source),
+    })
+}
+
+/// The inputs and outputs that are sampled often enough.
+///
+/// # Errors
+/// [`DraftError::TooSlow`] when no input or no output is left.
+pub fn fast_enough(
+    record: &Record,
+    inputs: Vec<Chosen>,
+    outputs: Vec<Chosen>,
+    left_out: &mut Vec<LeftOut>,
+) -> Result<(Vec<Chosen>, Vec<Chosen>), DraftError> {
+    let slow = |c: &Chosen| interval(record, c).filter(|s| *s > LONGEST_INTERVAL_S);
+    let told = |c: &Chosen| slow(c).map(|s| format!("{} every {:.0} ms", c.source, 1e3 * s));
+    let signals: Vec<String> = inputs.iter().chain(&outputs).filter_map(told).collect();
+    let (fast_inputs, fast_outputs) = (
+        inputs.into_iter().filter(|c| slow(c).is_none()).collect::<Vec<_>>(),
+        outputs.iter().filter(|c| slow(c).is_none()).cloned().collect::<Vec<_>>(),
+    );
+    if fast_inputs.is_empty() || fast_outputs.is_empty() {
+        return Err(DraftError::TooSlow {
+            log: record.origin.clone(),
+            signals: signals.join(", "),
+            longest_ms: 1e3 * LONGEST_INTERVAL_S,
+        });
+    }
+    for output in &outputs {
+        if let Some(text) = told(output) {
+            let why = format!("logged too slowly ({text})");
+            left_out.push(LeftOut { output: output.name.clone(), why });
+        }
+    }
+    Ok((fast_inputs, fast_outputs))
+}
+
+/// Links every output to the input that explains it best, no input to two outputs. `record` is in the steps of the fit,
+/// `raw` as it was logged.
+///
+/// # Errors
+/// [`DraftError`]: the record is too short, nothing moves, nothing is explained.
+pub fn link(
+    record: &Record,
+    raw: &Record,
+    inputs: &[Chosen],
+    outputs: &[Chosen],
+    left_out: &mut Vec<LeftOut>,
+) -> Result<Vec<Link>, DraftError> {
+    let pairs: Vec<(&Chosen, &Chosen)> =
+        outputs.iter().flat_map(|output| inputs.iter().map(move |input| (input, output))).collect();
+    let found = pairs.par_iter().map(|(input, output)| one(record, input, output));
+    let found: Vec<Option<Link>> = found.collect::<Result<_, _>>()?;
+    let mut all: Vec<Link> = found.into_iter().flatten().collect();
+    if all.is_empty() {
+        return Err(DraftError::TooShort {
+            log: record.origin.clone(),
+            seconds: record.duration(),
+            steps: record.len(),
+            needed: least_steps(),
+        });
+    }
+    all.sort_by(|a, b| b.share().total_cmp(&a.share()));
+    let told: Vec<String> = outputs.iter().filter_map(|o| told(o, &all)).collect();
+    let mut links: Vec<Link> = Vec::new();
+    for candidate in all.iter().filter(|l| l.explains()) {
+        let taken = |l: &Link| l.input == candidate.input || l.output == candidate.output;
+        if !links.iter().any(taken) {
+            links.push(candidate.clone());
+        }
+    }
+    if links.is_empty() {
+        return Err(refusal(raw, outputs, told));
+    }
+    let unlinked = outputs.iter().filter(|o| !links.iter().any(|l| l.output == **o));
+    left_out.extend(unlinked.map(|output| LeftOut {
+        output: output.name.clone(),
+        why: match self::told(output, &all) {
+            Some(best) => {
+                format!("no input that no other output needs explains it on held-out data ({best})")
+            }
+            None => "too few of its values are known".into(),
+        },
+    }));
+    // In the order in which the log's program has its axes.
+    links.sort_by_key(|l| outputs.iter().position(|o| *o == l.output));
+    Ok(links)
+}
+
+/// The best that any input does for an output.
+fn told(output: &Chosen, all: &[Link]) -> Option<String> {
+    let best = all.iter().find(|l| l.output == *output)?;
+    Some(format!(
+        "{}: {} takes {:.1} % off the mean square error of the past alone, {:.1} standard errors",
+        output.name,
+        best.input.name,
+        100.0 * best.share(),
+        best.comparison.sigmas
+    ))
+}
+
+fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>, DraftError> {
+    let Some(pair) = Pair::new(record, &input.name, &output.name)? else { return Ok(None) };
+    let slowest = [input, output].iter().filter_map(|c| interval(record, c)).fold(0.0, f64::max);
+    let horizon = ((horizon_s(&pair, slowest) / pair.period_s).round() as usize).max(1);
+    let errors = |with_input| regression_errors(&pair, horizon, with_input);
+    let (Some(own_past), Some(with_input)) = (errors(false), errors(true)) else { return Ok(None) };
+    let Some(comparison) = compare(&own_past, &with_input) else { return Ok(None) };
+    Ok(Some(Link { input: input.clone(), output: output.clone(), pair, horizon, own_past, comparison }))
+}
+
+/// Why nothing is explained: nothing moves, or what moves is not what the actuators do.
+fn refusal(record: &Record, outputs: &[Chosen], found: Vec<String>) -> DraftError {
+    let turns = |output: &&Chosen| record.get(&output.name).is_some_and(|s| s.unit == "rad/s");
+    let rates: Vec<&Chosen> = outputs.iter().filter(turns).collect();
+    // An accelerometer shakes with engines that run on the ground; rates tell of motion.
+    let judged: Vec<&Chosen> = if rates.is_empty() { outputs.iter().collect() } else { rates };
+    let still = |output: &&Chosen| -> Option<String> {
+        let values = own_samples(record, output);
+        let mean = whirlstand_logs::stats::mean(&values);
+        let spread = whirlstand_logs::stats::rms(&values.iter().map(|v| v - mean).collect::<Vec<_>>());
+        let noise = white_noise_std(&values);
+        let least = if turns(output) { REST_RATE } else { 0.0 };
+        let text = format!("{} (spread {spread:.2e}, noise {noise:.2e})", output.name);
+        (spread <= (REST_RATIO * noise).max(least)).then_some(text)
+    };
+    let log = record.origin.clone();
+    let resting: Vec<String> = judged.iter().filter_map(still).collect();
+    if resting.len() == judged.len() {
+        return DraftError::OutputsAtRest { log, outputs: resting.join(", ") };
+    }
+    DraftError::Unexplained { log, found: found.join("; ") }
+}

@@ -1,0 +1,142 @@
+//! Drafts of simulated records whose true structure is known.
+
+use std::path::PathBuf;
+
+use whirlstand_logs::testing::noise;
+use whirlstand_vehicle::{Simulator, Vehicle};
+
+use super::{Choice, Draft, DraftError, Names, draft};
+
+const PERIOD_S: f64 = 0.01;
+
+/// Writes 60 s at 100 Hz of a roll rate that follows u_roll as `model` says, with process noise and a controller that
+/// reacts.
+fn flight(dir: &tempfile::TempDir, model: &str, acting: bool) -> PathBuf {
+    let text = format!(
+        "{model}\ninputs = [{{ name = \"u_roll\" }}]\noutputs = [{{ name = \"roll_rate\", unit = \"rad/s\" }}]\n"
+    );
+    let vehicle = Vehicle::parse(&text, "true.toml").unwrap();
+    let mut simulator = Simulator::expected(&vehicle, PERIOD_S).unwrap();
+    let steps = 6000;
+    let (gusts, sensor, stick) = (noise(steps, 1), noise(steps, 2), noise(steps, 3));
+    let mut csv = "t,u_roll,roll_rate[rad/s]\n".to_string();
+    let (mut wanted, mut y) = (0.0, 0.0);
+    let n = vehicle.states.len();
+    for k in 0..steps {
+        if k % 40 == 0 {
+            wanted = 0.6 * stick[k];
+        }
+        let u = 0.3 * (wanted - y) + 0.02 * stick[steps - 1 - k];
+        simulator.apply(&[if acting { u } else { 0.0 }]);
+        y = simulator.measure()[0] + 0.01 * sensor[k];
+        csv.push_str(&format!("{},{u},{y}\n", k as f64 * PERIOD_S));
+        simulator.advance();
+        let mut gust = vec![0.0; n];
+        gust[n - 1] = 0.02 * gusts[k] * if n == 2 { 10.0 } else { 1.0 };
+        simulator.correct(&gust);
+    }
+    let path = dir.path().join("flight.csv");
+    std::fs::write(&path, csv).unwrap();
+    path
+}
+
+const FIRST: &str = "A = [[-8.0]]\nB = [[24.0]]\nstates = [{ name = \"roll_rate\", unit = \"rad/s\" }]";
+const SECOND: &str = "A = [[0.0, 1.0], [-200.0, -12.0]]\nB = [[0.0], [400.0]]\nstates = [{ name = \"roll_rate\", unit = \"rad/s\" }, { name = \"slope\", unit = \"rad/s^2\" }]\nC = [[1.0, 0.0]]";
+
+fn effect(kind: &str, parameter: &str, value: f64) -> String {
+    format!("effects = [{{ effect = \"{kind}\", where = \"u_roll\", {parameter} = {value:?} }}]")
+}
+
+fn drafted(model: &str) -> Draft {
+    let dir = tempfile::tempdir().unwrap();
+    draft(&flight(&dir, model, true), &Names::default(), (None, None), &|_| ()).unwrap()
+}
+
+fn parameter(draft: &Draft, name: &str) -> f64 {
+    let found = draft.axes[0].parameters.iter().find(|p| p.name.starts_with(name));
+    found.unwrap_or_else(|| panic!("no {name} in {}", draft.text())).value
+}
+
+#[test]
+fn a_first_order_axis_is_found_as_one() {
+    let found = drafted(FIRST);
+    let axis = &found.axes[0];
+    assert_eq!(axis.words, "first order", "{}", found.text());
+    assert!((parameter(&found, "A[1,1]") + 8.0).abs() < 1.0, "{}", found.text());
+    assert!((parameter(&found, "B[1,1]") - 24.0).abs() < 2.0, "{}", found.text());
+    assert!(axis.heldout.fit > axis.heldout.own_past_fit + 5.0, "{}", found.text());
+    let vehicle = Vehicle::parse(&found.toml, "flight.toml").unwrap();
+    // The gusts from sample to sample look like noise of the sensor too.
+    assert!(vehicle.inputs[0].upper.is_finite() && (0.008..0.03).contains(&vehicle.outputs[0].noise));
+    assert!(found.toml.starts_with("# A first vehicle file"), "{}", found.toml);
+}
+
+#[test]
+fn a_delay_is_found_with_its_length() {
+    let found = drafted(&format!("{FIRST}\n{}", effect("input_delay", "delay_s", 0.05)));
+    assert!(found.axes[0].structure.delay && found.axes[0].structure.order == 1, "{}", found.text());
+    assert!((parameter(&found, "input_delay") - 0.05).abs() < 0.006, "{}", found.text());
+}
+
+#[test]
+fn a_lag_is_found_with_its_time_constant() {
+    let found = drafted(&format!("{FIRST}\n{}", effect("actuator_lag", "time_constant_s", 0.06)));
+    let axis = &found.axes[0];
+    // A second-order motion with two real poles is the same response.
+    assert!(axis.structure.lag || axis.structure.order == 2, "{}", found.text());
+    if axis.structure.lag {
+        assert!((parameter(&found, "actuator_lag") - 0.06).abs() < 0.02, "{}", found.text());
+    }
+}
+
+#[test]
+fn a_motion_that_rings_is_of_second_order() {
+    let found = drafted(SECOND);
+    assert_eq!(found.axes[0].structure.order, 2, "{}", found.text());
+    assert!((parameter(&found, "A[2,1]") + 200.0).abs() < 40.0, "{}", found.text());
+}
+
+#[test]
+fn actuators_that_do_nothing_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = flight(&dir, SECOND, false);
+    let error = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err();
+    assert!(matches!(error, DraftError::Unexplained { .. }), "{error}");
+    assert!(error.to_string().contains("the actuators do nothing that the record shows"), "{error}");
+}
+
+/// A record of two columns, written by `value(k)`.
+fn table(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> (tempfile::TempDir, PathBuf) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("log.csv");
+    let mut csv = "t,u_roll,p[rad/s]\n".to_string();
+    for k in 0..2000 {
+        let (u, p) = value(k);
+        csv.push_str(&format!("{},{u},{p}\n", k as f64 * period_s));
+    }
+    std::fs::write(&path, csv).unwrap();
+    (dir, path)
+}
+
+fn refusal(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> String {
+    let (_dir, path) = table(value, period_s);
+    draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err().to_string()
+}
+
+#[test]
+fn rest_and_slow_logs_are_refused_with_the_reason() {
+    let (a, b) = (noise(2000, 1), noise(2000, 2));
+    let still = refusal(|k| (0.2, a[k]), 0.01);
+    assert!(still.contains("at rest: no input moves (u_roll)"), "{still}");
+    let quiet = refusal(|k| (b[k], 0.002 * a[k]), 0.01);
+    assert!(quiet.contains("at rest: roll_rate"), "{quiet}");
+    let slow = refusal(|k| (b[k], a[k]), 0.1);
+    assert!(slow.contains("too slowly") && slow.contains("u_roll every 100 ms"), "{slow}");
+    let (_dir, path) = table(|k| (b[k], a[k]), 0.01);
+    let names =
+        Names { choice: Choice { inputs: vec!["u_rol".into()], outputs: Vec::new() }, ..Names::default() };
+    let error = draft(&path, &names, (None, None), &|_| ()).unwrap_err().to_string();
+    assert!(error.contains("--input u_rol: the log has no signal"), "{error}");
+    let short = draft(&path, &Names::default(), (Some(0.0), Some(1.0)), &|_| ()).unwrap_err().to_string();
+    assert!(short.contains("too short"), "{short}");
+}

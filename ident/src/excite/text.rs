@@ -1,0 +1,140 @@
+//! A test flight as text, as CSV and as a launch file.
+
+use std::fmt::Write as _;
+
+use whirlstand_vehicle::Vehicle;
+
+use super::Flight;
+use whirlstand_logs::shown::{number, shown};
+
+impl Flight {
+    /// The flight as text for a terminal, without colour.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        let peaks: Vec<String> = self.peaks.iter().map(|(n, u, v)| format!("{n} {}", shown(*v, u))).collect();
+        let inputs: Vec<String> =
+            self.amplitudes.iter().map(|(n, v)| format!("{n} {}", number(*v))).collect();
+        let what = match (&self.controller, self.through.as_str()) {
+            (None, _) => "inputs".to_string(),
+            (Some(law), "setpoint") => format!("the setpoint under {law}"),
+            (Some(law), _) => format!("added to the command of {law}"),
+        };
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            out,
+            "{:.1} s for '{}', {} to {}",
+            self.duration_s,
+            self.vehicle,
+            what,
+            inputs.join(", ")
+        );
+        if self.controller.is_some() {
+            let commands = self.commands.iter().map(|(n, v)| format!("{n} {}", number(*v)));
+            let _ = writeln!(out, "predicted commands: {}", commands.collect::<Vec<_>>().join(", "));
+        }
+        let _ = writeln!(out, "predicted peaks: {}", peaks.join(", "));
+        if !self.parameters.is_empty() {
+            let _ = writeln!(out, "\n{:28} {:>12} {:>14}", "parameter", "value", "std error >=");
+            for p in &self.parameters {
+                let error = p.standard_error.map_or("undetermined".into(), number);
+                let _ = writeln!(out, "{:28} {:>12.4} {error:>14}", p.name, p.value);
+            }
+        }
+        if !self.effects.is_empty() {
+            let _ = writeln!(
+                out,
+                "\n{:18} {:24} {:>16} {:>12} {:>16}",
+                "effect", "where", "size", "lambda", "least size"
+            );
+            for e in &self.effects {
+                let size = format!("{} {}", e.parameter, number(e.size));
+                let _ = writeln!(
+                    out,
+                    "{:18} {:24} {size:>16} {:>12} {:>16}",
+                    e.effect,
+                    e.place,
+                    number(e.detectability),
+                    number(e.least_size)
+                );
+            }
+        }
+        for remark in &self.remarks {
+            let _ = writeln!(out, "note    {remark}");
+        }
+        out
+    }
+
+    /// Unit of a test signal.
+    fn unit(&self, vehicle: &Vehicle, name: &str) -> String {
+        let input = vehicle.inputs.iter().find(|i| i.name == name).map(|i| i.unit.si_symbol());
+        let state = vehicle.states.iter().find(|s| s.name == name).map(|s| s.unit.si_symbol());
+        let found = if self.through == "setpoint" { state } else { input };
+        found.unwrap_or_default()
+    }
+
+    /// The test signals as CSV, SI: time, then one column a signal.
+    pub fn csv(&self, vehicle: &Vehicle) -> String {
+        let mut out = String::from("t[s]");
+        for (name, _) in &self.amplitudes {
+            let unit = self.unit(vehicle, name);
+            let head = if unit.is_empty() { name.clone() } else { format!("{name}[{unit}]") };
+            let _ = write!(out, ",{head}");
+        }
+        out.push('\n');
+        let steps = self.signals.first().map_or(0, Vec::len);
+        for k in 0..steps {
+            let _ = write!(out, "{:.6}", k as f64 * self.period_s);
+            for signal in &self.signals {
+                let _ = write!(out, ",{:.9}", signal[k]);
+            }
+            out.push('\n');
+        }
+        out
+    }
+
+    /// A launch file that flies the test signals; `vehicle` is a built-in name or a path, `controller` the lines of
+    /// `[controller]` beside the law.
+    pub fn launch(&self, reference: &str, controller: &str) -> String {
+        let law = self.controller.as_deref().unwrap_or("manual");
+        let role = match (&self.controller, self.through.as_str()) {
+            (None, _) => "the stick is the test input",
+            (Some(_), "setpoint") => "the setpoint is the test signal",
+            (Some(_), _) => "the stick is a test input, added to the law's command",
+        };
+        let mut out = format!(
+            "# A test flight that `whirlstand excite` designed: {role}.\n\
+             description = \"test flight of {} for identification\"\nvehicle = {}\nmode = \"realtime\"\n\
+             rate_hz = {}\nduration_s = {}\nseed = 1\n\n",
+            self.vehicle,
+            toml_text(reference),
+            1.0 / self.period_s,
+            self.duration_s
+        );
+        let _ =
+            writeln!(out, "# Only changes are written; a value holds until the next.\n{} = [", self.through);
+        let mut last = vec![0.0; self.signals.len()];
+        let steps = self.signals.first().map_or(0, Vec::len);
+        for k in 0..steps {
+            let changed: Vec<usize> = (0..last.len()).filter(|j| self.signals[*j][k] != last[*j]).collect();
+            if changed.is_empty() {
+                continue;
+            }
+            let _ = write!(out, "    {{ at_s = {:.6}", k as f64 * self.period_s);
+            for j in changed {
+                last[j] = self.signals[j][k];
+                let _ = write!(out, ", {} = {:.9}", toml_text(&self.amplitudes[j].0), last[j]);
+            }
+            out.push_str(" },\n");
+        }
+        let _ = writeln!(out, "]\n\n[plant]\nengine = \"flying\"\n\n[controller]\nlaw = {}", toml_text(law));
+        if self.controller.is_some() && self.through == "stick" {
+            out.push_str("add_stick = true\n");
+        }
+        out.push_str(controller);
+        out
+    }
+}
+
+fn toml_text(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}

@@ -1,0 +1,109 @@
+//! One run of the search: a population from its first members until it has settled.
+
+use whirlstand_vehicle::Stream;
+
+use super::LANES;
+use super::cost::{Cost, Member};
+use super::rex::{children, take_parents};
+use super::stages::{Next, Stages};
+
+/// Children a generation, in multiples of the number of unknowns.
+const CHILDREN: usize = 6;
+/// The first population is the best of so many times as many random points.
+const OVERSAMPLING: usize = 4;
+/// A logarithm of the cost that is less by no more than this is no progress.
+const PRECISION: f64 = 1e-5;
+
+/// How a run ended.
+pub struct Run {
+    /// The best genes of the last stage that it reached.
+    pub genes: Vec<f64>,
+    /// Number of generations.
+    pub generations: usize,
+    /// True when it stopped because nothing improved, false when the budget was spent.
+    pub stagnated: bool,
+}
+
+/// The best member so far of a stage, and how long ago it last was much better than before.
+struct Best {
+    member: Member,
+    /// The score that the next progress is measured from.
+    mark: f64,
+    /// Number of generations without progress.
+    stale: usize,
+}
+
+impl Best {
+    fn of(population: &[Member]) -> Self {
+        let member = least(population).clone();
+        Self { mark: member.score, member, stale: 0 }
+    }
+
+    fn update(&mut self, population: &[Member]) {
+        let least = least(population);
+        if least.score < self.member.score {
+            self.member = least.clone();
+        }
+        if self.member.score < self.mark - PRECISION {
+            self.mark = self.member.score;
+            self.stale = 0;
+        } else {
+            self.stale += 1;
+        }
+    }
+}
+
+/// The member of the least score; a population is never empty.
+fn least(population: &[Member]) -> &Member {
+    population.iter().fold(&population[0], |best, m| if m.score < best.score { m } else { best })
+}
+
+/// Lets a population of that size evolve from random points until it has settled, nothing has improved for
+/// `stagnation` generations, or the budget is spent.
+pub fn evolve(cost: &mut Cost<'_>, size: usize, seed: u64, stagnation: usize) -> Run {
+    let d = cost.range.len();
+    let offspring = (CHILDREN * d.max(1)).next_multiple_of(LANES);
+    cost.stage = 0;
+    let mut population = first(cost, size, seed);
+    let mut best = Best::of(&population);
+    cost.report(best.member.score);
+    let generations = (cost.budget.saturating_sub(cost.evaluations) / offspring).max(1);
+    let stages = Stages { last: cost.batches.len() - 1, stagnation, generations };
+    let mut stream = Stream::new(seed, "recombination");
+    for generation in 1..=generations {
+        let parents = take_parents(&mut population, d + 1, &mut stream);
+        let mut young = cost.scored(children(&parents, offspring, &mut stream));
+        // JGG: of the children the best take the parents' places.
+        young.sort_by(|a, b| a.score.total_cmp(&b.score));
+        population.extend(young.into_iter().take(parents.len()));
+        best.update(&population);
+        cost.report(best.member.score);
+        match stages.next(cost.stage, &population, generation, best.stale) {
+            Next::Stay => {}
+            Next::Advance => {
+                cost.stage += 1;
+                population = cost.scored(population.into_iter().map(|member| member.genes).collect());
+                best = Best::of(&population);
+            }
+            Next::End => {
+                let stagnated = generation < generations;
+                return Run { genes: best.member.genes, generations: generation, stagnated };
+            }
+        }
+    }
+    Run { genes: best.member.genes, generations, stagnated: false }
+}
+
+/// The best of many random points.
+fn first(cost: &mut Cost<'_>, size: usize, seed: u64) -> Vec<Member> {
+    let d = cost.range.len();
+    let mut stream = Stream::new(seed, "first population");
+    let mut best: Vec<Member> = Vec::new();
+    for _ in 0..OVERSAMPLING {
+        let genes = (0..size).map(|_| (0..d).map(|_| stream.uniform()).collect()).collect();
+        best.extend(cost.scored(genes));
+        best.sort_by(|a, b| a.score.total_cmp(&b.score));
+        best.truncate(size);
+    }
+    best
+}

@@ -1,0 +1,24 @@
+//! Chooses how a problem is simulated: by recursions where the vehicle is linear, else by the simulator.
+
+use super::linear::Linear;
+use super::predictor::Gains;
+use super::problem::{Problem, Sweep};
+use super::simulated::Simulated;
+
+/// The simulation at `theta`, ready to be swept over segments. `None` when it has no finite step.
+pub fn simulation<'p>(problem: &'p Problem, theta: &[f64]) -> Option<Box<dyn Sweep + 'p>> {
+    with(problem, theta, None)
+}
+
+/// The one-step predictor at `theta` with the filter `gains` computed there. `None` when it has no finite step.
+pub fn predictor<'p>(problem: &'p Problem, theta: &[f64], gains: &'p Gains) -> Option<Box<dyn Sweep + 'p>> {
+    with(problem, theta, Some(gains))
+}
+
+fn with<'p>(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Box<dyn Sweep + 'p>> {
+    if problem.is_plain() {
+        Some(Box::new(Linear::new(problem, theta, gains)?))
+    } else {
+        Some(Box::new(Simulated::new(problem, theta, gains)?))
+    }
+}

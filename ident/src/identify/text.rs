@@ -1,0 +1,212 @@
+//! An identification as text.
+
+use super::answer::{Identification, Role};
+use super::options::Method;
+use super::pem::Noise;
+use super::prepare::Levels;
+use whirlstand_logs::shown::{number, shown};
+use whirlstand_vehicle::Vehicle;
+
+/// Name of a noise model on the command line.
+pub fn noise(noise: Noise) -> &'static str {
+    match noise {
+        Noise::White => "white",
+        Noise::Coloured => "coloured",
+        Noise::Kalman => "kalman",
+    }
+}
+
+/// The result of an identification in a sentence.
+pub fn verdict(answer: &Identification) -> String {
+    let fits = |role: Role| -> Option<(f64, &str)> {
+        let of = |o: &super::answer::OutputAnswer| match role {
+            Role::Identification => o.identification,
+            Role::Control => o.control,
+        };
+        let all = answer.outputs.iter().filter_map(|(n, o)| Some((of(o)?.free_run_fit?, n.as_str())));
+        all.min_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    let mut text = format!("{} of '{}' fitted", count(answer.parameters.len(), "parameter"), answer.vehicle);
+    if !answer.fixed.is_empty() {
+        text.push_str(&format!(", {} left out that the data do not determine", answer.fixed.len()));
+    }
+    match (fits(Role::Control), fits(Role::Identification)) {
+        (Some((fit, name)), _) => {
+            text.push_str(&format!(
+                "; the free run repeats held-out data to at least {fit:.1} % (worst output: {name})"
+            ));
+        }
+        (None, Some((fit, name))) => {
+            text.push_str(&format!(
+                "; the free run repeats the data to at least {fit:.1} % (worst output: {name}); nothing was held out"
+            ));
+        }
+        _ => text.push_str("; the free run leaves all bounds, so that only predictions could be judged"),
+    }
+    text + "."
+}
+
+/// The subtracted levels as text, SI.
+pub fn levels(vehicle: &Vehicle, levels: &Levels) -> String {
+    let inputs = vehicle.inputs.iter().map(|u| (&u.name, u.unit.si_symbol())).zip(&levels.inputs);
+    let outputs = vehicle.outputs.iter().map(|y| (&y.name, y.unit.si_symbol())).zip(&levels.outputs);
+    let one = |((name, unit), level)| format!("{name} = {level:.6} {unit}").trim_end().to_string();
+    inputs.chain(outputs).map(one).collect::<Vec<_>>().join(", ")
+}
+
+fn count(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+/// False when something acted in a part of the data that the model does not have, which no standard error accounts for.
+/// Coloured noise, as of a vibration, does not count: standard errors are corrected for it, or too large in Kalman's
+/// form.
+pub fn standard_errors_hold(answer: &Identification) -> bool {
+    answer.disturbed.is_empty()
+}
+
+/// Where something acted that the model does not have, and what to do.
+fn disturbances(answer: &Identification) -> Option<String> {
+    const MOST_SUGGESTIONS: usize = 4;
+    let worst = answer.disturbed.iter().max_by(|a, b| a.ratio.total_cmp(&b.ratio))?;
+    let mut strongest: Vec<_> = answer.disturbed.iter().collect();
+    strongest.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
+    let options: Vec<String> = strongest
+        .iter()
+        .take(MOST_SUGGESTIONS)
+        .map(|d| format!("--hold-out {:.2}:{:.2}", d.from_s, d.until_s))
+        .collect();
+    let more = answer.disturbed.len().saturating_sub(MOST_SUGGESTIONS);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    Some(format!(
+        "Something acts that the model does not have: residuals of {} are {:.1} times as great as usual from {:.2} s to \
+         {:.2} s. If it was a gust, leave it out: {}{more}.",
+        worst.output,
+        worst.ratio,
+        worst.from_s,
+        worst.until_s,
+        options.join(" ")
+    ))
+}
+
+/// Remarks on the data and on the result.
+pub fn remarks(answer: &Identification) -> Vec<String> {
+    let mut all = Vec::new();
+    if !answer.search.converged {
+        all.push(match answer.method {
+            Method::Ga => {
+                "The genetic algorithm spent its budget before it stagnated: give a greater --budget.".into()
+            }
+            _ => "The search ended before it stood at a minimum.".to_string(),
+        });
+    }
+    let at_bound: Vec<&str> =
+        answer.parameters.iter().filter(|p| p.at_bound).map(|p| p.name.as_str()).collect();
+    if !at_bound.is_empty() {
+        all.push(format!("At a bound of the vehicle file: {}.", at_bound.join(", ")));
+    }
+    let coloured: Vec<&str> = answer
+        .outputs
+        .iter()
+        .filter(|(_, o)| o.whiteness.as_ref().is_some_and(|w| !w.white))
+        .map(|(n, _)| n.as_str())
+        .collect();
+    if !coloured.is_empty() {
+        all.push(format!(
+            "One-step residuals are not white ({}): something acts that the model does not have.",
+            coloured.join(", ")
+        ));
+    }
+    all.extend(disturbances(answer));
+    if !answer.standard_errors_hold {
+        let answered = if answer.closed_loop { " and the controller answers to it" } else { "" };
+        all.push(format!(
+            "The standard errors are not to be trusted: they do not know of what acted{answered}; parameters can be off \
+             by many of them where the vehicle is moved little otherwise."
+        ));
+    }
+    let mut pairs = Vec::new();
+    for (i, row) in answer.correlations.iter().enumerate() {
+        for (j, r) in row.iter().enumerate().take(i) {
+            if r.abs() > 0.98 {
+                pairs.push((r, &answer.parameters[j].name, &answer.parameters[i].name));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
+    if let Some((r, a, b)) = pairs.first() {
+        let more =
+            if pairs.len() > 1 { format!(" and {} more pairs", pairs.len() - 1) } else { String::new() };
+        all.push(format!("The data hardly tell {a} from {b} (correlation {r:.3}){more}."));
+    }
+    if answer.poles.iter().any(|p| p.re > 1e-6) {
+        all.push("The fitted model has an unstable pole.".into());
+    }
+    all
+}
+
+impl Identification {
+    /// The identification as text for a terminal, without colour.
+    pub fn text(&self) -> String {
+        let mut out = format!("{}\n\n", self.verdict);
+        let width = self.parameters.iter().map(|p| p.name.len()).chain([9]).max().unwrap_or(9);
+        out.push_str(&format!("{:width$}  {:>12}  {:>11}\n", "parameter", "value", "std error"));
+        for p in &self.parameters {
+            let error = p.standard_error.map_or("-".into(), number);
+            let note = if p.at_bound { "  at bound" } else { "" };
+            out.push_str(&format!(
+                "{:width$}  {:>12}  {error:>11}{note}\n",
+                p.name,
+                format!("{:.4}", p.value)
+            ));
+        }
+        for f in &self.fixed {
+            out.push_str(&format!(
+                "{:width$}  {:>12}  fixed: {}\n",
+                f.name,
+                format!("{:.4}", f.value),
+                f.why
+            ));
+        }
+        let names = self.outputs.keys().map(String::len).chain([6]).max().unwrap_or(6);
+        out.push_str(&format!(
+            "\n{:names$}  {:>9} {:>9}  {:>9} {:>9}  {:>12}  white\n",
+            "fit, %", "free run", "one step", "held out", "one step", "noise"
+        ));
+        let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.2}"));
+        for (name, o) in &self.outputs {
+            let (own, other) = (o.identification, o.control);
+            let white = o.whiteness.as_ref().map_or("-".into(), |w| {
+                if w.white { "yes".into() } else { format!("no ({:+.2})", w.greatest) }
+            });
+            out.push_str(&format!(
+                "{name:names$}  {:>9} {:>9}  {:>9} {:>9}  {:>12}  {white}\n",
+                percent(own.and_then(|q| q.free_run_fit)),
+                percent(own.and_then(|q| q.one_step_fit)),
+                percent(other.and_then(|q| q.free_run_fit)),
+                percent(other.and_then(|q| q.one_step_fit)),
+                shown(o.noise_std, &o.unit),
+            ));
+        }
+        let poles: Vec<String> = self
+            .poles
+            .iter()
+            .filter(|p| p.im >= 0.0)
+            .map(|p| if p.im > 0.0 { format!("{:.3}±{:.3}i", p.re, p.im) } else { format!("{:.3}", p.re) })
+            .collect();
+        out.push_str(&format!("\npoles   {}\n", poles.join("  ")));
+        let s = &self.search;
+        out.push_str(&format!(
+            "search  {} with {} residuals, {} iterations, {} evaluations, {:.2} s\n",
+            self.method.word(),
+            noise(self.noise),
+            s.iterations,
+            s.evaluations,
+            s.seconds
+        ));
+        for remark in &self.remarks {
+            out.push_str(&format!("note    {remark}\n"));
+        }
+        out
+    }
+}

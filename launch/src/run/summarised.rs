@@ -1,0 +1,102 @@
+//! A run with its figures, and whether they are as expected.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use whirlstand_evaluate::expectation::{CheckedExpectation, check};
+use whirlstand_evaluate::metrics::{NodeTiming, Timing, latency};
+use whirlstand_evaluate::{Run, RunSummary};
+
+use super::one::FinishedRun;
+use crate::file::Plan;
+use crate::supervisor::{Counts, Ending, HealthTable};
+
+/// A run with its figures.
+#[derive(Debug)]
+pub(super) struct Summarised {
+    /// Name of the variant, or of the bench.
+    pub name: String,
+    pub variant: Option<String>,
+    pub plan: Plan,
+    pub ending: Ending,
+    pub restarts: Vec<(String, u32)>,
+    pub wall_s: f64,
+    /// Steps that the plant did.
+    pub steps: u64,
+    pub timing: Timing,
+    pub figures: Option<RunSummary>,
+    /// The recorded run, for the report.
+    pub recorded: Option<Run>,
+    pub expect: Vec<CheckedExpectation>,
+    /// Problems other than broken expectations.
+    pub problems: Vec<String>,
+    pub log: Option<PathBuf>,
+}
+
+impl Summarised {
+    /// Whether every expectation held and nothing else went wrong.
+    pub fn holds(&self) -> bool {
+        self.problems.is_empty() && self.expect.iter().all(|v| v.holds)
+    }
+}
+
+/// Reads the log of a run and checks its figures against the expectations.
+pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) -> Summarised {
+    let name = variant.unwrap_or(&plan.name).to_string();
+    let mut problems: Vec<String> = ran.residue.into_iter().collect();
+    for node in &ran.outcome.killed_at_end {
+        problems.push(format!("{node} did not end when it was asked and had to be killed"));
+    }
+    let recorded = ran.log.as_deref().and_then(|log| match Run::open(log, &name, None) {
+        Ok(run) => Some(run),
+        Err(e) => {
+            problems.push(format!("the log cannot be read: {e}"));
+            None
+        }
+    });
+    let figures = recorded.as_ref().map(RunSummary::of);
+    let restarts: u64 = ran.outcome.restarts.iter().map(|(_, n)| u64::from(*n)).sum();
+    let mut timing = figures.as_ref().map_or_else(|| reported(&ran.outcome.health), |f| f.timing.clone());
+    // The launcher knows; from the log alone, a node that died before its first report leaves no trace.
+    timing.restarts = restarts;
+    let expect = match ran.outcome.ending {
+        // An unfinished run cannot show that anything holds.
+        Ending::Complete => check(&plan.expect, &timing, figures.as_ref()),
+        _ => Vec::new(),
+    };
+    let steps = ran.outcome.health.get("plant").map_or(0, |h| h.counts().steps);
+    Summarised {
+        name,
+        variant: variant.map(Into::into),
+        plan: plan.clone(),
+        ending: ran.outcome.ending,
+        restarts: ran.outcome.restarts,
+        wall_s: ran.outcome.wall.as_secs_f64(),
+        steps,
+        timing,
+        figures,
+        recorded,
+        expect,
+        problems,
+        log: ran.log,
+    }
+}
+
+/// Timing figures as the nodes reported them to the launcher.
+fn reported(health: &HealthTable) -> Timing {
+    let node = |counts: Counts| NodeTiming {
+        steps: counts.steps,
+        deadline_misses: counts.deadline_misses,
+        lost: counts.lost,
+        rejected: counts.rejected,
+        restarts: 0,
+        latency: latency(&counts.latency, counts.latency_max_ns),
+    };
+    let nodes: BTreeMap<_, _> = health.iter().map(|(name, h)| (name.to_string(), node(h.counts()))).collect();
+    Timing {
+        deadline_misses: nodes.get("plant").map_or(0, |p| p.deadline_misses),
+        lost: nodes.values().map(|n| n.lost).sum(),
+        nodes,
+        ..Timing::default()
+    }
+}

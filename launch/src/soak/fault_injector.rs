@@ -1,0 +1,254 @@
+//! Injects faults into nodes at random times and watches how the bench takes it.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use rustix::process::{Pid, Signal, kill_process};
+use serde::Serialize;
+use whirlstand_bus::{Bus, OpenError, Subscriber};
+use whirlstand_msgs::{Truth, flags};
+use whirlstand_nodes::config::NodeConfig;
+use whirlstand_vehicle::Stream;
+
+use crate::supervisor::{Continuation, Ending, Event, HealthTable, Observer};
+
+/// Commands in time, one after the other, that make a recovery.
+pub(super) const CALM_STEPS: u64 = 50;
+
+/// Longest time from a fault to the recovery; a longer one counts as a hang.
+const HANG: Duration = Duration::from_secs(30);
+
+/// Time between a recovery and the next fault.
+const REST_S: (f64, f64) = (0.05, 0.8);
+
+/// Queue for the plant's truth, between two looks of the launcher.
+const TRUTH_DEPTH: usize = 1024;
+
+/// What is done to a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum FaultKind {
+    /// SIGKILL.
+    Kill,
+    /// SIGSTOP, and SIGCONT after this time.
+    Stop(Duration),
+}
+
+/// One fault and its consequences.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct InjectedFault {
+    /// Name of the node.
+    pub node: String,
+    /// Wall-clock time of the run, s.
+    pub at_s: f64,
+    /// From the fault until the node was ready again, s; null for one that was not started again.
+    pub restart_s: Option<f64>,
+    /// From the fault (a stop: from its end) until the loop had recovered, s; null when it did not.
+    pub recovery_s: Option<f64>,
+    /// Steps that held an old command before the failsafe; null when the failsafe was not needed.
+    pub held_before_failsafe: Option<u64>,
+    /// What went wrong; `None` when the bench recovered.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub problem: Option<String>,
+}
+
+enum Phase {
+    /// The bench recovers from its start, or from a fault.
+    Recovering { since: Instant },
+    /// The bench flies; the next fault comes at this time.
+    Resting { until: Instant },
+    /// A node is stopped until this time.
+    Stopped { until: Instant, pid: u32 },
+    /// All faults are done, or one was not survived.
+    Done,
+}
+
+/// Observes a run and injects faults into its nodes.
+pub(super) struct FaultInjector {
+    kind: FaultKind,
+    misses_to_failsafe: u64,
+    random: Stream,
+    /// Nodes that faults are still to come to, in random order, the next one last.
+    to_do: Vec<String>,
+    pids: BTreeMap<String, u32>,
+    truth: Option<Subscriber<Truth>>,
+    phase: Phase,
+    started: Instant,
+    /// Steps in a row that applied a command in time, and that held an old one.
+    calm: u64,
+    held: u64,
+    ready_again: bool,
+    bar: ProgressBar,
+    pub faults: Vec<InjectedFault>,
+}
+
+impl FaultInjector {
+    pub fn new(config: &NodeConfig, nodes: &[String], kind: FaultKind, rounds: u32, seed: u64) -> Self {
+        let mut random = Stream::new(seed, "soak");
+        let mut to_do: Vec<String> = (0..rounds).flat_map(|_| nodes.iter().cloned()).collect();
+        // Fisher-Yates.
+        for i in (1..to_do.len()).rev() {
+            to_do.swap(i, (random.uniform() * (i + 1) as f64) as usize);
+        }
+        let bar = ProgressBar::new(to_do.len() as u64);
+        let style = ProgressStyle::with_template("{bar:24.cyan/dim} {pos}/{len} faults  {elapsed}  {msg}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        let now = Instant::now();
+        Self {
+            kind,
+            misses_to_failsafe: config.plant.misses_to_failsafe.into(),
+            random,
+            to_do,
+            pids: BTreeMap::new(),
+            truth: None,
+            phase: Phase::Recovering { since: now },
+            started: now,
+            calm: 0,
+            held: 0,
+            ready_again: true,
+            bar,
+            faults: Vec::new(),
+        }
+    }
+
+    /// Takes in what the plant has applied since the last look.
+    fn hear(&mut self) {
+        let Some(truth) = &mut self.truth else { return };
+        while let Ok(Some(step)) = truth.try_recv() {
+            let failsafe = step.flags & flags::FAILSAFE != 0;
+            if !failsafe && step.flags & flags::HELD == 0 {
+                self.calm += 1;
+                self.held = 0;
+                continue;
+            }
+            self.calm = 0;
+            if !failsafe {
+                self.held += 1;
+                continue;
+            }
+            if let Some(fault) = self.faults.last_mut().filter(|f| f.held_before_failsafe.is_none()) {
+                fault.held_before_failsafe = Some(self.held);
+                if self.held > self.misses_to_failsafe {
+                    let (held, allowed) = (self.held, self.misses_to_failsafe);
+                    fault.problem = Some(format!(
+                        "{held} steps held an old command before the failsafe, {allowed} are allowed"
+                    ));
+                }
+            }
+        }
+    }
+
+    fn inject(&mut self, now: Instant) {
+        let Some(node) = self.to_do.pop() else {
+            self.phase = Phase::Done;
+            return;
+        };
+        let Some(pid) = self.pids.get(&node).copied() else { return };
+        self.calm = 0;
+        self.held = 0;
+        self.bar.set_message(node.clone());
+        self.faults.push(InjectedFault {
+            node,
+            at_s: now.duration_since(self.started).as_secs_f64(),
+            restart_s: None,
+            recovery_s: None,
+            held_before_failsafe: None,
+            problem: None,
+        });
+        match self.kind {
+            FaultKind::Kill => {
+                self.ready_again = false;
+                send(pid, Signal::KILL);
+                self.phase = Phase::Recovering { since: now };
+            }
+            FaultKind::Stop(length) => {
+                send(pid, Signal::STOP);
+                self.phase = Phase::Stopped { until: now + length, pid };
+            }
+        }
+    }
+
+    fn check_recovery(&mut self, now: Instant, since: Instant) {
+        if self.calm >= CALM_STEPS && self.ready_again {
+            if let Some(fault) = self.faults.last_mut() {
+                fault.recovery_s = Some(now.duration_since(since).as_secs_f64());
+                self.bar.inc(1);
+            }
+            let rest = REST_S.0 + (REST_S.1 - REST_S.0) * self.random.uniform();
+            self.phase = Phase::Resting { until: now + Duration::from_secs_f64(rest) };
+        } else if now.duration_since(since) > HANG {
+            if let Some(fault) = self.faults.last_mut() {
+                fault.problem = Some(format!("the loop had not recovered after {} s", HANG.as_secs()));
+            }
+            self.phase = Phase::Done;
+        }
+    }
+
+    /// Faults that were to come but did not.
+    pub fn left(&self) -> usize {
+        self.to_do.len()
+    }
+}
+
+/// A process that has just gone by itself needs no signal.
+fn send(pid: u32, signal: Signal) {
+    if let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) {
+        let _ = kill_process(pid, signal);
+    }
+}
+
+impl Observer for FaultInjector {
+    fn line(&mut self, node: &str, line: &str) {
+        self.bar.suspend(|| anstream::eprintln!("[{node}] {line}"));
+    }
+
+    fn event(&mut self, event: &Event) {
+        match event {
+            Event::Ready { node, pid } => {
+                self.pids.insert(node.clone(), *pid);
+                let at = self.started.elapsed().as_secs_f64();
+                if let Some(fault) = self.faults.last_mut().filter(|f| f.node == *node && !self.ready_again) {
+                    fault.restart_s = Some(at - fault.at_s);
+                    self.ready_again = true;
+                }
+            }
+            Event::Restarted { node, .. } => {
+                // A node that was stopped for longer than its Health may be silent is killed and comes back.
+                self.ready_again = false;
+                self.pids.remove(node);
+            }
+            Event::Ending(Ending::Failed(failure)) => {
+                if let Some(fault) = self.faults.last_mut() {
+                    fault.problem = Some(format!("{} {}", failure.node, failure.how));
+                }
+                self.phase = Phase::Done;
+            }
+            _ => {}
+        }
+    }
+
+    fn tick(&mut self, now: Instant, _: &HealthTable) -> Continuation {
+        self.hear();
+        match self.phase {
+            Phase::Recovering { since } => self.check_recovery(now, since),
+            Phase::Resting { until } if now >= until => self.inject(now),
+            Phase::Resting { .. } => {}
+            Phase::Stopped { until, pid } if now >= until => {
+                send(pid, Signal::CONT);
+                self.calm = 0;
+                self.phase = Phase::Recovering { since: now };
+            }
+            Phase::Stopped { .. } => {}
+            Phase::Done => {
+                self.bar.finish_and_clear();
+                return Continuation::End;
+            }
+        }
+        Continuation::GoOn
+    }
+
+    fn opened(&mut self, bus: &Bus) -> Result<(), OpenError> {
+        self.truth = Some(bus.subscriber(TRUTH_DEPTH)?);
+        Ok(())
+    }
+}

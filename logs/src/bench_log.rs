@@ -1,0 +1,145 @@
+//! The messages of a bench's log, each as its own type: which topics a bench records, in one list, and how they are read.
+
+use whirlstand_msgs::{
+    Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Setpoint, Truth, valid,
+};
+
+use crate::log::Log;
+use crate::read_error::ReadError;
+use crate::stream::{LogStream, RawMessage};
+
+/// Hands the topics that carry the loop, and so are recorded, to another macro: a field's name and the message's type.
+///
+/// They stand in the order in which a recorder looks at them: truth first, because what it has reached bounds how much
+/// of the others can be waiting. [`Health`] is recorded as well; it is about nodes, not about the loop.
+#[macro_export]
+macro_rules! loop_topics {
+    ($to:ident) => {
+        $to! {
+            truth: Truth,
+            disturbance: Disturbance,
+            odometry: Odometry,
+            imu: Imu,
+            estimate: Estimate,
+            command: Command,
+            setpoint: Setpoint,
+        }
+    };
+}
+
+macro_rules! bench_message {
+    ($($name:ident: $message:ident),* $(,)?) => {
+        /// A message of a bench's log.
+        #[derive(Debug, Clone, Copy)]
+        #[expect(missing_docs, reason = "each holds the message of its name")]
+        pub enum BenchMessage {
+            $($message($message),)*
+            Health(Health),
+        }
+
+        impl BenchMessage {
+            /// The message as its type; `None` when no bench records its topic.
+            fn decode(raw: &RawMessage<'_>) -> Result<Option<Self>, ReadError> {
+                Ok(match raw.topic.name.strip_prefix('/') {
+                    $(Some($message::TOPIC) => Some(Self::$message(raw.decode()?)),)*
+                    Some(Health::TOPIC) => Some(Self::Health(raw.decode()?)),
+                    _ => None,
+                })
+            }
+        }
+    };
+}
+
+loop_topics!(bench_message);
+
+/// The recorded messages of a bench's log, in file order.
+pub struct BenchMessages {
+    stream: LogStream,
+}
+
+impl Log {
+    /// The messages that a bench records, in file order, one at a time.
+    ///
+    /// # Errors
+    /// [`ReadError::Io`] when the file has gone since.
+    pub fn bench_messages(&self) -> Result<BenchMessages, ReadError> {
+        Ok(BenchMessages { stream: self.stream()? })
+    }
+}
+
+impl Iterator for BenchMessages {
+    type Item = Result<BenchMessage, ReadError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let raw = match self.stream.next() {
+                Ok(raw) => raw?,
+                Err(error) => return Some(Err(error)),
+            };
+            match BenchMessage::decode(&raw) {
+                Ok(None) => {}
+                Ok(Some(message)) => return Some(Ok(message)),
+                Err(error) => return Some(Err(error)),
+            }
+        }
+    }
+}
+
+/// The states that a setpoint asks for, SI; NaN where one is not tracked.
+pub fn wanted(setpoint: &Setpoint) -> Vec<f64> {
+    let tracked = |i: usize| i < 64 && setpoint.tracked >> i & 1 == 1;
+    setpoint.x.iter().enumerate().map(|(i, x)| if tracked(i) { *x } else { f64::NAN }).collect()
+}
+
+/// Where an output of the vehicle stands in the messages of its sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SensorField {
+    /// Topic of the sensor's messages.
+    pub topic: &'static str,
+    /// Offset of the value in the message, bytes.
+    offset: usize,
+    /// Offset of `valid`, bytes.
+    valid_offset: usize,
+    valid_bit: u32,
+}
+
+impl SensorField {
+    /// Finds an output by its name among the fields of the sensor messages.
+    pub fn of(output: &str) -> Option<Self> {
+        fn within<M: Message>(output: &str) -> Option<SensorField> {
+            let values: Vec<_> = M::FIELDS.iter().filter(|f| f.kind == "f64").collect();
+            let index = values.iter().position(|f| f.name == output)?;
+            let valid_offset = M::FIELDS.iter().find(|f| f.name == "valid")?.offset;
+            // Both sensor messages have two groups of equal size.
+            let valid_bit = if 2 * index < values.len() { valid::FIRST } else { valid::SECOND };
+            Some(SensorField { topic: M::TOPIC, offset: values[index].offset, valid_offset, valid_bit })
+        }
+        within::<Imu>(output).or_else(|| within::<Odometry>(output))
+    }
+
+    /// The value in a message of the field's topic, SI; NaN when it is not fresh.
+    pub fn read<M: Message>(&self, message: &M) -> f64 {
+        let bytes = bytemuck::bytes_of(message);
+        let valid: u32 = bytemuck::pod_read_unaligned(&bytes[self.valid_offset..self.valid_offset + 4]);
+        if valid & self.valid_bit == 0 {
+            return f64::NAN;
+        }
+        bytemuck::pod_read_unaligned(&bytes[self.offset..self.offset + 8])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_output_is_read_where_its_sensor_says_that_it_is_fresh() {
+        let imu = Imu { roll: 0.1, pitch_rate: 0.2, valid: valid::FIRST, ..Imu::zeroed() };
+        let field = |name: &str| SensorField::of(name).unwrap();
+        assert_eq!(field("roll").topic, Imu::TOPIC);
+        assert_eq!(field("roll").read(&imu), 0.1);
+        assert!(field("pitch_rate").read(&imu).is_nan());
+        assert_eq!(field("lateral_speed").topic, Odometry::TOPIC);
+        assert_eq!(SensorField::of("temperature"), None);
+    }
+}

@@ -1,0 +1,257 @@
+//! The frames of a log one after the other, and the places where there are none.
+//!
+//! Most frames store only the difference to the frames before them, and there is no check sum: a frame counts only if
+//! another letter of a frame follows where it ends and its time goes on from the one before. After a damaged one, frames
+//! of differences mean nothing until the next frame that stands for itself.
+
+use super::encoding::{Broken, Bytes};
+use super::header::{Frame, Header, Predictor, Storage};
+
+/// Letters with which frames begin.
+const LETTERS: &[u8] = b"IPSGHE";
+
+/// The longest step from a frame to the next that is believed, us: the same as in Betaflight's own tools.
+const LONGEST_STEP: u32 = 10_000_000;
+
+/// What the frames tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// What is logged with every iteration.
+    Main,
+    /// What seldom changes.
+    Slow,
+    /// The satellite receiver.
+    Gps,
+}
+
+/// How a log was read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Reading {
+    /// It has the mark of its end.
+    pub ended: bool,
+    /// Stretches of bytes that are no frames, but for one at the end.
+    pub places: u64,
+    /// How many bytes they are.
+    pub bytes: u64,
+    /// Where the first is, from the beginning of the log.
+    pub first: usize,
+}
+
+/// Reads the frames of a log.
+struct Frames<'a> {
+    header: &'a Header,
+    data: &'a [u8],
+    /// The two main frames before, the last first. Empty after damage.
+    before: Option<[Vec<i64>; 2]>,
+    /// Time of the last main frame, us.
+    time: Option<u64>,
+    /// A time that did not fit, as it was stored: of a main frame, or of the logger's return.
+    doubtful: Option<u32>,
+    /// The place of arming.
+    home: Vec<i64>,
+}
+
+/// What a frame was.
+enum Found {
+    /// Numbers at a time in us.
+    Row(Kind, u64, Vec<i64>),
+    /// Nothing to tell.
+    Nothing,
+    /// The mark of the end.
+    End,
+}
+
+/// Reads all frames behind the header. `visit` gets the kind, the time in us and the numbers of each.
+pub(super) fn read(header: &Header, data: &[u8], visit: &mut dyn FnMut(Kind, u64, &[i64])) -> Reading {
+    let mut frames = Frames { header, data, before: None, time: None, doubtful: None, home: Vec::new() };
+    let mut reading = Reading::default();
+    let mut open: Option<usize> = None;
+    let mut at = header.end;
+    while at < data.len() {
+        let Ok((found, next)) = frames.frame(at, open.is_some()) else {
+            open.get_or_insert(at);
+            frames.before = None;
+            at += 1;
+            continue;
+        };
+        if let Some(from) = open.take() {
+            if reading.places == 0 {
+                reading.first = from;
+            }
+            reading.places += 1;
+            reading.bytes += (at - from) as u64;
+        }
+        at = next;
+        match found {
+            Found::Row(kind, time, values) => visit(kind, time, &values),
+            Found::Nothing => {}
+            Found::End => {
+                reading.ended = true;
+                break;
+            }
+        }
+    }
+    reading
+}
+
+impl Frames<'_> {
+    /// The frame at a place, and where it ends. Where frames are `lost`, only one that stands for itself, or the end, is
+    /// taken for one.
+    fn frame(&mut self, at: usize, lost: bool) -> Result<(Found, usize), Broken> {
+        let mut bytes = Bytes::new(self.data, at);
+        let letter = bytes.byte()?;
+        if !LETTERS.contains(&letter) || (lost && !matches!(letter, b'I' | b'E')) {
+            return Err(Broken);
+        }
+        let header = self.header;
+        let row = match letter {
+            b'I' => self.values(&mut bytes, &header.main, &header.main.whole, self.before.as_ref())?,
+            b'P' if self.before.is_some() => {
+                self.values(&mut bytes, &header.main, &header.main.difference, self.before.as_ref())?
+            }
+            b'S' => self.values(&mut bytes, &header.slow, &header.slow.whole, None)?,
+            b'G' => self.values(&mut bytes, &header.gps, &header.gps.whole, None)?,
+            b'H' => self.values(&mut bytes, &header.home, &header.home.whole, None)?,
+            b'E' => return self.event(bytes, lost),
+            _ => return Err(Broken),
+        };
+        self.is_followed(&bytes)?;
+        Ok((self.taken(letter, row)?, bytes.at))
+    }
+
+    /// Whether a frame or nothing follows.
+    fn is_followed(&self, bytes: &Bytes<'_>) -> Result<(), Broken> {
+        let fits = self.data.get(bytes.at).is_none_or(|next| LETTERS.contains(next));
+        if fits { Ok(()) } else { Err(Broken) }
+    }
+
+    /// Takes the numbers of a frame.
+    fn taken(&mut self, letter: u8, row: Vec<i64>) -> Result<Found, Broken> {
+        Ok(match (letter, self.time) {
+            (b'S', Some(time)) => Found::Row(Kind::Slow, time, row),
+            (b'G', Some(time)) => self.satellites(time, row)?,
+            (b'H', _) => {
+                self.home = row;
+                Found::Nothing
+            }
+            (b'S' | b'G', None) => Found::Nothing,
+            _ => {
+                let time = self.main_time(row[self.header.time] as u32, letter == b'I').ok_or(Broken)?;
+                self.time = Some(time);
+                self.doubtful = None;
+                // A frame that stands for itself is also the one before it to the next.
+                let last = match self.before.take() {
+                    Some([last, _]) if letter == b'P' => last,
+                    _ => row.clone(),
+                };
+                self.before = Some([row.clone(), last]);
+                Found::Row(Kind::Main, time, row)
+            }
+        })
+    }
+
+    /// Takes the numbers of a frame of the satellite receiver, after a main frame at `time` us.
+    fn satellites(&self, time: u64, row: Vec<i64>) -> Result<Found, Broken> {
+        let frame = &self.header.gps;
+        let needs_home = frame.whole.predictors.iter().any(|p| matches!(p, Predictor::Home(_)));
+        if needs_home && self.home.is_empty() {
+            return Ok(Found::Nothing);
+        }
+        let since = match frame.names.iter().position(|name| name == "time") {
+            Some(at) => (row[at] as u32).wrapping_sub(time as u32),
+            None => 0,
+        };
+        if since > LONGEST_STEP {
+            return Err(Broken);
+        }
+        Ok(Found::Row(Kind::Gps, time + u64::from(since), row))
+    }
+
+    /// The time of a main frame, counted on where its 32 bits begin anew; `None` if it cannot be.
+    fn main_time(&mut self, stored: u32, whole: bool) -> Option<u64> {
+        let Some(last) = self.time else { return Some(stored.into()) };
+        let step = stored.wrapping_sub(last as u32);
+        if step <= LONGEST_STEP {
+            return Some(last + u64::from(step));
+        }
+        // Two that fit each other outweigh the one before them, and the logger may have been off, or that one damaged.
+        let confirmed = self.doubtful.is_some_and(|first| stored.wrapping_sub(first) <= LONGEST_STEP);
+        if whole && confirmed {
+            return Some(last.saturating_add_signed(i64::from(step as i32)));
+        }
+        if whole {
+            self.doubtful = Some(stored);
+        }
+        None
+    }
+
+    fn event(&mut self, mut bytes: Bytes<'_>, lost: bool) -> Result<(Found, usize), Broken> {
+        match bytes.byte()? {
+            255 => {
+                bytes.text(b"End of log")?;
+                return Ok((Found::End, bytes.at));
+            }
+            _ if lost => return Err(Broken),
+            // A beep, disarming, a failure of the sensors.
+            0 | 15 | 40 => {
+                bytes.unsigned()?;
+            }
+            // A setting was changed in flight.
+            13 => {
+                if bytes.byte()? & 0x80 == 0 {
+                    bytes.signed()?;
+                } else {
+                    (0..4).try_for_each(|_| bytes.byte().map(|_| ()))?;
+                }
+            }
+            // The logger was off for a while: its iteration and time.
+            14 => {
+                bytes.unsigned()?;
+                let stored = bytes.unsigned()?;
+                self.is_followed(&bytes)?;
+                // The frame that follows will fit it, or it is damaged.
+                self.doubtful = Some(stored);
+                self.before = None;
+                return Ok((Found::Nothing, bytes.at));
+            }
+            // The flight mode, and the one before.
+            30 => {
+                bytes.unsigned()?;
+                bytes.unsigned()?;
+            }
+            _ => return Err(Broken),
+        }
+        self.is_followed(&bytes)?;
+        Ok((Found::Nothing, bytes.at))
+    }
+
+    /// The numbers of a frame, with the two of its kind before it.
+    fn values(
+        &self,
+        bytes: &mut Bytes<'_>,
+        frame: &Frame,
+        storage: &Storage,
+        before: Option<&[Vec<i64>; 2]>,
+    ) -> Result<Vec<i64>, Broken> {
+        let mut values: Vec<i64> = Vec::with_capacity(frame.names.len());
+        for (encoding, count) in &storage.groups {
+            for stored in &bytes.group(*encoding, *count)?[..*count] {
+                let at = values.len();
+                let (last, last_but_one) = before.map_or((0, 0), |[last, first]| (last[at], first[at]));
+                let expected = match storage.predictors[at] {
+                    Predictor::Constant(number) => number,
+                    Predictor::Previous => last,
+                    Predictor::StraightLine => 2 * last - last_but_one,
+                    Predictor::Mean => (last + last_but_one) / 2,
+                    Predictor::Increment => last + 1,
+                    Predictor::Field(field) => values[field],
+                    Predictor::Home(coordinate) => self.home.get(coordinate).copied().unwrap_or(0),
+                    Predictor::MainTime => self.time.unwrap_or(0) as i64,
+                };
+                let sum = expected.wrapping_add(i64::from(*stored));
+                values.push(if frame.signed[at] { i64::from(sum as i32) } else { i64::from(sum as u32) });
+            }
+        }
+        if values.is_empty() { Err(Broken) } else { Ok(values) }
+    }
+}

@@ -1,0 +1,228 @@
+//! The header of a log: which fields its frames have, how they are stored, and the settings that the numbers refer to.
+
+use std::collections::HashMap;
+
+use super::encoding::Encoding;
+
+/// More fields than any frame has; keeps a damaged header from asking for more.
+const MOST_FIELDS: usize = 128;
+
+/// Longer than any line of a header, bytes.
+const LONGEST_LINE: usize = 8192;
+
+/// The version of the format that can be read: all since 2015 have it.
+const VERSION: &str = "2";
+
+/// What a stored number is the difference to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Predictor {
+    /// A number that is the same in all frames.
+    Constant(i64),
+    /// The number in the frame before.
+    Previous,
+    /// The two frames before go on in a straight line.
+    StraightLine,
+    /// The mean of the two frames before.
+    Mean,
+    /// One more than in the frame before.
+    Increment,
+    /// A field of the same frame.
+    Field(usize),
+    /// A coordinate of the place of arming.
+    Home(usize),
+    /// Time of the last main frame.
+    MainTime,
+}
+
+/// Fields of one kind of frame.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Frame {
+    /// Their names.
+    pub names: Vec<String>,
+    /// Whether they are signed.
+    pub signed: Vec<bool>,
+    /// How they are stored in a frame that stands for itself.
+    pub whole: Storage,
+    /// How they are stored in a frame that builds on those before it.
+    pub difference: Storage,
+}
+
+/// How the fields of a frame are stored.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Storage {
+    /// By field.
+    pub predictors: Vec<Predictor>,
+    /// Groups of fields in a row, with how many they are.
+    pub groups: Vec<(Encoding, usize)>,
+}
+
+/// The header of a log.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Header {
+    /// Frames of every iteration that is logged.
+    pub main: Frame,
+    /// Place of the time in them.
+    pub time: usize,
+    /// Frames of what seldom changes.
+    pub slow: Frame,
+    /// Frames of the satellite receiver.
+    pub gps: Frame,
+    /// Frames with the place of arming.
+    pub home: Frame,
+    /// All lines by name.
+    lines: HashMap<String, String>,
+    /// Where the frames begin.
+    pub end: usize,
+}
+
+impl Header {
+    /// Reads the header at the beginning of a log.
+    ///
+    /// # Errors
+    /// What is wrong with it, as the end of a sentence.
+    pub fn parse(data: &[u8]) -> Result<Self, String> {
+        let (lines, end) = lines(data);
+        match lines.get("Data version").map(String::as_str) {
+            Some(VERSION) => {}
+            Some(other) => {
+                return Err(format!("its format has version {other}, and only {VERSION} can be read"));
+            }
+            None => return Err("its header does not state the version of the format".into()),
+        }
+        let main = frame(&lines, "I", "P")?;
+        let Some(time) = main.names.iter().position(|name| name == "time") else {
+            return Err("its main frames have no time".into());
+        };
+        let optional = |kind| {
+            if lines.contains_key(&key(kind, "name")) {
+                frame(&lines, kind, kind)
+            } else {
+                Ok(Frame::default())
+            }
+        };
+        Ok(Self { time, slow: optional("S")?, gps: optional("G")?, home: optional("H")?, main, end, lines })
+    }
+
+    /// A line of the header.
+    pub fn line(&self, name: &str) -> Option<&str> {
+        self.lines.get(name).map(String::as_str)
+    }
+
+    /// A number in the header.
+    pub fn number(&self, name: &str) -> Option<f64> {
+        self.line(name)?.trim().parse().ok().filter(|number: &f64| number.is_finite())
+    }
+}
+
+/// The lines `H name:value`, and where they end. A line that is damaged but still text is passed over.
+fn lines(data: &[u8]) -> (HashMap<String, String>, usize) {
+    let mut lines = HashMap::new();
+    let mut at = 0;
+    while let Some(rest) = data.get(at..).filter(|rest| !rest.is_empty()) {
+        let Some(length) = rest.iter().take(LONGEST_LINE).position(|b| *b == b'\n') else { break };
+        let text =
+            std::str::from_utf8(&rest[..length]).ok().filter(|text| !text.contains(|c: char| c.is_control()));
+        let line = text.and_then(|text| text.strip_prefix("H ")?.split_once(':'));
+        if let Some((name, value)) = line {
+            lines.insert(name.to_string(), value.to_string());
+        } else if !rest[length + 1..].starts_with(b"H ") {
+            break;
+        }
+        at += length + 1;
+    }
+    (lines, at)
+}
+
+fn key(kind: &str, property: &str) -> String {
+    format!("Field {kind} {property}")
+}
+
+/// The fields of the frames `whole`, and how they are stored there and in the frames `difference`.
+fn frame(lines: &HashMap<String, String>, whole: &str, difference: &str) -> Result<Frame, String> {
+    let list = |kind: &str, property: &str| {
+        let key = key(kind, property);
+        let line = lines.get(&key).ok_or_else(|| format!("its header has no line '{key}'"))?;
+        Ok::<Vec<&str>, String>(line.split(',').map(str::trim).collect())
+    };
+    let names: Vec<String> = list(whole, "name")?.into_iter().map(String::from).collect();
+    if names.len() > MOST_FIELDS {
+        return Err(format!(
+            "its header has {} fields in '{}', and at most {MOST_FIELDS} can be",
+            names.len(),
+            key(whole, "name")
+        ));
+    }
+    let same = |kind: &str, property: &str| {
+        let list = list(kind, property)?;
+        if list.len() == names.len() {
+            return Ok(list);
+        }
+        Err(format!("its header has {} fields but {} in '{}'", names.len(), list.len(), key(kind, property)))
+    };
+    let storage = |kind: &str| {
+        let predictors = predictors(lines, &names, &same(kind, "predictor")?)
+            .map_err(|reason| format!("'{}' of its header: {reason}", key(kind, "predictor")))?;
+        let groups = groups(&same(kind, "encoding")?)
+            .map_err(|reason| format!("'{}' of its header: {reason}", key(kind, "encoding")))?;
+        Ok::<Storage, String>(Storage { predictors, groups })
+    };
+    let signed = same(whole, "signed")?.into_iter().map(|sign| sign != "0").collect();
+    let (whole, difference) = (storage(whole)?, storage(difference)?);
+    Ok(Frame { signed, whole, difference, names })
+}
+
+fn predictors(
+    lines: &HashMap<String, String>,
+    names: &[String],
+    numbers: &[&str],
+) -> Result<Vec<Predictor>, String> {
+    let setting = |name: &str| {
+        let first = lines.get(name).and_then(|value| value.split(',').next());
+        let value = first.and_then(|value| value.trim().parse::<i32>().ok());
+        value
+            .map(|value| Predictor::Constant(value.into()))
+            .ok_or_else(|| format!("it refers to '{name}', which the header does not have"))
+    };
+    let motor = names.iter().position(|name| name == "motor[0]");
+    let mut homes = 0;
+    let predictor = |(at, number): (usize, &&str)| {
+        Ok(match *number {
+            "0" => Predictor::Constant(0),
+            "1" => Predictor::Previous,
+            "2" => Predictor::StraightLine,
+            "3" => Predictor::Mean,
+            "4" => setting("minthrottle")?,
+            "5" => match motor {
+                Some(motor) if motor < at => Predictor::Field(motor),
+                _ => return Err("it refers to motor[0], which is not before it".into()),
+            },
+            "6" => Predictor::Increment,
+            "7" => {
+                homes += 1;
+                // Latitude and longitude take turns.
+                Predictor::Home((homes - 1) % 2)
+            }
+            "8" => Predictor::Constant(1500),
+            "9" => setting("vbatref")?,
+            "10" => Predictor::MainTime,
+            "11" => setting("motorOutput")?,
+            other => return Err(format!("'{other}' is not a known number")),
+        })
+    };
+    numbers.iter().enumerate().map(predictor).collect()
+}
+
+fn groups(numbers: &[&str]) -> Result<Vec<(Encoding, usize)>, String> {
+    let parsed =
+        numbers.iter().map(|n| Encoding::parse(n).ok_or_else(|| format!("'{n}' is not a known number")));
+    let encodings = parsed.collect::<Result<Vec<_>, _>>()?;
+    let mut groups = Vec::new();
+    let mut at = 0;
+    while let Some(encoding) = encodings.get(at) {
+        let alike = encodings[at..].iter().take_while(|e| *e == encoding).count();
+        let count = encoding.group(alike, encodings.len() - at);
+        groups.push((*encoding, count));
+        at += count;
+    }
+    Ok(groups)
+}

@@ -1,0 +1,61 @@
+//! What stands in the way of reading an MCAP log.
+
+use std::path::PathBuf;
+
+/// Why an MCAP log cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// A file cannot be opened or read.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file is not MCAP.
+    #[error("{path} is not an MCAP file: it does not begin with the MCAP magic")]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Messages of another version of the program, or of another program.
+    #[error(
+        "{topic} holds {found}, expected {expected} of message version {}; a log of another version is read with the program that wrote it",
+        whirlstand_msgs::VERSION
+    )]
+    Schema {
+        /// The topic.
+        topic: String,
+        /// Type in the log, and what is different about it.
+        found: String,
+        /// Type in this program.
+        expected: &'static str,
+    },
+    /// A message is not as long as its type.
+    #[error("{topic}: a message of {found} bytes cannot be {expected}, which has {length} bytes")]
+    Length {
+        /// The topic.
+        topic: String,
+        /// Its length, bytes.
+        found: usize,
+        /// Type in this program.
+        expected: &'static str,
+        /// Length of the type, bytes.
+        length: usize,
+    },
+    /// The log says something about its bench that cannot be understood.
+    #[error("{path}: the bench's description is damaged: {reason}")]
+    BenchInfo {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// There is nothing to read.
+    #[error("{path} is a folder without a log.mcap in it")]
+    NoLog {
+        /// The folder.
+        path: PathBuf,
+    },
+}

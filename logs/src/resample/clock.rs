@@ -1,0 +1,99 @@
+//! An even clock: where the points of a resampled signal are.
+
+use std::ops::Range;
+
+use crate::record::RecordError;
+use crate::sampling::median_interval;
+use crate::series::Series;
+
+/// Times so close to a sample's are the sample's, in periods of the clock.
+pub(super) const TOLERANCE: f64 = 1e-6;
+
+/// An even clock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clock {
+    /// First point, s.
+    pub start: f64,
+    /// Distance of points, s.
+    pub period: f64,
+    /// Number of points.
+    pub points: usize,
+}
+
+/// Why there is no common clock.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ClockError {
+    /// The period is not a positive number.
+    #[error("a clock needs a positive period")]
+    Period,
+    /// There is no time that all signals cover, or too little to sample.
+    #[error("the signals have no time in common: {0}")]
+    NoOverlap(String),
+    /// More points than memory should be spent on.
+    #[error("{0} points are too many: choose a longer period or a shorter part of the log")]
+    TooMany(String),
+    /// The result is not a record.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+}
+
+/// More points than any log that fits in memory.
+const MOST_POINTS: f64 = 1e9;
+
+impl Clock {
+    /// The clock from `start` to `end`.
+    ///
+    /// # Errors
+    /// [`ClockError::Period`] and [`ClockError::TooMany`].
+    pub fn over(start: f64, end: f64, period: f64) -> Result<Self, ClockError> {
+        if !(period > 0.0 && period.is_finite() && start.is_finite() && end.is_finite()) {
+            return Err(ClockError::Period);
+        }
+        let points = ((end - start) / period + TOLERANCE).floor() + 1.0;
+        if points > MOST_POINTS {
+            return Err(ClockError::TooMany(format!("{points:.0}")));
+        }
+        Ok(Self { start, period, points: points.max(0.0) as usize })
+    }
+
+    /// The clock of `period` over the time that all series have in common; without a period, that of the fastest.
+    ///
+    /// # Errors
+    /// [`ClockError`].
+    pub fn common(series: &[Series], period: Option<f64>) -> Result<Self, ClockError> {
+        let ends = |s: &Series| Some((*s.time().first()?, *s.time().last()?));
+        let spans: Vec<(f64, f64)> = series.iter().filter_map(ends).collect();
+        let start = spans.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
+        let end = spans.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
+        let fastest = series.iter().filter_map(|s| median_interval(s.time())).fold(f64::INFINITY, f64::min);
+        if spans.len() < series.len() || spans.is_empty() || start >= end {
+            let told: Vec<String> = series
+                .iter()
+                .map(|s| match ends(s) {
+                    Some((from, to)) => format!("{} from {from} s to {to} s", s.name),
+                    None => format!("{} has no sample", s.name),
+                })
+                .collect();
+            return Err(ClockError::NoOverlap(told.join(", ")));
+        }
+        Self::over(start, end, period.unwrap_or(fastest))
+    }
+
+    /// Time of a point.
+    pub fn at(&self, point: usize) -> f64 {
+        self.start + self.period * point as f64
+    }
+
+    /// All points.
+    pub fn times(&self) -> Vec<f64> {
+        (0..self.points).map(|k| self.at(k)).collect()
+    }
+
+    /// The points in a span of time.
+    pub(super) fn within(&self, from: f64, to: f64) -> Range<usize> {
+        let first = ((from - self.start) / self.period - TOLERANCE).ceil().max(0.0) as usize;
+        let end = ((to - self.start) / self.period + TOLERANCE).floor() + 1.0;
+        let end = (end.max(0.0) as usize).min(self.points);
+        first.min(end)..end
+    }
+}

@@ -1,0 +1,22 @@
+//! The bare floor beside a bridge: a process that only sends datagrams back.
+
+use std::net::UdpSocket;
+
+use super::BenchError;
+
+/// Sends every datagram back, for ever.
+///
+/// # Errors
+/// [`BenchError::Process`] when the port cannot be had.
+pub(super) fn run_echo(port: u16) -> Result<(), BenchError> {
+    let socket = UdpSocket::bind(("127.0.0.1", port)).map_err(failed("bind the echo's port"))?;
+    let mut buffer = [0; 2048];
+    loop {
+        let (length, from) = socket.recv_from(&mut buffer).map_err(failed("receive"))?;
+        socket.send_to(&buffer[..length], from).map_err(failed("send"))?;
+    }
+}
+
+fn failed(what: &'static str) -> impl Fn(std::io::Error) -> BenchError {
+    move |source| BenchError::Process { what: what.into(), source }
+}

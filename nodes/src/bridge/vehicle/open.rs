@@ -1,0 +1,47 @@
+//! The state machine of a bridge to a vehicle, from its options.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use whirlstand_bridge::channels::Input;
+use whirlstand_bridge::config::BridgeConfig;
+use whirlstand_bridge::mavlink::Signing;
+use whirlstand_bridge::vehicle::{Bench, Vehicle};
+
+use super::requirements::read_key;
+use crate::config::NodeConfig;
+use crate::error::NodeError;
+use crate::setup::Setup;
+
+/// The inputs of a vehicle, as a bridge wants them.
+pub fn inputs_of(vehicle: &whirlstand_vehicle::Vehicle) -> Vec<Input> {
+    let input = |i: &whirlstand_vehicle::Input| Input {
+        name: i.name.clone(),
+        full: i.upper.abs().max(i.lower.abs()),
+    };
+    vehicle.inputs.iter().map(input).collect()
+}
+
+/// The state machine for a bench.
+///
+/// # Errors
+/// [`NodeError::Config`] for options that cannot be, and a key file that cannot be read.
+pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -> Result<Vehicle, NodeError> {
+    let signing = match bridge.options.mavlink.as_ref().and_then(|m| m.signing_key.as_ref()) {
+        Some(path) => {
+            let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+            Some(Signing::new(read_key(path)?, 0, unix))
+        }
+        None => None,
+    };
+    let bench = Bench {
+        inputs: inputs_of(&setup.vehicle),
+        rate_hz: 1e9 / config.period_ns as f64,
+        wants_odometry: setup.map.has_odometry(),
+        signing,
+    };
+    Vehicle::new(bridge, bench).map_err(|e| NodeError::Config {
+        field: format!("bridge.{}", e.path.join(".")),
+        value: "what is written there".into(),
+        reason: e.message,
+    })
+}

@@ -1,0 +1,22 @@
+//! Reports readiness: the last thing that a node does before it runs.
+
+use whirlstand_bus::Bus;
+
+use crate::config::{NodeConfig, Role};
+use crate::error::NodeError;
+use crate::os::{apply_realtime, notify_ready};
+
+/// Takes the node's priority and tells the launcher that it is ready. After the ports are open, because threads of the transport must not run at the node's priority. `more` are
+/// locators beside those of `bus`.
+pub(crate) fn get_ready(
+    role: Role,
+    config: &NodeConfig,
+    bus: &Bus,
+    more: &[String],
+) -> Result<(), NodeError> {
+    if let Some(options) = config.realtime.get(&role) {
+        apply_realtime(options)?;
+    }
+    notify_ready(&[bus.locators(), more].concat())
+        .map_err(|source| NodeError::System { action: "tell NOTIFY_SOCKET", source })
+}

@@ -1,0 +1,139 @@
+//! The tables of a diagnosis.
+
+use super::page::{Cell, Level, Row, Section, Table};
+use whirlstand_diagnose::Diagnosis;
+use whirlstand_diagnose::answer::{Cause, Estimate};
+use whirlstand_logs::shown::{number, shown_factor, shown_unit};
+
+fn head(names: &[&str]) -> Vec<String> {
+    names.iter().map(|n| (*n).to_string()).collect()
+}
+
+fn row(label: String, cells: Vec<Cell>) -> Row {
+    Row { label, group: false, cells }
+}
+
+/// What was found, with its evidence; `None` without causes.
+pub(crate) fn causes(answer: &Diagnosis) -> Option<Section> {
+    let names = ["cause", "value, SI", "95 % from", "to", "BIC", "held out", "of the residual", "by chance"];
+    let rows: Vec<Row> = answer.causes.iter().flat_map(cause).collect();
+    let mut notes = Vec::new();
+    for cause in &answer.causes {
+        notes.extend(cause.notes.iter().map(|n| format!("{} on {}: {n}.", cause.effect, cause.place)));
+        for other in &cause.indistinguishable {
+            notes.push(format!(
+                "{} on {} cannot be told from {} on {} here (signatures alike to {:.3}).",
+                cause.effect, cause.place, other.effect, other.place, other.kappa
+            ));
+        }
+    }
+    (!rows.is_empty()).then(|| Section {
+        title: "Causes".into(),
+        text: "BIC: what the cause gains over the model without it, its parameters paid for; 10 are asked. Held out: its gain on \
+               data left out of the fit, in standard errors; 2 are asked. By chance: how likely chance does as well anywhere in \
+               the library."
+            .into(),
+        tables: vec![Table { head: head(&names), rows, note: notes.join(" ") }],
+        ..Section::default()
+    })
+}
+
+/// A row with the evidence, then one for every parameter.
+fn cause(cause: &Cause) -> Vec<Row> {
+    let e = &cause.evidence;
+    let chance = if e.p_value < 1e-4 { "< 0.0001".into() } else { format!("{:.4}", e.p_value) };
+    let evidence = [
+        format!("{:+.0}", e.delta_bic),
+        format!("{:+.1} σ", e.heldout_gain_sigma),
+        format!("{:.0} %", 100.0 * e.share_of_residual),
+        chance,
+    ];
+    let text = cause.text.clone().unwrap_or_default();
+    let cells = [text, String::new(), String::new()].into_iter().chain(evidence).map(Cell::new).collect();
+    let mut rows = vec![Row { label: format!("{} on {}", cause.effect, cause.place), group: true, cells }];
+    rows.extend(cause.parameters.iter().map(|(name, Estimate { value, low, high })| {
+        let ends = if low == high { ["given".into(), String::new()] } else { [number(*low), number(*high)] };
+        let cells = std::iter::once(number(*value)).chain(ends).map(Cell::new);
+        row(name.clone(), cells.chain((0..4).map(|_| Cell::default())).collect())
+    }));
+    rows
+}
+
+/// What is gained on held-out data.
+pub(crate) fn gains(answer: &Diagnosis) -> Section {
+    let ahead = format!("{} s", number(answer.heldout.horizon_s));
+    let (ahead_before, ahead_after) = (format!("fit over {ahead} before, %"), String::from("after, %"));
+    let names = [
+        "output",
+        "fit before, %",
+        "fit after, %",
+        &ahead_before,
+        &ahead_after,
+        "error before",
+        "error after",
+        "noise",
+        "error / noise",
+    ];
+    let rows = answer.outputs.iter().map(|(name, o)| {
+        let factor = shown_factor(&o.unit);
+        let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.1}"));
+        let value = |v: Option<f64>| Cell::new(v.map_or("-".into(), |v| number(v * factor)));
+        let errors = (o.rmse_before.or(o.horizon_rmse_before), o.rmse_after.or(o.horizon_rmse_after));
+        let gained = match errors {
+            (Some(before), Some(after)) if after < 0.98 * before => Level::Good,
+            (Some(before), Some(after)) if after > 1.02 * before => Level::Bad,
+            _ => Level::Neutral,
+        };
+        let ratio = errors.1.filter(|_| o.noise_floor > 0.0).map(|e| e / o.noise_floor);
+        row(
+            format!("{name}, {}", shown_unit(&o.unit)),
+            vec![
+                Cell::new(percent(o.fit_before)),
+                Cell::leveled(percent(o.fit_after), gained),
+                Cell::new(percent(o.horizon_fit_before)),
+                Cell::leveled(percent(o.horizon_fit_after), gained),
+                value(errors.0),
+                value(errors.1),
+                value(Some(o.noise_floor)),
+                Cell::new(ratio.map_or("-".into(), |r| format!("{r:.2}"))),
+            ],
+        )
+    });
+    Section {
+        title: "What is gained on held-out data".into(),
+        text: format!(
+            "{} to {} s, fitted to the rest: free runs where they mean something, and predictions over {ahead}. Fit is \
+             100 (1 - norm(residual) / norm(measured - its mean)). No model can do better than the noise.",
+            number(answer.heldout.from_s),
+            number(answer.heldout.to_s)
+        ),
+        tables: vec![Table { head: head(&names), rows: rows.collect(), note: String::new() }],
+        ..Section::default()
+    }
+}
+
+/// What was weighed and not accepted, with reasons.
+pub(crate) fn rejected(answer: &Diagnosis) -> Table {
+    let rows = answer.rejected.iter().map(|r| {
+        row(
+            format!("{} on {}", r.effect, r.place),
+            vec![Cell::new(format!("{:+.0}", r.delta_bic)), Cell::new(r.why.clone())],
+        )
+    });
+    Table { head: head(&["rejected", "BIC", "why"]), rows: rows.collect(), note: String::new() }
+}
+
+/// What the record could not have shown.
+pub(crate) fn not_testable(answer: &Diagnosis) -> Option<Section> {
+    let rows: Vec<Row> = answer
+        .not_testable
+        .iter()
+        .map(|n| row(format!("{} on {}", n.effect, n.place), vec![Cell::new(n.why.clone())]))
+        .collect();
+    (!rows.is_empty()).then(|| Section {
+        title: "Not testable with this record".into(),
+        text: "These effects may be there: the record could not have shown them.".into(),
+        tables: vec![Table { head: head(&["effect", "why, and what to fly"]), rows, note: String::new() }],
+        ..Section::default()
+    })
+}

@@ -1,0 +1,29 @@
+//! Reports: one self-contained HTML file with zoomable plots. See `docs/report.md`.
+
+mod comparison_page;
+mod correlation;
+mod decimate;
+mod diagnosis_page;
+mod diagnosis_signals;
+mod diagnosis_tables;
+mod figures_table;
+mod identification_page;
+mod outcome;
+mod packed;
+pub mod page;
+pub mod plot;
+mod run_page;
+mod text_diff;
+
+pub use comparison_page::comparison_report;
+pub use decimate::decimate;
+pub use diagnosis_page::diagnosis_report;
+pub use identification_page::identification_report;
+pub use outcome::{Expected, Outcome};
+pub use run_page::run_report;
+
+/// Why a report cannot be put together: what the template engine says. The template is part of the program, so
+/// this is a bug of the program.
+#[derive(Debug, thiserror::Error)]
+#[error("the report's template failed, which is a bug of this program: {0}")]
+pub struct ReportError(#[from] minijinja::Error);

@@ -1,0 +1,118 @@
+//! The harness of test programs whose tests need what not every machine has: measured data, a Python with public
+//! packages, the right to make network namespaces.
+//!
+//! The standard harness decides when it compiles which tests are ignored. Here a test returns an [`Outcome`], and what is
+//! missing goes up with `?`: the test is then reported as `ignored`, with the reason. Where the environment variable `CI`
+//! is set it fails instead and says what to install; only what that machine can never have is ignored there too.
+//!
+//! A test that fails while the machine's processors were given to others is tried again, see [`undisturbed`].
+//!
+//! A test program gets its `main` from [`tests!`](crate::tests), or calls [`run`] from its own, which may first look
+//! whether the process was started as a child of a test. Every option of the standard harness works.
+
+mod prerequisite;
+mod undisturbed;
+
+use std::process::ExitCode;
+
+use libtest_mimic::{Arguments, Completion, Failed, Trial};
+
+pub use prerequisite::{Missing, betaflight_sitl, data, python, python_with};
+pub use undisturbed::{in_real_time, undisturbed, wait_for_rest};
+
+/// What a test returns: nothing, or what the machine lacks. A failure is a panic, as in any test.
+pub type Outcome = Result<(), Missing>;
+
+/// A test and its name.
+pub struct Test {
+    name: String,
+    body: Box<dyn Fn() -> Outcome + Send>,
+}
+
+impl Test {
+    /// A test that returns nothing or an [`Outcome`].
+    pub fn new<R: IntoOutcome>(name: &str, body: impl Fn() -> R + Send + 'static) -> Self {
+        Self { name: name.replace(' ', ""), body: Box::new(move || body().into_outcome()) }
+    }
+}
+
+/// What the body of a test may return.
+pub trait IntoOutcome {
+    /// As an outcome.
+    ///
+    /// # Errors
+    /// What the machine lacks.
+    fn into_outcome(self) -> Outcome;
+}
+
+impl IntoOutcome for () {
+    fn into_outcome(self) -> Outcome {
+        Ok(())
+    }
+}
+
+impl IntoOutcome for Outcome {
+    fn into_outcome(self) -> Outcome {
+        self
+    }
+}
+
+/// Runs those of the tests that the command line asks for.
+pub fn run(tests: Vec<Test>) -> ExitCode {
+    let in_ci = std::env::var_os("CI").is_some_and(|value| !value.is_empty());
+    let trials = tests
+        .into_iter()
+        .map(|Test { name, body }| Trial::ignorable_test(name, move || judged(undisturbed(body), in_ci)))
+        .collect();
+    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
+}
+
+fn judged(outcome: Outcome, in_ci: bool) -> Result<Completion, Failed> {
+    match outcome {
+        Ok(()) => Ok(Completion::Completed),
+        Err(missing) if in_ci && missing.can_be_installed() => {
+            Err(format!("CI is set, but there is {missing}").into())
+        }
+        Err(missing) => Ok(Completion::ignored_with(missing)),
+    }
+}
+
+/// The `main` of a test program, with the names of its tests.
+#[macro_export]
+macro_rules! tests {
+    ($($test:path),+ $(,)?) => {
+        fn main() -> ::std::process::ExitCode {
+            $crate::run(vec![$($crate::Test::new(stringify!($test), $test)),+])
+        }
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(outcome: Outcome, in_ci: bool) -> String {
+        match judged(outcome, in_ci) {
+            Ok(Completion::Completed) => "ok".into(),
+            Ok(Completion::Ignored { reason }) => format!("ignored, {}", reason.unwrap_or_default()),
+            Err(failed) => format!("FAILED, {}", failed.message().unwrap_or_default()),
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_ignored_here_and_fails_in_ci_unless_it_can_never_be_there() {
+        let tool = || Err(Missing::installable("no tool", "install it"));
+        assert_eq!(told(tool(), false), "ignored, no tool: install it");
+        assert_eq!(told(tool(), true), "FAILED, CI is set, but there is no tool: install it");
+        for in_ci in [false, true] {
+            let right = Err(Missing::beyond_this_machine("no right", "the kernel refuses"));
+            assert_eq!(told(right, in_ci), "ignored, no right: the kernel refuses");
+            assert_eq!(told(Ok(()), in_ci), "ok");
+        }
+    }
+
+    #[test]
+    fn the_name_of_a_test_is_its_path() {
+        assert_eq!(Test::new("flow :: order", || ()).name, "flow::order");
+    }
+}

@@ -1,0 +1,88 @@
+//! What tests need of a machine.
+
+use std::ffi::OsString;
+use std::fmt;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+/// What a machine lacks, and what to do about it.
+#[derive(Debug)]
+pub struct Missing {
+    what: String,
+    why: String,
+    can_be_installed: bool,
+}
+
+impl Missing {
+    /// Something that a machine can be given. `what` reads `no ...`, `remedy` says how.
+    pub fn installable(what: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { what: what.into(), why: remedy.into(), can_be_installed: true }
+    }
+
+    /// Something that no CI can give this machine, for the reason `why`.
+    pub fn beyond_this_machine(what: impl Into<String>, why: impl Into<String>) -> Self {
+        Self { what: what.into(), why: why.into(), can_be_installed: false }
+    }
+
+    pub(crate) fn can_be_installed(&self) -> bool {
+        self.can_be_installed
+    }
+}
+
+impl fmt::Display for Missing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.what, self.why)
+    }
+}
+
+/// The folder of measured data.
+///
+/// # Errors
+/// `WHIRLSTAND_DATA` names none.
+pub fn data() -> Result<PathBuf, Missing> {
+    let remedy = "set it to the folder of measured records";
+    Ok(named("WHIRLSTAND_DATA").ok_or_else(|| Missing::installable("no WHIRLSTAND_DATA", remedy))?.into())
+}
+
+/// The Python that has the packages of `tests/requirements.txt` and `examples/python/requirements.txt`.
+///
+/// # Errors
+/// `WHIRLSTAND_PYTHON` names none.
+pub fn python() -> Result<PathBuf, Missing> {
+    let remedy =
+        "set it to a Python with tests/requirements.txt and examples/python/requirements.txt installed";
+    Ok(named("WHIRLSTAND_PYTHON").ok_or_else(|| Missing::installable("no WHIRLSTAND_PYTHON", remedy))?.into())
+}
+
+/// The Python of `WHIRLSTAND_PYTHON`, or `python3`, if it has a package.
+///
+/// # Errors
+/// It does not start or does not have the package.
+pub fn python_with(package: &str) -> Result<PathBuf, Missing> {
+    let python = PathBuf::from(named("WHIRLSTAND_PYTHON").unwrap_or_else(|| "python3".into()));
+    let import =
+        Command::new(&python).args(["-c", &format!("import {package}")]).stderr(Stdio::null()).status();
+    if import.is_ok_and(|status| status.success()) {
+        return Ok(python);
+    }
+    let what = format!("no package {package} in {}", python.display());
+    Err(Missing::installable(
+        what,
+        "install examples/python/requirements.txt and set WHIRLSTAND_PYTHON to that Python",
+    ))
+}
+
+/// Betaflight's own program, built as software in the loop.
+///
+/// # Errors
+/// `WHIRLSTAND_BETAFLIGHT_SITL` names none, as in every CI: it is not ours to ship, and takes minutes to build.
+pub fn betaflight_sitl() -> Result<PathBuf, Missing> {
+    let why = "Betaflight is not ours to ship: build its SITL target and set it to the program";
+    Ok(named("WHIRLSTAND_BETAFLIGHT_SITL")
+        .ok_or_else(|| Missing::beyond_this_machine("no WHIRLSTAND_BETAFLIGHT_SITL", why))?
+        .into())
+}
+
+fn named(variable: &str) -> Option<OsString> {
+    std::env::var_os(variable).filter(|value| !value.is_empty())
+}

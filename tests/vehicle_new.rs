@@ -1,0 +1,103 @@
+//! `whirlstand vehicle new` over flights of other people: each log ends in a model whose prediction of held-out data is
+//! stated, and with which `identify` runs, or is refused for the right reason.
+
+mod support;
+
+use std::path::Path;
+
+use serde_json::Value;
+use support::{json, run};
+use whirlstand_test_harness::{Outcome, data};
+
+/// Drafts a vehicle, checks what every draft must have, and gives what was found.
+fn drafted(log: &Path, folder: &Path) -> Value {
+    let (file, found) = (folder.join("drafted.toml"), folder.join("draft.json"));
+    let call = ["vehicle", "new", log.to_str().unwrap(), "--output", file.to_str().unwrap(), "--json"];
+    let finished = run(call.into_iter().chain([found.to_str().unwrap()])).success();
+    assert!(finished.stdout.contains("of held-out data: fit"), "{}", finished.stdout);
+    let found = json(&found);
+    assert_eq!(found["schema"], "whirlstand.vehicle_draft.v1");
+    let text = std::fs::read_to_string(&file).unwrap();
+    for axis in found["axes"].as_array().unwrap() {
+        let (fit, own) = (&axis["heldout"]["fit"], &axis["heldout"]["own_past_fit"]);
+        assert!(fit.as_f64() > own.as_f64(), "{axis}");
+        let named = format!("#   {} ", axis["output"].as_str().unwrap());
+        assert!(text.contains(&named), "{named} is missing in\n{text}");
+    }
+    run(["vehicle", "check", file.to_str().unwrap()]).success();
+    found
+}
+
+/// Why a log is refused.
+fn refused(log: &str) -> Result<String, whirlstand_test_harness::Missing> {
+    let path = data()?.join("flights").join(log);
+    let finished = run(["vehicle", "new", path.to_str().unwrap()]);
+    assert_eq!(finished.code(), 2, "{}\n{}", finished.stdout, finished.stderr);
+    Ok(finished.stderr)
+}
+
+/// The axis of an output.
+fn axis<'f>(found: &'f Value, output: &str) -> &'f Value {
+    let axes = found["axes"].as_array().unwrap();
+    axes.iter().find(|axis| axis["output"] == output).unwrap_or_else(|| panic!("no {output} in {found}"))
+}
+
+fn motors_that_are_off_are_refused() -> Outcome {
+    let told = refused("pyulog_sample.ulg")?;
+    assert!(told.contains("the motors are off"), "{told}");
+    Ok(())
+}
+
+fn rest_is_refused() -> Outcome {
+    let told = refused("pyulog_sample_log_small.ulg")?;
+    assert!(told.contains("the vehicle is at rest"), "{told}");
+    Ok(())
+}
+
+fn a_slow_log_is_refused_with_its_rates() -> Outcome {
+    let told = refused("auterion_esc_status_log.ulg")?;
+    assert!(told.contains("too slowly for a model of the motors") && told.contains("ms"), "{told}");
+    Ok(())
+}
+
+fn a_pose_alone_is_refused_with_what_to_do() -> Outcome {
+    let told = refused("cub_stabilize_2025_11_13.mcap")?;
+    assert!(told.contains("as an output") && told.contains("--measure"), "{told}");
+    Ok(())
+}
+
+fn without_actuators_the_rate_follows_its_setpoint() -> Outcome {
+    let log = data()?.join("flights/kd0aij_S250_1kHz_log1.ulg");
+    let dir = tempfile::tempdir().unwrap();
+    let found = drafted(&log, dir.path());
+    for output in ["roll_rate", "pitch_rate"] {
+        let fit = axis(&found, output)["heldout"]["fit"].as_f64().unwrap();
+        assert!(fit > 0.0, "{output}: {fit} %");
+    }
+    Ok(())
+}
+
+fn flights_end_in_models_that_identify_takes_as_they_are() -> Outcome {
+    let flights = data()?.join("flights");
+    for log in ["px4_S250AQ.csv", "px4_AquaQuad.csv", "LOG00037.BFL", "btfl_002.bbl"] {
+        let dir = tempfile::tempdir().unwrap();
+        drafted(&flights.join(log), dir.path());
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let log = flights.join("kd0aij_S250_1kHz_log1.ulg");
+    drafted(&log, dir.path());
+    let vehicle = dir.path().join("drafted.toml");
+    let call = ["identify", log.to_str().unwrap(), "--vehicle", vehicle.to_str().unwrap()];
+    // What flies in closed loop need not be stable by itself.
+    run(call.into_iter().chain(["--to", "20", "--noise", "kalman"])).success();
+    Ok(())
+}
+
+whirlstand_test_harness::tests!(
+    motors_that_are_off_are_refused,
+    rest_is_refused,
+    a_slow_log_is_refused_with_its_rates,
+    a_pose_alone_is_refused_with_what_to_do,
+    without_actuators_the_rate_follows_its_setpoint,
+    flights_end_in_models_that_identify_takes_as_they_are,
+);

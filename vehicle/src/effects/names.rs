@@ -1,0 +1,47 @@
+//! What the table says of an effect, and its name.
+
+use whirlstand_msgs::names::did_you_mean;
+
+use super::kind::Kind;
+use super::table::{SPECS, Spec};
+use crate::error::{EffectError, list};
+
+impl Kind {
+    /// The row of the table.
+    pub fn spec(self) -> &'static Spec {
+        &SPECS[self as usize]
+    }
+
+    /// Name in files, for example `input_delay`.
+    pub fn name(self) -> &'static str {
+        self.spec().name
+    }
+
+    /// All effects.
+    pub fn all() -> impl Iterator<Item = Self> {
+        SPECS.iter().map(|s| s.kind)
+    }
+
+    /// The effect of that name.
+    ///
+    /// # Errors
+    /// When there is none; the message names the nearest.
+    pub fn from_name(name: &str) -> Result<Self, EffectError> {
+        SPECS.iter().find(|s| s.name == name).map(|s| s.kind).ok_or_else(|| EffectError {
+            effect: name.into(),
+            place: String::new(),
+            field: Some("effect".into()),
+            reason: format!(
+                "there is no effect '{name}'{}; effects are {}",
+                did_you_mean(name, SPECS.iter().map(|s| s.name)),
+                list(SPECS.iter().map(|s| s.name)),
+            ),
+        })
+    }
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}

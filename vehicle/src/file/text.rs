@@ -1,0 +1,31 @@
+//! Pieces of a vehicle file's text.
+
+use std::fmt::Write as _;
+
+/// Appends a line.
+pub fn push(text: &mut String, line: &str) {
+    text.push_str(line);
+    text.push('\n');
+}
+
+/// The shortest number that reads back, times the factor, as `si`; else all digits of the quotient.
+pub fn number(si: f64, factor: f64) -> String {
+    let exact = si / factor;
+    let mut text = String::with_capacity(24);
+    for digits in 0..17 {
+        text.clear();
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{exact:.digits$e}");
+        if let Ok(short) = text.parse::<f64>()
+            && short * factor == si
+        {
+            return format!("{short:?}");
+        }
+    }
+    format!("{exact:?}")
+}
+
+/// A text in quotation marks, as TOML writes it.
+pub fn quoted(text: &str) -> String {
+    toml::Value::String(text.into()).to_string()
+}

@@ -1,0 +1,73 @@
+//! Names and values of the parameters that identification may change, in a vehicle.
+
+use crate::effects::Matrix;
+use crate::error::EffectError;
+use crate::free::Target;
+use crate::model::Vehicle;
+
+impl Vehicle {
+    /// The name of a free parameter: `A[2,1]`, or `input_delay(u_roll).delay_s`.
+    pub fn free_name(&self, target: &Target) -> String {
+        match target {
+            Target::Entry(matrix, i, j) => format!("{matrix:?}[{},{}]", i + 1, j + 1),
+            Target::Effect(index, parameter) => match self.effects.get(*index) {
+                Some(effect) => format!("{}({}).{parameter}", effect.kind(), effect.place()),
+                None => format!("effects[{}].{parameter}", index + 1),
+            },
+        }
+    }
+
+    /// The value that a free parameter has now, SI.
+    pub fn free_value(&self, target: &Target) -> f64 {
+        match *target {
+            Target::Entry(Matrix::A, i, j) => self.a[(i, j)],
+            Target::Entry(Matrix::B, i, j) => self.b[(i, j)],
+            Target::Entry(Matrix::C, i, j) => self.c[(i, j)],
+            Target::Entry(Matrix::D, i, j) => self.d[(i, j)],
+            Target::Effect(index, name) => {
+                self.effects.get(index).and_then(|e| e.parameter(name)).unwrap_or(f64::NAN)
+            }
+        }
+    }
+
+    /// Gives a free parameter a value, SI.
+    ///
+    /// # Errors
+    /// When the effect's parameter cannot have that value.
+    pub fn set_free(&mut self, target: &Target, value: f64) -> Result<(), EffectError> {
+        match *target {
+            Target::Entry(Matrix::A, i, j) => self.a[(i, j)] = value,
+            Target::Entry(Matrix::B, i, j) => self.b[(i, j)] = value,
+            Target::Entry(Matrix::C, i, j) => self.c[(i, j)] = value,
+            Target::Entry(Matrix::D, i, j) => self.d[(i, j)] = value,
+            Target::Effect(index, name) => {
+                if let Some(effect) = self.effects.get_mut(index) {
+                    effect.set_parameter(name, value)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// SI value of one in the unit of the vehicle file; 1 for parameters of effects, which are in SI there.
+    pub fn free_factor(&self, target: &Target) -> f64 {
+        let state = |i: usize| self.states[i].unit.factor();
+        let input = |i: usize| self.inputs[i].unit.factor();
+        let output = |i: usize| self.outputs[i].unit.factor();
+        match *target {
+            Target::Entry(Matrix::A, i, j) => state(i) / state(j),
+            Target::Entry(Matrix::B, i, j) => state(i) / input(j),
+            Target::Entry(Matrix::C, i, j) => output(i) / state(j),
+            Target::Entry(Matrix::D, i, j) => output(i) / input(j),
+            Target::Effect(..) => 1.0,
+        }
+    }
+
+    /// Weight of an output in a fit; 0 for one that is not fitted. Without `fit` in the file all weigh 1.
+    pub fn fit_weight(&self, output: &str) -> f64 {
+        if self.fit.is_empty() {
+            return 1.0;
+        }
+        self.fit.iter().find(|(name, _)| name == output).map_or(0.0, |(_, weight)| *weight)
+    }
+}
