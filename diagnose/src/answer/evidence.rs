@@ -178,8 +178,8 @@ mod tests {
     use crate::data::record::{Channel, Data};
     use crate::model::fit::Model;
     use crate::model::free_run::FreeRun;
+    use crate::search::alternative::SearchSpace;
     use crate::search::select::select;
-    use crate::search::survey::SearchSpace;
     use whirlstand_vehicle::{Effect, Kind, Simulator, Vehicle};
 
     /// A search may end with other terms than those that a refused cause was fitted with.

@@ -18,7 +18,7 @@ use crate::model::noise::{Noise, Profile};
 use crate::model::score_test::ScoreTest;
 use crate::residual::basis::{Basis, Signal, Signals};
 use crate::residual::hysteresis_relay;
-use crate::search::survey::SearchSpace;
+use crate::search::alternative::SearchSpace;
 use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_logs::stats::chi_square_tail;
 

@@ -16,8 +16,8 @@ use crate::model::fit::Model;
 use crate::model::noise::Noise;
 use crate::residual::out_of_library::{self, ForceOnSignal};
 use crate::residual::turbulence::{Turbulence, turbulence};
+use crate::search::alternative::SearchSpace;
 use crate::search::select::{Selection, select};
-use crate::search::survey::SearchSpace;
 use whirlstand_logs::stats::{mean, rms};
 
 /// Causes with turbulence beside them, where that explains more than `selection` alone. And a force that follows a signal,

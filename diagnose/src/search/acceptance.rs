@@ -3,8 +3,8 @@
 use crate::candidates::library::Candidate;
 use crate::model::fit::{Fit, Model, dot};
 use crate::model::score_test::{ScoreTest, cosine};
+use crate::search::alternative::Alternative;
 use crate::search::cross_validation::held_out_gain;
-use crate::search::survey::Alternative;
 use crate::search::survey_cache::Surveyed;
 use crate::thresholds::{
     MAX_P_VALUE, MAX_RELATIVE_ERROR, MIN_BIC_GAIN, MIN_HELD_OUT_SIGMAS, RIVAL_BIC, SAME_SIGNATURE_COSINE,

@@ -1,6 +1,7 @@
 //! Which candidates are causes: survey, selection, acceptance.
 
 pub mod acceptance;
+pub mod alternative;
 pub mod cross_validation;
 pub mod equivalence;
 pub mod mode_substitution;

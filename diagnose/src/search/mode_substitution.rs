@@ -10,7 +10,7 @@ use whirlstand_vehicle::Kind;
 
 use crate::candidates::library::Candidate;
 use crate::model::fit::{Effort, Fit, Model};
-use crate::search::survey::{Alternative, SearchSpace, fitted, followed};
+use crate::search::alternative::{Alternative, SearchSpace, fitted, followed};
 use crate::search::survey_cache::Surveyed;
 
 /// A mode in the place of `own`, as far as it explains what that does.

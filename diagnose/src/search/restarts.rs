@@ -5,9 +5,9 @@ use whirlstand_vehicle::Kind;
 use crate::candidates::library::Candidate;
 use crate::model::fit::Model;
 use crate::model::free_run::ModelError;
+use crate::search::alternative::SearchSpace;
 use crate::search::mode_substitution::{Like, alternatives};
 use crate::search::select::{Selection, select};
-use crate::search::survey::SearchSpace;
 use crate::thresholds::{MODE_BEHIND_BIC, OVERSHADOWED_BIC};
 
 /// The causes of a record. An unmodelled mode can be like several simpler causes together (a gain and a delay), and

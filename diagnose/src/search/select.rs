@@ -9,9 +9,9 @@ use crate::model::fit::{Effort, Fit, Model};
 use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
 use crate::search::acceptance::{Decision, Rival, TermEvidence, decide, rivals};
+use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
 use crate::search::equivalence::{lead, yields};
 use crate::search::mode_substitution::mode;
-use crate::search::survey::{Alternative, SearchSpace, fitted, joined};
 use crate::search::survey_cache::SurveyCache;
 
 /// An accepted term.

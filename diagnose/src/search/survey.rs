@@ -10,28 +10,13 @@ use whirlstand_vehicle::Kind;
 use crate::Watch;
 use crate::candidates::events;
 use crate::candidates::library::Candidate;
-use crate::candidates::library::Sizes;
 use crate::candidates::tones;
 use crate::model::fit::{Effort, Fit, Model};
 use crate::model::noise::Noise;
 use crate::model::score_test::ScoreTest;
 use crate::model::step_response::Responses;
+use crate::search::alternative::{Alternative, SearchSpace, fitted, followed};
 use crate::search::survey_order::{once, simpler_first};
-
-/// A candidate beside the terms of a model, fitted together with them.
-#[derive(Debug, Clone)]
-pub struct Alternative {
-    /// The candidate.
-    pub candidate: Candidate,
-    /// The fit of model and candidate; the candidate's values come last. `None` when it was not worth a fit.
-    pub fit: Option<Fit>,
-    /// The model's terms in that fit: those of a search's end may be others.
-    pub beside: Vec<Candidate>,
-    /// Gain in BIC over the model without it: by the fit, or estimated from the score.
-    pub delta_bic: f64,
-    /// Twice the gain in log-likelihood.
-    pub ratio: f64,
-}
 
 /// A signature at one start, and how well it does in a score test.
 #[derive(Debug, Clone)]
@@ -40,21 +25,6 @@ struct ScoredStart {
     amplitude: f64,
     score: f64,
     score_test: usize,
-}
-
-/// What the search knows beside model and fit.
-#[derive(Debug, Clone, Copy)]
-pub struct SearchSpace<'s> {
-    /// Candidates whose response follows from the inputs.
-    pub library: &'s [Candidate],
-    /// Sizes of the record.
-    pub sizes: &'s Sizes,
-    /// Causes that are named, at most.
-    pub most: usize,
-    /// Standard deviations of the channels' noise as the vehicle declares it; 0 where it says nothing.
-    pub declared: &'s [f64],
-    /// Who waits for the answer.
-    pub watch: &'s Watch,
 }
 
 /// Weighs every candidate of the space, and events and tones that the residual suggests. Best first.
@@ -315,45 +285,4 @@ fn located(
         step *= 0.5;
     }
     (best, vec![at])
-}
-
-/// The model with the candidate, all values fitted.
-pub fn fitted(
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    candidate: &Candidate,
-    start: Vec<f64>,
-) -> Option<Alternative> {
-    followed(model, fit, candidate, start, Effort::Full)
-}
-
-/// As [`fitted`], as far as asked.
-pub fn followed(
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    candidate: &Candidate,
-    start: Vec<f64>,
-    effort: Effort,
-) -> Option<Alternative> {
-    let mut values = fit.values.clone();
-    values.extend(start);
-    joined(model, fit, candidate, values, effort)
-}
-
-/// The model with the candidate, from all values together.
-pub fn joined(
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    candidate: &Candidate,
-    values: Vec<f64>,
-    effort: Effort,
-) -> Option<Alternative> {
-    let mut extended = model.clone();
-    extended.terms.push(candidate.clone());
-    let initial = &fit.columns[..model.states()];
-    let result = extended.follow(values, fit.profile.noise.shared(), Some(initial), effort).ok()?;
-    let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
-    let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
-    let beside = model.terms.clone();
-    Some(Alternative { candidate: candidate.clone(), fit: Some(result), beside, delta_bic, ratio })
 }

@@ -2,7 +2,8 @@
 
 use crate::candidates::library::Candidate;
 use crate::model::fit::{Fit, Model};
-use crate::search::survey::{Alternative, SearchSpace, survey};
+use crate::search::alternative::{Alternative, SearchSpace};
+use crate::search::survey::survey;
 use crate::thresholds::REMEMBERED;
 
 /// A surveyed candidate, without the weight of its fit.

@@ -1,8 +1,8 @@
 //! The order of what was surveyed: each once, and the simpler of two that are the same thing first.
 
 use crate::model::fit::{Effort, Fit, Model};
+use crate::search::alternative::{Alternative, SearchSpace, joined};
 use crate::search::equivalence::{simpler, single};
-use crate::search::survey::{Alternative, SearchSpace, joined};
 use whirlstand_vehicle::Kind;
 
 /// Where the best is the same thing as something simpler, that comes first. With one input and one output, a delay of the

@@ -14,7 +14,7 @@ use crate::data::sample_effects::SampleEffect;
 use crate::data::{checks, declared_vibration};
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::{FreeRun, ModelError};
-use crate::search::survey::SearchSpace;
+use crate::search::alternative::SearchSpace;
 use crate::thresholds::MAX_CAUSES;
 
 /// All that the search needs: nothing of it changes any more.
