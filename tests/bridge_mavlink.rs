@@ -63,14 +63,9 @@ fn end(running: Running) {
     running.finish().success();
 }
 
-fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() -> Outcome {
-    let python = python()?;
-    let dir = tempfile::tempdir().unwrap();
-    let port = free_port();
-    let report = dir.path().join("autopilot.json");
-    // The gust of the built-in bench, on our own plant; its controller is the autopilot, which knows MAVLink alone.
-    let physics = dir.path().join("physics.toml");
-    let text = format!(
+/// The gust of the built-in bench, on our own plant; its controller is the autopilot, which knows MAVLink alone.
+fn bench_flown_by_the_autopilot(python: &Path, port: u16, report: &Path) -> String {
+    format!(
         r#"
 vehicle = "quadrotor"
 transport = "zenoh"
@@ -91,7 +86,16 @@ magnitude = "150 deg/s^2"
 "#,
         script = script("autopilot.py"),
         examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/python"),
-    );
+    )
+}
+
+fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() -> Outcome {
+    let python = python()?;
+    let dir = tempfile::tempdir().unwrap();
+    let port = free_port();
+    let report = dir.path().join("autopilot.json");
+    let physics = dir.path().join("physics.toml");
+    let text = bench_flown_by_the_autopilot(&python, port, &report);
     std::fs::write(&physics, text).unwrap();
     let ours = launch(dir.path(), port, "pace = \"telemetry\"");
     let (out, sim) = (dir.path().join("physics"), dir.path().join("sim"));

@@ -61,6 +61,17 @@ fn recovers(vehicle: &str, structure: &str) {
     assert_eq!(answer["schema"], "whirlstand.identification.v1");
     assert!(out.join("report.html").is_file());
 
+    parameters_are_within_their_errors(vehicle, &answer);
+    poles_are_those_of(vehicle, &answer);
+    control_data_are_predicted(vehicle, &answer, &control, dir.path());
+
+    // The fitted file is a vehicle like any other and says where it comes from.
+    let text = std::fs::read_to_string(&fitted_vehicle).unwrap();
+    assert!(text.contains("log_1_sha256") && text.contains("\"pem\""));
+    run(["vehicle", "check", fitted_vehicle.to_str().unwrap()]).success();
+}
+
+fn parameters_are_within_their_errors(vehicle: &str, answer: &serde_json::Value) {
     let truth = table(vehicle);
     let parameters = answer["parameters"].as_array().unwrap();
     let mut outside = Vec::new();
@@ -81,7 +92,9 @@ fn recovers(vehicle: &str, structure: &str) {
     assert_eq!(parameters.len(), truth.len(), "all are identifiable: {}", answer["fixed"]);
     // At most one of a hundred: of 12 or 20, none is expected, and one is allowed for chance.
     assert!(outside.len() <= 1, "{outside:?}");
+}
 
+fn poles_are_those_of(vehicle: &str, answer: &serde_json::Value) {
     let poles = |answer: &serde_json::Value| -> Vec<(f64, f64)> {
         let all = answer["poles"].as_array().unwrap();
         all.iter().map(|p| (p["re"].as_f64().unwrap(), p["im"].as_f64().unwrap())).collect()
@@ -92,13 +105,21 @@ fn recovers(vehicle: &str, structure: &str) {
         let (re, im) = (pole[0].as_f64().unwrap(), pole[1].as_f64().unwrap());
         let size = re.hypot(im);
         let nearest =
-            poles(&answer).into_iter().map(|(a, b)| (a - re).hypot(b - im)).fold(f64::INFINITY, f64::min);
+            poles(answer).into_iter().map(|(a, b)| (a - re).hypot(b - im)).fold(f64::INFINITY, f64::min);
         println!("{vehicle}: pole {re:.3} {im:+.3}i off by {:.3} %", 100.0 * nearest / size.max(1e-9));
         assert!(nearest <= 0.02 * size.max(0.05), "{vehicle}: pole {re} {im}");
     }
+}
 
-    let comparison = dir.path().join("comparison.json");
-    run(["compare", &control, "--vehicle", vehicle, "--json", comparison.to_str().unwrap()]).success();
+/// As well as the true parameters do.
+fn control_data_are_predicted(
+    vehicle: &str,
+    answer: &serde_json::Value,
+    control: &str,
+    dir: &std::path::Path,
+) {
+    let comparison = dir.join("comparison.json");
+    run(["compare", control, "--vehicle", vehicle, "--json", comparison.to_str().unwrap()]).success();
     let comparison = json(comparison);
     for (name, output) in answer["outputs"].as_object().unwrap() {
         let own = output["control"]["free_run_fit"].as_f64().unwrap();
@@ -106,11 +127,6 @@ fn recovers(vehicle: &str, structure: &str) {
         println!("{vehicle}: {name} control data {own:.3} %, true parameters {best:.3} %");
         assert!(own >= 0.98 * best, "{vehicle}: {name} {own} {best}");
     }
-
-    // The fitted file is a vehicle like any other and says where it comes from.
-    let text = std::fs::read_to_string(&fitted_vehicle).unwrap();
-    assert!(text.contains("log_1_sha256") && text.contains("\"pem\""));
-    run(["vehicle", "check", fitted_vehicle.to_str().unwrap()]).success();
 }
 
 #[test]

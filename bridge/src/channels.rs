@@ -303,7 +303,7 @@ mod tests {
     fn pilot() -> Pilot {
         let config: PilotConfig = serde_json::from_str(r#"{"source": "sbus"}"#).unwrap();
         let mut pilot = Pilot::new(&config).unwrap();
-        pilot.hear(&[1600.0, 1450.0, 1300.0, 1550.0, 2000.0, 2000.0, 1234.0], false, NOW);
+        pilot.update(&[1600.0, 1450.0, 1300.0, 1550.0, 2000.0, 2000.0, 1234.0], false, NOW);
         pilot
     }
 

@@ -95,7 +95,7 @@ impl Pilot {
 
     /// Takes in the channels, us. A receiver in failsafe counts as not heard. Channels that no receiver sends are
     /// refused as a whole and counted.
-    pub fn hear(&mut self, us: &[f64], failsafe: bool, now: Duration) {
+    pub fn update(&mut self, us: &[f64], failsafe: bool, now: Duration) {
         if us.is_empty() || us.iter().any(|v| !POSSIBLE_US.contains(v)) {
             self.refused += 1;
             return;
@@ -166,11 +166,11 @@ mod tests {
     fn sticks_and_switches_are_those_of_the_channels() {
         let mut p = pilot("pitch");
         assert!(!p.view(NOW).present);
-        p.hear(&[1510.0, 1300.0, 1100.0, 1500.0, 1800.0, 1500.0], false, NOW);
+        p.update(&[1510.0, 1300.0, 1100.0, 1500.0, 1800.0, 1500.0], false, NOW);
         let view = p.view(NOW);
         assert!(view.present && !view.neutral && !view.automatic && p.arm());
         assert_eq!((p.axis_us(Axis::Pitch), p.axis_us(Axis::Throttle)), (1700.0, 1100.0));
-        p.hear(&[1510.0, 1490.0, 1100.0, 1500.0, 1000.0, 2000.0], false, NOW);
+        p.update(&[1510.0, 1490.0, 1100.0, 1500.0, 1000.0, 2000.0], false, NOW);
         let view = p.view(NOW);
         assert!(view.neutral && view.automatic && !p.arm());
     }
@@ -178,13 +178,13 @@ mod tests {
     #[test]
     fn silence_failsafe_and_nonsense_are_noticed() {
         let mut p = pilot("");
-        p.hear(&[1500.0; 16], false, NOW);
+        p.update(&[1500.0; 16], false, NOW);
         assert!(p.is_present(NOW + Duration::from_millis(500)));
         assert!(!p.is_present(NOW + Duration::from_millis(501)));
-        p.hear(&[1500.0; 16], true, NOW);
+        p.update(&[1500.0; 16], true, NOW);
         assert!(!p.is_present(NOW));
         for nonsense in [&[f64::NAN][..], &[1500.0, 0.0], &[65535.0], &[]] {
-            p.hear(nonsense, false, NOW);
+            p.update(nonsense, false, NOW);
         }
         assert_eq!(p.refused(), 4);
         assert!(!p.is_present(NOW), "nonsense does not bring the pilot back");

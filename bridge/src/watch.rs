@@ -23,7 +23,7 @@ impl EstimateWatch {
     }
 
     /// Takes in an estimate: its states, its normalised innovation squared and the degrees of freedom of that.
-    pub fn hear(&mut self, states: &[f64], nis: f64, dof: u32, now: Duration) {
+    pub fn observe(&mut self, states: &[f64], nis: f64, dof: u32, now: Duration) {
         self.finite = nis.is_finite() && states.iter().all(|x| x.is_finite());
         if dof == 0 || !self.finite {
             return;
@@ -56,7 +56,7 @@ mod tests {
 
     fn run(watch: &mut EstimateWatch, from_ms: u64, to_ms: u64, nis: f64) -> Option<u64> {
         (from_ms..to_ms).step_by(5).find(|ms| {
-            watch.hear(&[0.0; 4], nis, 2, Duration::from_millis(*ms));
+            watch.observe(&[0.0; 4], nis, 2, Duration::from_millis(*ms));
             !watch.is_good()
         })
     }
@@ -74,9 +74,9 @@ mod tests {
     #[test]
     fn what_is_not_a_number_is_noticed_at_once() {
         let mut watch = EstimateWatch::new(100.0);
-        watch.hear(&[0.0, f64::NAN], 1.0, 1, Duration::ZERO);
+        watch.observe(&[0.0, f64::NAN], 1.0, 1, Duration::ZERO);
         assert!(!watch.is_good());
-        watch.hear(&[0.0, 0.0], f64::INFINITY, 1, Duration::ZERO);
+        watch.observe(&[0.0, 0.0], f64::INFINITY, 1, Duration::ZERO);
         assert!(!watch.is_good());
         watch.reset();
         assert!(watch.is_good());

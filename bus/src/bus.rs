@@ -26,7 +26,7 @@ struct Shared {
     medium: Medium,
     slot: usize,
     /// Topic words of all subscribers, as a bit set.
-    heard: Cell<u64>,
+    notifying: Cell<u64>,
 }
 
 enum Medium {
@@ -64,7 +64,7 @@ impl Bus {
             Transport::Zenoh => Medium::Zenoh(network::Member::open(config)?),
             Transport::Inproc => Medium::Inproc(inproc::Bench::open(&config.bench)),
         };
-        let mut shared = Shared { medium, slot: 0, heard: Cell::new(0) };
+        let mut shared = Shared { medium, slot: 0, notifying: Cell::new(0) };
         shared.slot = shared.region().take_slot();
         Ok(Self { shared: Rc::new(shared), wait: config.wait })
     }
@@ -130,8 +130,8 @@ impl Bus {
             Medium::Zenoh(member) => SubscriberPort::Zenoh(member.subscriber(topic, depth)?),
             Medium::Inproc(bench) => SubscriberPort::Inproc(bench.subscriber(topic, depth)?),
         };
-        let heard = &self.shared.heard;
-        heard.set(heard.get() | TopicBit::of(topic).mask());
+        let notifying = &self.shared.notifying;
+        notifying.set(notifying.get() | TopicBit::of(topic).mask());
         Ok(Subscriber { port, topic: topic.into(), _shared: self.shared.clone() })
     }
 
@@ -175,7 +175,12 @@ impl Bus {
                 return ready();
             }
             let timeout = left.min(self.wait.sleep);
-            if self.shared.region().sleep(self.shared.slot, self.shared.heard.get(), timeout, &mut ready)? {
+            if self.shared.region().sleep(
+                self.shared.slot,
+                self.shared.notifying.get(),
+                timeout,
+                &mut ready,
+            )? {
                 return Ok(true);
             }
             if ready()? {

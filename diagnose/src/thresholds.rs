@@ -7,6 +7,8 @@
 //! - *cost*: bounds the work; a larger value (a finer grid, more starts) finds the same and takes longer.
 //! - *definition*: what a word of the answer means.
 
+use whirlstand_ident::identify::search::Limits;
+
 // data: what a record shows by itself
 /// A step of the clock that is so many times the usual one is a gap: two samples may be missing and the clock jitter by
 /// half a step. As in `whirlstand_logs`.
@@ -191,17 +193,6 @@ pub(crate) const HOPELESS_BIC: f64 = -20.0;
 pub(crate) const PROFILED: usize = 40;
 /// Candidates of each survey that may take another's place later. Cost.
 pub(crate) const REMEMBERED: usize = 30;
-/// Damping ratios that are tried. Cost.
-pub(crate) const MODE_DAMPING_RATIOS: [f64; 3] = [0.1, 0.4, 0.9];
-/// Frequencies of a mode like a gain, as shares of the highest that the record shows. Cost.
-pub(crate) const FAST_MODE_SHARES: [f64; 3] = [0.25, 0.45, 0.7];
-/// A mode with so many numbers more than the simpler cause is one of several that imitate it, if it explains no
-/// more. Calibrated.
-pub(crate) const IMITATING_PARAMETERS: usize = 2;
-/// Twice the logarithm of the likelihood ratio from which on a mode explains more. Chi-square of two degrees at 5 % (Wilks 1938).
-pub(crate) const MODE_LOG_RATIO: f64 = 6.0;
-/// A mode this much behind several causes in BIC may still pass them when the others are chosen beside it. Cost.
-pub(crate) const MODE_BEHIND_BIC: f64 = 20.0;
 /// Difference in BIC up to which two causes are the same thing. Below what Kass and Raftery (1995) call worth a
 /// mention.
 pub(crate) const SAME_EFFECT_BIC: f64 = 0.5;
@@ -291,6 +282,10 @@ pub(crate) const SLOW_TURBULENCE_BIC: f64 = 50.0;
 pub(crate) const SLOW_TURBULENCE_ERROR: f64 = 1.5;
 /// Share of rows that must have all channels. Calibrated.
 pub(crate) const COMPLETE_ROWS_SHARE: f64 = 0.7;
+/// Limits of Fisher scoring on Whittle's likelihood: it ends where a step gains a hundredth, far below one standard error
+/// of a log-likelihood ratio (Wilks 1938). Cost.
+pub(crate) const SCORING_LIMITS: Limits =
+    Limits { iterations: 60, tolerance: 1e-3, gain: 1e-2, trials: MAX_DAMPED_STEPS };
 /// States whose fit is refined by the exact likelihood: the best of Whittle's. Cost.
 pub(crate) const TURBULENCE_STATES_REFINED: usize = 3;
 /// A gain in BIC by Whittle's likelihood below which the exact one is not asked. Cost.

@@ -24,7 +24,7 @@ fn fly(vehicle: &Vehicle, seed: u64) -> Record {
     flight(vehicle, 30.0, &[0.0; 4], 3.0, Some(seed))
 }
 
-fn told(record: Record) -> Diagnosis {
+fn diagnosis(record: Record) -> Diagnosis {
     diagnose(&[record], &quadrotor(), &Options::default()).unwrap()
 }
 
@@ -47,7 +47,7 @@ fn holds(answer: &Diagnosis, parameter: &str, truth: f64, within: f64) {
 #[test]
 fn a_clean_record_is_consistent() {
     for seed in 1..=3 {
-        let answer = told(fly(&quadrotor(), seed));
+        let answer = diagnosis(fly(&quadrotor(), seed));
         assert_eq!(answer.verdict, Verdict::Consistent, "{}", answer.text());
         assert!(answer.causes.is_empty() && answer.extended.is_none());
     }
@@ -55,32 +55,33 @@ fn a_clean_record_is_consistent() {
 
 #[test]
 fn a_late_command_and_a_slow_actuator_are_told_apart() {
-    let delayed = told(fly(&with(Kind::InputDelay, "u_roll", &[("delay_s", 0.06)]), 1));
+    let delayed = diagnosis(fly(&with(Kind::InputDelay, "u_roll", &[("delay_s", 0.06)]), 1));
     names(&delayed, "input_delay", "u_roll");
     holds(&delayed, "delay_s", 0.06, 0.05);
-    let slow = told(fly(&with(Kind::ActuatorLag, "u_pitch", &[("time_constant_s", 0.08)]), 2));
+    let slow = diagnosis(fly(&with(Kind::ActuatorLag, "u_pitch", &[("time_constant_s", 0.08)]), 2));
     names(&slow, "actuator_lag", "u_pitch");
     holds(&slow, "time_constant_s", 0.08, 0.05);
 }
 
 #[test]
 fn a_bias_a_tone_and_a_gust_are_found_where_they_are() {
-    let biased = told(fly(&with(Kind::SensorBias, "pitch", &[("offset", 0.01)]), 3));
+    let biased = diagnosis(fly(&with(Kind::SensorBias, "pitch", &[("offset", 0.01)]), 3));
     names(&biased, "sensor_bias", "pitch");
     holds(&biased, "offset", 0.01, 0.1);
     let tone = [("frequency_hz", 12.3), ("amplitude", 0.01), ("phase_rad", 0.5)];
-    let shaken = told(fly(&with(Kind::Vibration, "roll_rate", &tone), 4));
+    let shaken = diagnosis(fly(&with(Kind::Vibration, "roll_rate", &tone), 4));
     names(&shaken, "vibration", "roll_rate");
     holds(&shaken, "frequency_hz", 12.3, 1e-3);
     let gust = [("at_s", 12.0), ("magnitude", 0.3), ("duration_s", 0.5)];
-    let pushed = told(fly(&with(Kind::PulseDisturbance, "pitch_rate", &gust), 5));
+    let pushed = diagnosis(fly(&with(Kind::PulseDisturbance, "pitch_rate", &gust), 5));
     names(&pushed, "pulse_disturbance", "pitch_rate");
     holds(&pushed, "at_s", 12.0, 0.02);
 }
 
 #[test]
 fn turbulence_is_sized() {
-    let stormy = told(fly(&with(Kind::Turbulence, "roll_rate", &[("std", 0.3), ("bandwidth_hz", 1.0)]), 6));
+    let stormy =
+        diagnosis(fly(&with(Kind::Turbulence, "roll_rate", &[("std", 0.3), ("bandwidth_hz", 1.0)]), 6));
     names(&stormy, "turbulence", "roll_rate");
     holds(&stormy, "std", 0.3, 0.4);
 }
@@ -148,7 +149,7 @@ fn several_flights_are_one_question() {
 fn the_extended_vehicle_flies_as_the_record_did() {
     let truth = with(Kind::DeadZone, "u_pitch", &[("width", 1.0)]);
     let record = fly(&truth, 11);
-    let answer = told(record.clone());
+    let answer = diagnosis(record.clone());
     names(&answer, "dead_zone", "u_pitch");
     let extended = Vehicle::parse(&answer.extended.unwrap().to_toml(), "extended").unwrap();
     let again = diagnose(&[record], &extended, &Options::default()).unwrap();
@@ -168,12 +169,12 @@ fn says(answer: &Diagnosis, kind: &str, channel: &str) {
 #[test]
 fn wrong_wiring_and_wrong_units_are_told_and_no_cause_is_named() {
     let record = fly(&quadrotor(), 13);
-    says(&told(changed(&record, "roll", |_, v| -v)), "sign", "roll");
-    says(&told(changed(&record, "pitch", |_, v| v.to_degrees())), "unit", "pitch");
+    says(&diagnosis(changed(&record, "roll", |_, v| -v)), "sign", "roll");
+    says(&diagnosis(changed(&record, "pitch", |_, v| v.to_degrees())), "unit", "pitch");
     let pitch = record.signal("pitch").unwrap().values.clone();
     let roll = record.signal("roll").unwrap().values.clone();
     let swapped = changed(&changed(&record, "roll", |k, _| pitch[k]), "pitch", |k, _| roll[k]);
-    says(&told(swapped), "swapped", "roll");
+    says(&diagnosis(swapped), "swapped", "roll");
 }
 
 #[test]
@@ -181,11 +182,11 @@ fn gaps_stuck_sensors_and_missing_values_do_no_harm() {
     let record = fly(&quadrotor(), 14);
     let frozen = record.signal("roll_rate").unwrap().values[900];
     says(
-        &told(changed(&record, "roll_rate", |k, v| if (900..1500).contains(&k) { frozen } else { v })),
+        &diagnosis(changed(&record, "roll_rate", |k, v| if (900..1500).contains(&k) { frozen } else { v })),
         "stuck",
         "roll_rate",
     );
-    let holes = told(changed(&record, "pitch", |k, v| if k % 97 < 3 { f64::NAN } else { v }));
+    let holes = diagnosis(changed(&record, "pitch", |k, v| if k % 97 < 3 { f64::NAN } else { v }));
     assert_eq!(holes.verdict, Verdict::Consistent, "{}", holes.text());
     let keep = |k: usize| !(1200..1400).contains(&k);
     let mut gap =
@@ -195,13 +196,13 @@ fn gaps_stuck_sensors_and_missing_values_do_no_harm() {
         let values = (0..record.time.len()).filter(|k| keep(*k)).map(|k| signal.values[k]).collect();
         gap.push(&signal.name, &signal.unit, values).unwrap();
     }
-    let answer = told(gap);
+    let answer = diagnosis(gap);
     assert!(answer.causes.is_empty(), "{}", answer.text());
 }
 
 #[test]
 fn without_excitation_or_length_nothing_is_claimed() {
-    let still = told(flight(&quadrotor(), 30.0, &[0.0; 4], 0.0, Some(15)));
+    let still = diagnosis(flight(&quadrotor(), 30.0, &[0.0; 4], 0.0, Some(15)));
     assert!(still.causes.is_empty(), "{}", still.text());
     assert!(still.data.iter().any(|d| d.kind == "no_excitation"), "{:?}", still.data);
     let short = flight(&quadrotor(), 0.3, &[0.0; 4], 3.0, Some(16));

@@ -6,7 +6,7 @@ mod support;
 use std::cell::RefCell;
 use std::collections::VecDeque;
 
-use support::{flight, named, pushed_flight, told};
+use support::{diagnosis, flight, named, pushed_flight};
 use whirlstand_diagnose::{Diagnosis, Verdict};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
@@ -58,7 +58,7 @@ fn a_limit_cycle_is_neither_turbulence_nor_a_row_of_pushes() {
     for (seed, size, threshold, late_s) in
         [(31, 0.1, 0.002, 0.5), (32, 0.15, 0.005, 0.37), (33, 0.3, 0.01, 0.23)]
     {
-        let answer = told(relayed(size, threshold, late_s, seed), &quadrotor());
+        let answer = diagnosis(relayed(size, threshold, late_s, seed), &quadrotor());
         is_described(&answer, "a force on pitch_rate that switches with pitch");
     }
 }
@@ -68,7 +68,7 @@ fn a_spring_that_goes_in_waves_is_no_turbulence() {
     for (seed, size) in [(34, 0.1), (35, 0.3)] {
         let push = |x: &[f64]| vec![0.0, 0.0, 0.0, size * (40.0 * x[3]).sin()];
         let record = pushed_flight(&quadrotor(), 18.0, &[0.0; 4], 1.0, Some(seed), push);
-        is_described(&told(record, &quadrotor()), "a force on pitch_rate that");
+        is_described(&diagnosis(record, &quadrotor()), "a force on pitch_rate that");
     }
 }
 
@@ -80,7 +80,7 @@ fn a_gain_and_a_lag_of_one_input_are_both_named() {
             (Kind::ActuatorLag, "u_roll", &[("time_constant_s", lag)]),
             (Kind::InputGain, "u_roll", &[("factor", factor)]),
         ]);
-        let answer = told(flight(&truth, 18.0, &[0.0; 4], 1.0, Some(seed)), &quadrotor());
+        let answer = diagnosis(flight(&truth, 18.0, &[0.0; 4], 1.0, Some(seed)), &quadrotor());
         let named = named(&answer);
         assert_eq!(named.len(), 2, "seed {seed}: {}", answer.text());
         for truth in ["actuator_lag(u_roll)", "input_gain(u_roll)"] {
@@ -95,7 +95,7 @@ fn a_mode_with_a_gain_is_one_cause_where_a_delay_and_a_gain_do_no_better() {
     let mode = [("frequency_hz", 1.07), ("damping_ratio", 0.7), ("gain", 0.93)];
     let truth = with(&[(Kind::UnmodelledMode, "u_roll", &mode)]);
     for seed in [38, 39] {
-        let answer = told(flight(&truth, 18.0, &[0.0; 4], 1.0, Some(seed)), &quadrotor());
+        let answer = diagnosis(flight(&truth, 18.0, &[0.0; 4], 1.0, Some(seed)), &quadrotor());
         assert_eq!(named(&answer), [["unmodelled_mode(u_roll)"]], "seed {seed}: {}", answer.text());
         for (name, value) in mode {
             let found = &answer.causes[0].parameters[name];
@@ -110,7 +110,7 @@ fn a_fast_mode_is_listed_beside_the_gain_that_it_looks_like() {
     let mode = [("frequency_hz", 6.0), ("damping_ratio", 0.1), ("gain", 1.06)];
     let truth = with(&[(Kind::UnmodelledMode, "u_roll", &mode)]);
     for seed in [40, 41] {
-        let answer = told(flight(&truth, 18.0, &[0.0; 4], 0.3, Some(seed)), &quadrotor());
+        let answer = diagnosis(flight(&truth, 18.0, &[0.0; 4], 0.3, Some(seed)), &quadrotor());
         let named = named(&answer);
         assert_eq!(named.len(), 1, "seed {seed}: {}", answer.text());
         assert!(named[0].contains(&"unmodelled_mode(u_roll)".into()), "seed {seed}: {}", answer.text());

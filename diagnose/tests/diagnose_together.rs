@@ -2,7 +2,7 @@
 
 mod support;
 
-use support::{changed, flight, named, pushed_flight, told};
+use support::{changed, diagnosis, flight, named, pushed_flight};
 use whirlstand_diagnose::{Diagnosis, Verdict};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Kind, Simulator, Stream, Vehicle};
@@ -45,7 +45,7 @@ fn a_push_beside_a_gain_hides_neither() {
         (Kind::InputGain, "u_pitch", &[("factor", 0.91)]),
     ]);
     names_both(
-        &told(fly(&truth, 1), &builtin("quadrotor")),
+        &diagnosis(fly(&truth, 1), &builtin("quadrotor")),
         ["pulse_disturbance(pitch_rate)", "input_gain(u_pitch)"],
     );
 }
@@ -57,7 +57,7 @@ fn a_transition_beside_a_changed_parameter_hides_neither() {
     truth.add_effect(Effect::mode_transition(18.16, "helicopter-longitudinal").unwrap()).unwrap();
     truth.add_effect(Effect::new(Kind::ParameterChange, "A[2,3]", &[("factor", 1.3)]).unwrap()).unwrap();
     let record = flight(&truth, 23.0, &vec![0.0; truth.states.len()], 0.03, Some(2));
-    names_both(&told(record, &hover), ["mode_transition(vehicle)", "parameter_change(A[2,3])"]);
+    names_both(&diagnosis(record, &hover), ["mode_transition(vehicle)", "parameter_change(A[2,3])"]);
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn the_length_of_a_push_is_found_between_the_lengths_that_are_tried() {
     for (seed, duration) in [(3, 0.23), (4, 0.349), (5, 0.53)] {
         let gust = [("at_s", 9.0), ("duration_s", duration), ("magnitude", 0.5)];
         let truth = quadrotor(&[(Kind::PulseDisturbance, "roll_rate", &gust)]);
-        let answer = told(fly(&truth, seed), &builtin("quadrotor"));
+        let answer = diagnosis(fly(&truth, seed), &builtin("quadrotor"));
         assert_eq!(named(&answer), [["pulse_disturbance(roll_rate)"]], "{}", answer.text());
         let found = &answer.causes[0].parameters["duration_s"];
         assert!((found.value - duration).abs() < 0.015, "{found:?}, in truth {duration}");
@@ -76,7 +76,7 @@ fn the_length_of_a_push_is_found_between_the_lengths_that_are_tried() {
 fn a_coarse_sensor_is_no_noisy_one() {
     let own = builtin("quadrotor").outputs[2].noise;
     let truth = quadrotor(&[(Kind::Quantization, "pitch", &[("step", 10.0 * own)])]);
-    let answer = told(fly(&truth, 6), &builtin("quadrotor"));
+    let answer = diagnosis(fly(&truth, 6), &builtin("quadrotor"));
     assert_eq!(named(&answer), [["quantization(pitch)"]], "{}", answer.text());
     assert_eq!(answer.verdict, Verdict::Explained, "{}", answer.text());
 }
@@ -90,7 +90,7 @@ fn three_wild_values_are_outliers() {
         _ => v,
     };
     let record = changed(&fly(&vehicle, 7), "roll", wild);
-    assert_eq!(named(&told(record, &vehicle)), [["outliers(roll)"]]);
+    assert_eq!(named(&diagnosis(record, &vehicle)), [["outliers(roll)"]]);
 }
 
 #[test]
@@ -101,12 +101,12 @@ fn one_value_that_stands_far_out_is_an_outlier() {
         let record = fly(&vehicle, 7);
         changed(&record, "roll", |k, v| if k == 1203 { v - size * noise } else { v })
     };
-    let answer = told(with(25.0), &vehicle);
+    let answer = diagnosis(with(25.0), &vehicle);
     assert_eq!(named(&answer), [["outliers(roll)"]]);
     let fraction = &answer.causes[0].parameters["fraction"];
     assert!((fraction.value - 1.0 / 2500.0).abs() < 1e-6, "{fraction:?}");
     // What noise reaches now and then is none.
-    assert!(told(with(4.0), &vehicle).causes.is_empty());
+    assert!(diagnosis(with(4.0), &vehicle).causes.is_empty());
 }
 
 /// Gusts of a bandwidth of which a record of 18 s holds three periods only: what it shows of it must not be thrown away.
@@ -116,7 +116,7 @@ fn slow_turbulence_is_sized_in_a_short_record() {
     let truth = quadrotor(&[(Kind::Turbulence, "roll_rate", &gusts)]);
     let (mut inside, mut values) = (0, 0);
     for seed in [13, 14] {
-        let answer = told(flight(&truth, 18.0, &[0.0; 4], 1.0, Some(seed)), &builtin("quadrotor"));
+        let answer = diagnosis(flight(&truth, 18.0, &[0.0; 4], 1.0, Some(seed)), &builtin("quadrotor"));
         assert_eq!(named(&answer), [["turbulence(roll_rate)"]], "seed {seed}: {}", answer.text());
         for (name, value) in gusts {
             let found = &answer.causes[0].parameters[name];
@@ -138,7 +138,7 @@ fn a_small_change_of_an_entry_is_not_taken_for_a_gain() {
     truth.add_effect(Effect::new(Kind::ParameterChange, "B[2,1]", &[("factor", 0.95)]).unwrap()).unwrap();
     for seed in [19, 20, 21] {
         let record = flight(&truth, 20.0, &vec![0.0; truth.states.len()], 0.2, Some(seed));
-        let answer = told(record, &nominal);
+        let answer = diagnosis(record, &nominal);
         let named = named(&answer);
         assert_eq!(named.len(), 1, "seed {seed}: {}", answer.text());
         assert!(named[0].contains(&"parameter_change(B[2,1])".into()), "seed {seed}: {}", answer.text());
@@ -163,7 +163,7 @@ fn a_drift_beside_coloured_noise_is_no_colour() {
             let drift = if output.name == "pitch" { 4.0 * output.noise / 15.0 } else { 0.0 };
             record = changed(&record, &output.name, |k, v| v + noise[k] + drift * 0.01 * k as f64);
         }
-        let answer = told(record, &vehicle);
+        let answer = diagnosis(record, &vehicle);
         assert_eq!(named(&answer), [["sensor_drift(pitch)"]], "seed {seed}: {}", answer.text());
     }
 }
@@ -175,7 +175,7 @@ fn a_force_that_follows_the_states_is_no_turbulence() {
     let push = |x: &[f64]| vec![0.0, 4.0 * x[1] * x[0], 0.0, 0.0];
     for seed in [8, 9] {
         let record = pushed_flight(&vehicle, 25.0, &[0.0; 4], 3.0, Some(seed), push);
-        let answer = told(record, &vehicle);
+        let answer = diagnosis(record, &vehicle);
         assert!(answer.causes.is_empty(), "{}", answer.text());
         assert_eq!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
     }
@@ -205,11 +205,11 @@ fn wild_values_within_the_reach_of_a_noise_that_swings_are_outliers() {
     };
     let largest = swinging.iter().zip(&quiet.signal("roll").unwrap().values);
     let largest = largest.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    let answer = told(with(largest), &vehicle);
+    let answer = diagnosis(with(largest), &vehicle);
     assert_eq!(named(&answer), [["outliers(roll)"]], "{}", answer.text());
     let size = &answer.causes[0].parameters["magnitude"];
     assert!((size.value / largest - 1.0).abs() < 0.2, "{size:?}, in truth {largest}");
-    let answer = told(with(0.0), &vehicle);
+    let answer = diagnosis(with(0.0), &vehicle);
     assert!(answer.causes.is_empty(), "{}", answer.text());
 }
 
@@ -248,10 +248,10 @@ fn a_relay_in_an_input_is_no_gain_with_play() {
         }
         record
     };
-    let answer = told(doublets(0.15), &vehicle);
+    let answer = diagnosis(doublets(0.15), &vehicle);
     assert!(answer.causes.is_empty(), "{}", answer.text());
     assert_eq!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
-    let answer = told(doublets(0.0), &vehicle);
+    let answer = diagnosis(doublets(0.0), &vehicle);
     assert_ne!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
 }
 
@@ -270,7 +270,7 @@ fn an_offset_is_no_noise_that_wanders() {
             .collect();
         record = changed(&record, &output.name, |k, v| v + wander.get(k).unwrap_or(&0.0));
     }
-    let answer = told(record, &vehicle);
+    let answer = diagnosis(record, &vehicle);
     assert!(named(&answer)[0].iter().any(|n| n == "sensor_bias(pitch)"), "{}", answer.text());
     assert_eq!(answer.causes.len(), 1, "{}", answer.text());
 }

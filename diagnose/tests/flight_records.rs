@@ -82,7 +82,7 @@ fn read(csv: &str) -> Record {
     whirlstand_logs::read(&path, &[]).unwrap()
 }
 
-fn told(record: Record, vehicle: &Vehicle) -> Diagnosis {
+fn diagnosis(record: Record, vehicle: &Vehicle) -> Diagnosis {
     diagnose(&[record], vehicle, &Options::default()).unwrap()
 }
 
@@ -147,7 +147,7 @@ const MULTIROTOR: Axis = Axis {
 #[test]
 fn the_motors_of_a_multirotor_lag_in_closed_loop_with_dropouts() {
     judged("motor lag, dropouts", |seed| {
-        let answer = told(MULTIROTOR.fly(seed), &MULTIROTOR.vehicle());
+        let answer = diagnosis(MULTIROTOR.fly(seed), &MULTIROTOR.vehicle());
         let came = first(&answer, &["actuator_lag"]);
         if came == Came::Right {
             let lag = value(&answer, "time_constant_s");
@@ -169,7 +169,7 @@ fn an_unstable_axis_has_a_prediction() {
         ..MULTIROTOR
     };
     judged("motor lag, unstable", |seed| {
-        let answer = told(axis.fly(seed), &axis.vehicle());
+        let answer = diagnosis(axis.fly(seed), &axis.vehicle());
         (first(&answer, &["actuator_lag", "input_delay"]), answer)
     });
 }
@@ -186,7 +186,7 @@ fn a_right_model_of_what_integrates_is_consistent() {
         ..MULTIROTOR
     };
     judged("integrator", |seed| {
-        let answer = told(axis.fly(seed), &axis.vehicle());
+        let answer = diagnosis(axis.fly(seed), &axis.vehicle());
         let came = match (answer.verdict, answer.causes.len()) {
             (Verdict::Consistent, 0) => Came::Right,
             (_, 0) => Came::Nothing,
@@ -210,7 +210,7 @@ fn a_model_that_predicts_nothing_is_not_consistent() {
         ..MULTIROTOR
     };
     judged("a model of something else", |seed| {
-        let answer = told(axis.fly(seed), &axis.vehicle());
+        let answer = diagnosis(axis.fly(seed), &axis.vehicle());
         let came = match answer.verdict {
             Verdict::Consistent => Came::Wrong,
             _ => Came::Right,
@@ -241,7 +241,113 @@ fn a_battery_that_runs_down_shows_although_no_noise_is_declared() {
                 a += 0.002 * (-25.0 * a + gain * thrust);
             }
         }
-        let answer = told(read(&csv), &vehicle);
+        let answer = diagnosis(read(&csv), &vehicle);
         (first(&answer, &["gain_drift"]), answer)
+    });
+}
+
+/// An axis flown in open loop by steps of up to 26 where its file says 10; a vehicle that answers them or does not.
+fn commanded_beyond(answers: bool, seed: u64) -> (Vehicle, Record) {
+    let text = "name = \"axis\"\nA = [[-2.0]]\nB = [[1.0]]\nstates = [{ name = \"rate\", unit = \"rad/s\" }]\n\
+                inputs = [{ name = \"u\", lower = -10.0, upper = 10.0 }]\n[[outputs]]\nname = \"rate\"\nunit = \"rad/s\"\n";
+    let mut random = Stream::new(seed, "beyond the limits");
+    let (mut u, mut rate, mut until) = (0.0, 0.0, 0.0);
+    let mut csv = "t[s],u,rate[rad/s]\n".to_string();
+    for k in 0..4000 {
+        let now = f64::from(k) * 0.01;
+        if now >= until {
+            u = 26.0 * (2.0 * random.uniform() - 1.0);
+            until = now + 0.2 + random.uniform();
+        }
+        csv += &format!("{now:.2},{u:.5},{:.5}\n", rate + 0.1 * random.normal());
+        let acting = if answers { u } else { u.clamp(-10.0, 10.0) };
+        for _ in 0..5 {
+            rate += 0.002 * (-2.0 * rate + acting);
+        }
+    }
+    (Vehicle::parse(text, "axis.toml").unwrap(), read(&csv))
+}
+
+#[test]
+fn commands_beyond_the_limits_say_whose_limit_is_wrong() {
+    for (answers, whose) in [(true, "limits are too narrow"), (false, "the vehicle has those limits")] {
+        judged("commands beyond the limits", |seed| {
+            let (vehicle, record) = commanded_beyond(answers, seed);
+            let answer = diagnosis(record, &vehicle);
+            let found = answer.data.iter().find(|d| d.kind == "limit" && d.place == "u");
+            assert!(
+                found.is_some_and(|d| d.text.contains("26") || d.text.contains("25")),
+                "{}",
+                answer.text()
+            );
+            let came = match (found.is_some_and(|d| d.text.contains(whose)), answer.causes.len()) {
+                (true, 0) => Came::Right,
+                (false, 0) => Came::Nothing,
+                _ => Came::Wrong,
+            };
+            (came, answer)
+        });
+    }
+}
+
+/// A rotor that spins up faster than it slows down follows no lag of first order: what rides on that misfit is no cause of
+/// its own. With one input and one output, the lag is the actuator's.
+#[test]
+fn the_lag_of_a_rotor_stands_alone() {
+    let text = "name = \"rotor\"\nA = [[-500.0]]\nB = [[500.0]]\nstates = [{ name = \"speed\", unit = \"rad/s\" }]\n\
+                inputs = [{ name = \"command\", lower = 0.0, upper = 1000.0 }]\n[[outputs]]\nname = \"speed\"\nunit = \"rad/s\"\n";
+    let vehicle = Vehicle::parse(text, "rotor.toml").unwrap();
+    judged("rotor", |seed| {
+        let mut random = Stream::new(seed, "rotor");
+        let (mut command, mut speed, mut until) = (400.0, 400.0, 0.5);
+        let mut csv = "t[s],command,speed[rad/s]\n".to_string();
+        for k in 0..10_000 {
+            let now = f64::from(k) * 0.002;
+            if now >= until {
+                command = 300.0 + 400.0 * random.uniform();
+                until = now + 0.1 + 0.4 * random.uniform();
+            }
+            csv += &format!("{now:.3},{command:.3},{:.3}\n", speed + 3.0 * random.normal());
+            let lag = if command > speed { 0.040 } else { 0.044 };
+            for _ in 0..4 {
+                speed += 0.0005 * (command - speed) / lag;
+            }
+        }
+        let answer = diagnosis(read(&csv), &vehicle);
+        let came = match answer.causes.as_slice() {
+            [] => Came::Nothing,
+            [cause] if cause.effect == "actuator_lag" => Came::Right,
+            _ => Came::Wrong,
+        };
+        if came == Came::Right {
+            let lag = value(&answer, "time_constant_s");
+            assert!((0.038..0.046).contains(&lag), "{lag}: {}", answer.text());
+        }
+        (came, answer)
+    });
+}
+
+/// The record begins with the step: its command never changes, and the axis answers, 0.3 s late.
+#[test]
+fn a_step_that_stands_from_the_first_sample_on_is_an_excitation() {
+    let text = "name = \"axis\"\nA = [[-2.0]]\nB = [[1.0]]\nstates = [{ name = \"rate\", unit = \"rad/s\" }]\n\
+                inputs = [{ name = \"u\", lower = -10.0, upper = 10.0 }]\n\
+                [[outputs]]\nname = \"rate\"\nunit = \"rad/s\"\nnoise = 0.02\n";
+    let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+    judged("a step from the first sample on", |seed| {
+        let mut random = Stream::new(seed, "step");
+        let (mut motor, mut rate) = (0.0, 0.0);
+        let mut csv = "t[s],u,rate[rad/s]\n".to_string();
+        for k in 0..1500 {
+            csv += &format!("{:.2},5.0,{:.5}\n", f64::from(k) * 0.01, rate + 0.02 * random.normal());
+            for _ in 0..5 {
+                motor += 0.002 * (5.0 - motor) / 0.3;
+                rate += 0.002 * (-2.0 * rate + motor);
+            }
+        }
+        let answer = diagnosis(read(&csv), &vehicle);
+        assert!(answer.data.iter().all(|d| d.kind != "no_excitation"), "{}", answer.text());
+        // In the vehicle file an actuator has settled on the first command: here, only a late sensor does the same.
+        (first(&answer, &["actuator_lag", "sensor_lag"]), answer)
     });
 }

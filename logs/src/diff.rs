@@ -1,4 +1,4 @@
-//! Two logs held against each other bit for bit.
+//! Two logs compared bit for bit.
 //!
 //! Topics are compared one by one, message by message in the order in which each topic was recorded: how messages
 //! of different topics interleave is a matter of scheduling, what they say is not. Topics that carry wall-clock

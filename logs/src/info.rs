@@ -184,7 +184,7 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
         Some((from, to)) => Some((t.min(&from).to_owned(), t.max(&to).to_owned())),
     });
     let mut offered: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    let mut told = remarks(&stream);
+    let mut all = remarks(&stream);
     if log.info().is_none() {
         let Catalogue { signals, unreadable } = catalogue(&log)?;
         for signal in signals {
@@ -192,7 +192,7 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
             let topic = signal.split('.').next().unwrap_or("").to_string();
             offered.entry(topic).or_default().push(signal);
         }
-        told.extend(unreadable.into_iter().map(|reason| format!("cannot be read: {reason}")));
+        all.extend(unreadable.into_iter().map(|reason| format!("cannot be read: {reason}")));
     }
     let files = stream.endings().iter().map(|(path, ending)| FileInfo {
         path: path.clone(),
@@ -212,7 +212,7 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
             })
             .collect(),
         damage: stream.damage().to_vec(),
-        remarks: told,
+        remarks: all,
         ..empty(path, "mcap")
     })
 }
@@ -283,6 +283,7 @@ fn record_info(path: &Path, record: &Record) -> LogInfo {
         duration: record.duration(),
         signals: signals.collect(),
         sampling: Some(Sampling::of(&record.time)),
+        remarks: record.unreadable().iter().map(|u| format!("left out: {u}")).collect(),
         ..empty(path, "csv")
     }
 }

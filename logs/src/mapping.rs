@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use serde::Serialize;
 use whirlstand_msgs::units::{Unit, UnitError};
 
 use whirlstand_msgs::names::did_you_mean;
@@ -90,6 +91,17 @@ pub enum MapError {
     },
 }
 
+/// A signal that a record has and that cannot be read: a unit that nobody knows, text among the numbers. It is in nobody's
+/// way who does not ask for it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, thiserror::Error)]
+#[error("{why}")]
+pub struct Unreadable {
+    /// Its name.
+    pub name: String,
+    /// A sentence that names the file, the line or the signal.
+    pub why: String,
+}
+
 /// A source with the name and the conversion that it gets.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Selected {
@@ -140,6 +152,11 @@ pub(crate) fn split_unit(text: &str) -> (&str, Option<&str>) {
 }
 
 impl Mapping {
+    /// Whether this is the source, with or without a unit.
+    pub(crate) fn names(&self, source: &str) -> bool {
+        self.source == source || split_unit(&self.source).0 == source
+    }
+
     /// The source's index and the unit that the mapping states.
     fn find<'a>(&'a self, sources: &[Source], origin: &str) -> Result<(usize, Option<&'a str>), MapError> {
         let position = |name: &str| sources.iter().position(|s| s.name == name);
@@ -163,13 +180,13 @@ impl Mapping {
 }
 
 /// What a record has: every mapped source under its new name, then, if `keep_others`, all that no mapping names
-/// and whose name is still free.
+/// and whose name is still free; and those of them whose unit cannot be read.
 pub(crate) fn resolve(
     sources: &[Source],
     mappings: &[Mapping],
     keep_others: bool,
     origin: &str,
-) -> Result<Vec<Selected>, MapError> {
+) -> Result<(Vec<Selected>, Vec<Unreadable>), MapError> {
     let unit_of = |index: usize, stated: Option<&str>| {
         let text = stated.or(sources[index].unit.as_deref()).unwrap_or("");
         text.parse().map_err(|source| MapError::Unit {
@@ -179,6 +196,7 @@ pub(crate) fn resolve(
         })
     };
     let mut selected: Vec<Selected> = Vec::new();
+    let mut unreadable = Vec::new();
     let mut mapped = vec![false; sources.len()];
     for m in mappings {
         if selected.iter().any(|s| s.name == m.name) {
@@ -192,12 +210,18 @@ pub(crate) fn resolve(
     if keep_others {
         for (source, offered) in sources.iter().enumerate() {
             if !mapped[source] && !selected.iter().any(|s| s.name == offered.name) {
-                let unit = unit_of(source, None)?;
-                selected.push(Selected { source, name: offered.name.clone(), unit, negated: false });
+                let name = offered.name.clone();
+                match unit_of(source, None) {
+                    Ok(unit) => selected.push(Selected { source, name, unit, negated: false }),
+                    Err(error) => unreadable.push(Unreadable {
+                        why: format!("{error}; --map {name}={name}[unit] states another"),
+                        name,
+                    }),
+                }
             }
         }
     }
-    Ok(selected)
+    Ok((selected, unreadable))
 }
 
 #[cfg(test)]
@@ -212,7 +236,7 @@ mod tests {
 
     fn resolved(texts: &[&str]) -> Result<Vec<Selected>, MapError> {
         let mappings = texts.iter().map(|t| t.parse()).collect::<Result<Vec<_>, _>>()?;
-        resolve(&sources(), &mappings, true, "x.csv")
+        resolve(&sources(), &mappings, true, "x.csv").map(|(selected, _)| selected)
     }
 
     #[test]

@@ -83,7 +83,7 @@ impl Collector {
             return Err(MultiError::Unmapped { path: path.into(), available: sources });
         }
         let origin = path.display().to_string();
-        let selected = resolve(offered, mappings, false, &origin)
+        let (selected, _) = resolve(offered, mappings, false, &origin)
             .map_err(|error| MultiError::Map { error: Box::new(error), unreadable: unreadable.to_vec() })?;
         let mut fed: HashMap<String, Vec<usize>> = HashMap::new();
         for (signal, chosen) in selected.iter().enumerate() {

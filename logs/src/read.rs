@@ -15,7 +15,7 @@ use crate::log::Log;
 use crate::mapping::{MapError, Mapping, MissingSource};
 use crate::multi::MultiError;
 use crate::read_error::ReadError;
-use crate::record::{MissingSignal, Record};
+use crate::record::{Record, SignalError};
 use crate::ulog::{UlogError, read_ulog};
 
 /// Why a log cannot be read.
@@ -55,7 +55,7 @@ pub enum AnyReadError {
     Map(#[from] MapError),
     /// A signal was asked for that the log does not have.
     #[error(transparent)]
-    Missing(#[from] MissingSignal),
+    Missing(#[from] SignalError),
 }
 
 impl AnyReadError {

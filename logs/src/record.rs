@@ -3,7 +3,7 @@
 use serde::Serialize;
 use whirlstand_msgs::names::did_you_mean;
 
-use crate::mapping::{MapError, Mapping, Source, list, resolve};
+use crate::mapping::{MapError, Mapping, Source, Unreadable, list, resolve};
 
 /// A named signal over the time axis of its [`Record`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -26,22 +26,30 @@ pub struct Record {
     /// Strictly increasing.
     pub time: Vec<f64>,
     signals: Vec<Signal>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    unreadable: Vec<Unreadable>,
 }
 
-/// A signal was asked for that the record does not have.
+/// Why a signal that was asked for cannot be had from a record.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "{origin} has no signal '{wanted}'{}. It has: {}. Use --map {wanted}=NAME[unit] to say which one it is.",
-    did_you_mean(wanted, available.iter().map(String::as_str)),
-    list(available)
-)]
-pub struct MissingSignal {
-    /// Where the record was read from.
-    pub origin: String,
-    /// The name.
-    pub wanted: String,
-    /// What the record has.
-    pub available: Vec<String>,
+pub enum SignalError {
+    /// The record does not have it.
+    #[error(
+        "{origin} has no signal '{wanted}'{}. It has: {}. Use --map {wanted}=NAME[unit] to say which one it is.",
+        did_you_mean(wanted, available.iter().map(String::as_str)),
+        list(available)
+    )]
+    Missing {
+        /// Where the record was read from.
+        origin: String,
+        /// The name.
+        wanted: String,
+        /// What the record has.
+        available: Vec<String>,
+    },
+    /// The record has it, and it cannot be read.
+    #[error(transparent)]
+    Unreadable(Unreadable),
 }
 
 /// Why signals do not make a record.
@@ -89,7 +97,9 @@ impl Record {
         }
         match time.windows(2).position(|t| !(t[1] > t[0] && t[1].is_finite())) {
             Some(index) => Err(RecordError::Time { origin, index }),
-            None => Ok(Self { origin, time_unit: "s".into(), time, signals: Vec::new() }),
+            None => {
+                Ok(Self { origin, time_unit: "s".into(), time, signals: Vec::new(), unreadable: Vec::new() })
+            }
         }
     }
 
@@ -130,16 +140,38 @@ impl Record {
         self.signals.iter().find(|s| s.name == name)
     }
 
+    /// The signal called `name`, which the record may lack.
+    ///
+    /// # Errors
+    /// [`SignalError::Unreadable`] when the record has it and it cannot be read.
+    pub fn find(&self, name: &str) -> Result<Option<&Signal>, SignalError> {
+        match self.unreadable.iter().find(|u| u.name == name) {
+            Some(unreadable) => Err(SignalError::Unreadable(unreadable.clone())),
+            None => Ok(self.get(name)),
+        }
+    }
+
     /// The signal called `name`.
     ///
     /// # Errors
-    /// [`MissingSignal`], which lists what the record has.
-    pub fn signal(&self, name: &str) -> Result<&Signal, MissingSignal> {
-        self.get(name).ok_or_else(|| MissingSignal {
+    /// [`SignalError`], which lists what the record has or says why it cannot be read.
+    pub fn signal(&self, name: &str) -> Result<&Signal, SignalError> {
+        self.find(name)?.ok_or_else(|| SignalError::Missing {
             origin: self.origin.clone(),
             wanted: name.into(),
             available: self.names(),
         })
+    }
+
+    /// Signals that the file has and that could not be read.
+    pub fn unreadable(&self) -> &[Unreadable] {
+        &self.unreadable
+    }
+
+    /// Remembers signals that the file has and that could not be read.
+    pub(crate) fn with_unreadable(mut self, unreadable: Vec<Unreadable>) -> Self {
+        self.unreadable.extend(unreadable);
+        self
     }
 
     /// Puts other values into a signal; there are as many as points in time.
@@ -184,17 +216,19 @@ impl Record {
                 .iter()
                 .map(|s| Signal { values: s.values[start..end].to_vec(), ..s.clone_head() })
                 .collect(),
+            unreadable: self.unreadable.clone(),
         }
     }
 
     /// The record with the named signals alone, in that order.
     ///
     /// # Errors
-    /// [`MissingSignal`].
-    pub fn only(&self, names: &[String]) -> Result<Self, MissingSignal> {
+    /// [`SignalError`].
+    pub fn only(&self, names: &[String]) -> Result<Self, SignalError> {
         let signals = names.iter().map(|n| self.signal(n).cloned()).collect::<Result<_, _>>()?;
         Ok(Self {
             signals,
+            unreadable: Vec::new(),
             time: self.time.clone(),
             origin: self.origin.clone(),
             time_unit: self.time_unit.clone(),
@@ -214,7 +248,8 @@ impl Record {
             .iter()
             .map(|s| Source { name: s.name.clone(), unit: Some(s.unit.clone()) })
             .collect();
-        let signals = resolve(&sources, mappings, true, &self.origin)?
+        let (selected, unreadable) = resolve(&sources, mappings, true, &self.origin)?;
+        let signals = selected
             .into_iter()
             .map(|chosen| Signal {
                 unit: chosen.unit.si_symbol(),
@@ -222,7 +257,7 @@ impl Record {
                 name: chosen.name,
             })
             .collect();
-        Ok(Self { signals, ..self })
+        Ok(Self { signals, ..self }.with_unreadable(unreadable))
     }
 
     /// Gives a record that counts samples its clock: point n is at n times `period_s`.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde::Serialize;
 
-use crate::record::{MissingSignal, Record};
+use crate::record::{Record, SignalError};
 use crate::stats::median;
 
 /// An interval longer than this many median intervals has a sample missing: it is nearer to two than to one.
@@ -129,8 +129,8 @@ pub fn pauses(time: &[f64]) -> Vec<(f64, f64)> {
 /// The parts of a record in which all of `signals` have values and time has no gap, as ranges of its points.
 ///
 /// # Errors
-/// [`MissingSignal`] when the record does not have one of them.
-pub fn unbroken(record: &Record, signals: &[&str]) -> Result<Vec<Range<usize>>, MissingSignal> {
+/// [`SignalError`] when the record does not have one of them.
+pub fn unbroken(record: &Record, signals: &[&str]) -> Result<Vec<Range<usize>>, SignalError> {
     let columns = signals.iter().map(|name| record.signal(name)).collect::<Result<Vec<_>, _>>()?;
     let gaps: Vec<usize> = Sampling::of(&record.time).gaps.iter().map(|g| g.after).collect();
     let mut parts = Vec::new();

@@ -1,4 +1,4 @@
-//! Two logs held against each other, and what a log says about itself.
+//! Two logs compared, and what a log says about itself.
 
 use std::path::{Path, PathBuf};
 
@@ -67,7 +67,7 @@ fn the_same_messages_are_identical_however_topics_interleave() {
     assert!(found.identical && found.first.is_none() && found.remarks.is_empty(), "{found:?}");
     let equal: Vec<_> = found.topics.iter().map(|t| (t.topic.as_str(), t.equal, t.set_aside)).collect();
     assert_eq!(equal, [("/health", 0, true), ("/imu", 500, false), ("/truth", 500, false)]);
-    // Another transport and another time of day are told, not held against them.
+    // Another transport and another time of day are told and are no difference.
     assert_eq!(found.benches.len(), 1);
     assert_eq!(found.benches[0].key, "transport");
 }

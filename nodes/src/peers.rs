@@ -34,7 +34,7 @@ pub struct Peers {
     role: Role,
     publisher: Publisher<Health>,
     subscriber: Subscriber<Health>,
-    heard: [Option<PeerHealth>; Role::ALL.len()],
+    reports: [Option<PeerHealth>; Role::ALL.len()],
     listens_to: Vec<Role>,
     due: Instant,
     /// What the next report says; the owner keeps its counters up to date before each report.
@@ -55,7 +55,7 @@ impl Peers {
             role,
             publisher,
             subscriber,
-            heard: [None; Role::ALL.len()],
+            reports: [None; Role::ALL.len()],
             listens_to,
             due: Instant::now(),
             report,
@@ -78,7 +78,7 @@ impl Peers {
     /// The transport fails.
     pub fn turn(&mut self, now: Instant) -> Result<(), NodeError> {
         while let Some(health) = self.receive()? {
-            self.hear(&health);
+            self.update(&health);
         }
         self.settle();
         if self.is_due(now) { self.publish(now) } else { Ok(()) }
@@ -100,17 +100,17 @@ impl Peers {
     }
 
     /// Takes a report of a peer in.
-    pub fn hear(&mut self, health: &Health) {
+    pub fn update(&mut self, health: &Health) {
         let Some(role) = Role::ALL.into_iter().find(|r| r.name() == health.node_name()) else { return };
         if role == self.role {
             return;
         }
-        let heard = &mut self.heard[role as usize];
-        if heard.is_none_or(|h| h.pid != health.pid) {
+        let report = &mut self.reports[role as usize];
+        if report.is_none_or(|h| h.pid != health.pid) {
             // Somebody new waits to hear this node.
             self.due = Instant::now();
         }
-        *heard = Some(PeerHealth {
+        *report = Some(PeerHealth {
             state: NodeState::from_u32(health.state),
             step: health.head.step,
             pid: health.pid,
@@ -119,7 +119,7 @@ impl Peers {
 
     /// Goes from `Starting` to `Running` once everybody listened to was heard. The plant decides for itself.
     pub fn settle(&mut self) {
-        if self.is_starting() && self.role != Role::Plant && self.all_heard() {
+        if self.is_starting() && self.role != Role::Plant && self.all_reported() {
             self.set_state(NodeState::Running);
         }
     }
@@ -156,21 +156,21 @@ impl Peers {
     }
 
     /// The newest health message of a peer.
-    pub fn heard(&self, role: Role) -> Option<PeerHealth> {
-        self.heard[role as usize]
+    pub fn health(&self, role: Role) -> Option<PeerHealth> {
+        self.reports[role as usize]
     }
 
     /// Peers among those listened to that are not yet `Running`.
     pub fn not_running(&self) -> impl Iterator<Item = Role> + '_ {
         self.listens_to.iter().copied().filter(|&r| {
             !matches!(
-                self.heard(r),
+                self.health(r),
                 Some(PeerHealth { state: Some(NodeState::Running | NodeState::Failsafe), .. })
             )
         })
     }
 
-    fn all_heard(&self) -> bool {
-        self.listens_to.iter().all(|&r| self.heard(r).is_some())
+    fn all_reported(&self) -> bool {
+        self.listens_to.iter().all(|&r| self.health(r).is_some())
     }
 }

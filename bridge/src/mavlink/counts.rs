@@ -4,7 +4,7 @@ use super::signing::SignatureFault;
 
 /// Why bytes were discarded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Drop {
+pub enum DropReason {
     /// Bytes (their number) that belong to no frame: line noise, another protocol, or a wrong baud rate.
     Noise(usize),
     /// The checksum is wrong.
@@ -51,14 +51,14 @@ impl Counts {
         self.checksum + self.unknown + self.flags + self.malformed + self.signature
     }
 
-    pub(super) fn count(&mut self, drop: Drop) {
+    pub(super) fn count(&mut self, drop: DropReason) {
         match drop {
-            Drop::Noise(bytes) => self.noise_bytes += bytes as u64,
-            Drop::Checksum => self.checksum += 1,
-            Drop::Unknown(_) => self.unknown += 1,
-            Drop::Flags(_) => self.flags += 1,
-            Drop::Malformed(_) => self.malformed += 1,
-            Drop::Signature(_) => self.signature += 1,
+            DropReason::Noise(bytes) => self.noise_bytes += bytes as u64,
+            DropReason::Checksum => self.checksum += 1,
+            DropReason::Unknown(_) => self.unknown += 1,
+            DropReason::Flags(_) => self.flags += 1,
+            DropReason::Malformed(_) => self.malformed += 1,
+            DropReason::Signature(_) => self.signature += 1,
         }
     }
 }

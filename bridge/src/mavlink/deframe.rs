@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use mavlink::{MavlinkVersion, Message, calculate_crc};
 
-use super::counts::{Counts, Drop};
+use super::counts::{Counts, DropReason};
 use super::signing::{SignatureFault, Signing};
 use super::{CHECKSUM, HEADER_V1, HEADER_V2, LONGEST_FRAME, MavMessage, SIGNATURE, SIGNED, STX_V1, STX_V2};
 use crate::stream::Stream;
@@ -36,7 +36,7 @@ pub enum Event {
     /// A message whose checksum and signature hold.
     Message(Header, MavMessage),
     /// Bytes that were given up.
-    Dropped(Drop),
+    Dropped(DropReason),
 }
 
 /// Finds messages in a stream of bytes, or in datagrams. A damaged frame costs itself alone: the search goes on
@@ -56,11 +56,11 @@ pub struct Deframer {
     clippy::large_enum_variant,
     reason = "lives on the stack for one call; a box would allocate per message"
 )]
-enum Front {
+enum Head {
     /// Not a whole frame yet.
     Incomplete,
     /// So many bytes are given up.
-    Drop(usize, Drop),
+    Drop(usize, DropReason),
     /// A frame of so many bytes.
     Frame(usize, Header, MavMessage),
 }
@@ -91,18 +91,18 @@ impl Deframer {
     /// frame that was cut off is given up.
     pub fn end(&mut self) -> Option<Event> {
         let left = self.stream.clear();
-        (left > 0).then(|| self.dropped(Drop::Noise(left)))
+        (left > 0).then(|| self.dropped(DropReason::Noise(left)))
     }
 
     /// The next message or drop; `None` until more bytes come.
     pub fn next(&mut self, now: Duration) -> Option<Event> {
-        match self.front(now) {
-            Front::Incomplete => None,
-            Front::Drop(bytes, drop) => {
+        match self.head(now) {
+            Head::Incomplete => None,
+            Head::Drop(bytes, drop) => {
                 self.stream.skip(bytes);
                 Some(self.dropped(drop))
             }
-            Front::Frame(bytes, header, message) => {
+            Head::Frame(bytes, header, message) => {
                 self.stream.skip(bytes);
                 self.last = bytes;
                 self.follow(header);
@@ -117,29 +117,29 @@ impl Deframer {
         self.stream.behind(self.last)
     }
 
-    fn dropped(&mut self, drop: Drop) -> Event {
+    fn dropped(&mut self, drop: DropReason) -> Event {
         self.counts.count(drop);
         Event::Dropped(drop)
     }
 
-    fn front(&mut self, now: Duration) -> Front {
+    fn head(&mut self, now: Duration) -> Head {
         let bytes = self.stream.waiting();
-        let Some(&first) = bytes.first() else { return Front::Incomplete };
+        let Some(&first) = bytes.first() else { return Head::Incomplete };
         let v2 = match first {
             STX_V2 => true,
             STX_V1 => false,
             _ => {
                 let noise = bytes.iter().position(|b| matches!(*b, STX_V1 | STX_V2)).unwrap_or(bytes.len());
-                return Front::Drop(noise, Drop::Noise(noise));
+                return Head::Drop(noise, DropReason::Noise(noise));
             }
         };
         let head = if v2 { HEADER_V2 } else { HEADER_V1 };
         if bytes.len() < head {
-            return Front::Incomplete;
+            return Head::Incomplete;
         }
         let flags = if v2 { bytes[2] } else { 0 };
         if flags & !SIGNED != 0 {
-            return Front::Drop(1, Drop::Flags(flags));
+            return Head::Drop(1, DropReason::Flags(flags));
         }
         let signature = if flags & SIGNED != 0 { SIGNATURE } else { 0 };
         let payload_end = head + usize::from(bytes[1]);
@@ -147,7 +147,7 @@ impl Deframer {
         let whole = checked + signature;
         debug_assert!(whole <= LONGEST_FRAME);
         if bytes.len() < whole {
-            return Front::Incomplete;
+            return Head::Incomplete;
         }
         let (id, header) = parse_header(bytes, v2);
         let extra = MavMessage::extra_crc(id);
@@ -158,11 +158,11 @@ impl Deframer {
                 None | Some(&(STX_V1 | STX_V2)) => whole,
                 Some(_) => 1,
             };
-            return Front::Drop(skip, Drop::Unknown(id));
+            return Head::Drop(skip, DropReason::Unknown(id));
         }
         let crc = calculate_crc(&bytes[1..payload_end], extra);
         if crc.to_le_bytes() != bytes[payload_end..checked] {
-            return Front::Drop(1, Drop::Checksum);
+            return Head::Drop(1, DropReason::Checksum);
         }
         if let Some(signing) = &mut self.signing {
             let verdict = match bytes[checked..whole].try_into() {
@@ -173,13 +173,13 @@ impl Deframer {
                 Err(_) => Err(SignatureFault::Missing),
             };
             if let Err(fault) = verdict {
-                return Front::Drop(whole, Drop::Signature(fault));
+                return Head::Drop(whole, DropReason::Signature(fault));
             }
         }
         let version = if v2 { MavlinkVersion::V2 } else { MavlinkVersion::V1 };
         match MavMessage::parse(version, id, &bytes[head..payload_end]) {
-            Ok(message) => Front::Frame(whole, header, message),
-            Err(_) => Front::Drop(whole, Drop::Malformed(id)),
+            Ok(message) => Head::Frame(whole, header, message),
+            Err(_) => Head::Drop(whole, DropReason::Malformed(id)),
         }
     }
 

@@ -23,7 +23,7 @@ mod deframe;
 mod encode;
 mod signing;
 
-pub use counts::{Counts, Drop};
+pub use counts::{Counts, DropReason};
 pub use deframe::{Deframer, Event, Header};
 pub use encode::Encoder;
 pub use mavlink::dialects::common as dialect;

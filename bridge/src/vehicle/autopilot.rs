@@ -41,7 +41,7 @@ pub(super) struct Autopilot {
     heading: Option<f64>,
     origin: Option<[f64; 3]>,
     /// What the vehicle says it receives, us, and when it said so.
-    told_rc: Option<(Vec<f64>, Duration)>,
+    sent_rc: Option<(Vec<f64>, Duration)>,
     next_heartbeat: Duration,
     next_timesync: Duration,
     exchanges: u32,
@@ -88,7 +88,7 @@ impl Autopilot {
             armed: false,
             well: true,
             origin: None,
-            told_rc: None,
+            sent_rc: None,
             next_heartbeat: Duration::ZERO,
             next_timesync: Duration::ZERO,
             exchanges: 0,
@@ -122,8 +122,8 @@ impl Autopilot {
     }
 
     /// The channels that the vehicle says it receives, us.
-    pub(super) fn told_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
-        let (us, at) = self.told_rc.as_ref()?;
+    pub(super) fn sent_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
+        let (us, at) = self.sent_rc.as_ref()?;
         (now.saturating_sub(*at) <= age).then(|| us.clone())
     }
 
@@ -147,7 +147,7 @@ impl Autopilot {
         self.deframer.push(bytes);
         while let Some(event) = self.deframer.next(now) {
             if let Event::Message(header, message) = event {
-                self.hear(header, &message, now, receivers);
+                self.message(header, &message, now, receivers);
             }
         }
         if end {
@@ -164,7 +164,13 @@ impl Autopilot {
         }
     }
 
-    fn hear(&mut self, header: Header, message: &MavMessage, now: Duration, receivers: &mut Receivers<'_>) {
+    fn message(
+        &mut self,
+        header: Header,
+        message: &MavMessage,
+        now: Duration,
+        receivers: &mut Receivers<'_>,
+    ) {
         if let MavMessage::HEARTBEAT(beat) = message {
             self.heartbeat(header, beat, now, receivers.notes);
         }
@@ -207,12 +213,12 @@ impl Autopilot {
             MavMessage::RC_CHANNELS(m) => {
                 let us = rc_channels(m);
                 if let Some(pilot) = &mut receivers.pilot {
-                    pilot.hear(&us, false, now);
+                    pilot.update(&us, false, now);
                 }
-                self.told_rc = Some((us, now));
+                self.sent_rc = Some((us, now));
             }
             MavMessage::TIMESYNC(m) => self.timesync(m, now, receivers),
-            MavMessage::COMMAND_ACK(ack) => match self.requests.hear(ack) {
+            MavMessage::COMMAND_ACK(ack) => match self.requests.acknowledged(ack) {
                 Some(Answer::Refused(id, _)) => {
                     self.refused(id, "refuses to send message", receivers.notes);
                 }

@@ -44,9 +44,9 @@ impl Vehicle {
                     _ => None,
                 };
                 let reply = &mut self.out[Port::Link as usize];
-                let mut heard =
+                let mut receivers =
                     Receivers { telemetry: &mut self.telemetry, pilot, notes: &mut self.notes, reply };
-                autopilot.receive(bytes, end, now, &mut heard);
+                autopilot.receive(bytes, end, now, &mut receivers);
             }
             Source::Crsf { parser, quality, linked_at, warned, .. } => {
                 parser.push(bytes);
@@ -89,14 +89,14 @@ impl Vehicle {
             Some(PilotSource::Sbus) => {
                 self.pilot_sbus.push(bytes);
                 while let Some(frame) = self.pilot_sbus.next_frame() {
-                    pilot.hear(&frame.channels.map(sbus::us_of_ticks), frame.failsafe, now);
+                    pilot.update(&frame.channels.map(sbus::us_of_ticks), frame.failsafe, now);
                 }
             }
             Some(PilotSource::Crsf) => {
                 self.pilot_crsf.push(bytes);
                 while let Some(event) = self.pilot_crsf.next_event() {
                     if let crsf::Event::Channels(c) = event {
-                        pilot.hear(&c.0.map(crsf::us_of_ticks), false, now);
+                        pilot.update(&c.0.map(crsf::us_of_ticks), false, now);
                     }
                 }
             }

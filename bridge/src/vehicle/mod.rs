@@ -218,7 +218,7 @@ impl Vehicle {
     /// Takes in the sticks of a gamepad, us.
     pub fn stick(&mut self, us: &[f64], now: Duration) {
         if let Some(pilot) = &mut self.pilot {
-            pilot.hear(us, false, now);
+            pilot.update(us, false, now);
         }
     }
 
@@ -252,7 +252,7 @@ impl Vehicle {
     pub fn estimate(&mut self, states: &[f64], nis: f64, dof: u32, now: Duration) {
         // While its commands are not obeyed the estimator expects what does not happen.
         let dof = if self.arming.mode() == Mode::Automatic { dof } else { 0 };
-        self.watch.hear(states, nis, dof, now);
+        self.watch.observe(states, nis, dof, now);
     }
 
     /// Whether a condition failed in flight and nobody has armed again.
@@ -342,9 +342,9 @@ impl Vehicle {
     }
 
     /// The channels that the vehicle says it receives, us, when it said so within `age`.
-    pub fn told_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
+    pub fn sent_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
         match &self.source {
-            Source::Mavlink(a) => a.told_channels(age, now),
+            Source::Mavlink(a) => a.sent_channels(age, now),
             Source::Crsf { .. } => None,
         }
     }
@@ -358,8 +358,8 @@ impl Vehicle {
         let (link, well, armed) = match &self.source {
             Source::Mavlink(a) => (a.is_linked(now), a.is_well(), a.is_armed()),
             Source::Crsf { quality, linked_at, timeout, .. } => {
-                let heard = linked_at.is_some_and(|at| now.saturating_sub(at) <= *timeout);
-                (heard && *quality != Some(0), true, false)
+                let linked = linked_at.is_some_and(|at| now.saturating_sub(at) <= *timeout);
+                (linked && *quality != Some(0), true, false)
             }
         };
         let arm = match self.safety.arm {

@@ -92,7 +92,7 @@ impl Requests {
     }
 
     /// Takes in an answer.
-    pub fn hear(&mut self, ack: &dialect::COMMAND_ACK_DATA) -> Option<Answer> {
+    pub fn acknowledged(&mut self, ack: &dialect::COMMAND_ACK_DATA) -> Option<Answer> {
         if ack.command != dialect::MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
             return None;
         }
@@ -136,9 +136,12 @@ mod tests {
         assert_eq!((first.param1, first.param2, first.target_system), (30.0, 5000.0, 1));
         assert_eq!(r.next((1, 1), at(100)), Ok(None));
         assert_eq!(id(r.next((1, 1), at(500)).unwrap()), Some(30.0));
-        assert_eq!(r.hear(&ack(dialect::MavResult::MAV_RESULT_ACCEPTED)), Some(Answer::Accepted(30)));
+        assert_eq!(r.acknowledged(&ack(dialect::MavResult::MAV_RESULT_ACCEPTED)), Some(Answer::Accepted(30)));
         assert_eq!(id(r.next((1, 1), at(510)).unwrap()), Some(32.0));
-        assert_eq!(r.hear(&ack(dialect::MavResult::MAV_RESULT_DENIED)), Some(Answer::Refused(32, true)));
+        assert_eq!(
+            r.acknowledged(&ack(dialect::MavResult::MAV_RESULT_DENIED)),
+            Some(Answer::Refused(32, true))
+        );
         assert_eq!(r.next((1, 1), at(9000)), Ok(None));
         r.restart();
         assert_eq!(id(r.next((1, 1), at(9001)).unwrap()), Some(30.0));
@@ -149,7 +152,7 @@ mod tests {
         let mut r = Requests::new(&[(105, 200.0)]);
         let _ = r.next((1, 1), Duration::ZERO);
         assert_eq!(
-            r.hear(&ack(dialect::MavResult::MAV_RESULT_UNSUPPORTED)),
+            r.acknowledged(&ack(dialect::MavResult::MAV_RESULT_UNSUPPORTED)),
             Some(Answer::Refused(105, true))
         );
         assert!(r.ask_instead(105, 26));
@@ -159,9 +162,9 @@ mod tests {
     }
 
     #[test]
-    fn silence_is_told_after_a_while() {
+    fn silence_is_reported_after_a_while() {
         let mut r = Requests::new(&[(30, 200.0)]);
-        let told = (0..20).find_map(|i| r.next((1, 1), Duration::from_secs(i)).err());
-        assert_eq!(told, Some(Answer::Refused(30, false)));
+        let answer = (0..20).find_map(|i| r.next((1, 1), Duration::from_secs(i)).err());
+        assert_eq!(answer, Some(Answer::Refused(30, false)));
     }
 }

@@ -11,7 +11,7 @@ use crate::model::fit::dot;
 use crate::residual::excess_noise::ExcessNoise;
 use crate::residual::narrow_band::{self, NarrowBand};
 use crate::residual::turbulence::Turbulence;
-use crate::search::select::Accepted;
+use crate::search::selection::Accepted;
 use crate::stages::findings::{Findings, estimates};
 use crate::thresholds::RIVAL_BIC;
 

@@ -10,7 +10,7 @@ use super::{evidence, experiments, remainder};
 use crate::candidates::Candidate;
 use crate::data::record::Data;
 use crate::model::free_run::ModelError;
-use crate::model::predictor::weigh;
+use crate::model::predictor::gain_of_inputs;
 use crate::residual::lack_of_fit::LackOfFit;
 use crate::stages::check::Checked;
 use crate::stages::findings::Findings;
@@ -147,7 +147,7 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
     if answer.data.iter().any(|f| f.blocking) && answer.causes.is_empty() {
         return Verdict::Inconclusive;
     }
-    let more = findings.residual.lack.as_ref().is_some_and(LackOfFit::is_told);
+    let more = findings.residual.lack.as_ref().is_some_and(LackOfFit::is_significant);
     if !answer.causes.is_empty() {
         let all = answer.unexplained.share < EXPLAINED_SHARE && !more;
         return if all { Verdict::Explained } else { Verdict::PartlyExplained };
@@ -182,14 +182,8 @@ fn hardly_testable(findings: &Findings<'_>, answer: &Diagnosis) -> bool {
 
 /// True when the vehicle makes the record no likelier than one that no command moves.
 fn commands_tell_nothing(data: &Data, vehicle: &Vehicle) -> bool {
-    let mut still = data.clone();
-    for row in still.inputs.chunks_exact_mut(data.m) {
-        row.iter_mut().zip(&vehicle.inputs).for_each(|(u, input)| *u = input.neutral());
-    }
-    let likelihood = |data: &Data| weigh(vehicle, data, data.memory_s);
-    likelihood(&still)
-        .zip(likelihood(data))
-        .is_some_and(|(still, moved)| still.bic_gain(&moved) < MIN_BIC_GAIN)
+    let all: Vec<usize> = (0..data.m).collect();
+    gain_of_inputs(vehicle, data, &all).is_some_and(|gain| gain < MIN_BIC_GAIN)
 }
 
 fn summary(answer: &Diagnosis) -> String {

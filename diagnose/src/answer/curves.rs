@@ -95,8 +95,8 @@ impl Steps {
             }
         }
         information.fill_upper_triangle_with_lower_triangle();
-        let told = information.trace();
-        if told.is_nan() || told <= 0.0 {
+        let information_sum = information.trace();
+        if information_sum.is_nan() || information_sum <= 0.0 {
             return None;
         }
         // The first share is anything from 0 to 1, the next ones are near it.

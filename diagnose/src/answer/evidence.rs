@@ -10,7 +10,7 @@ use crate::answer::schema::{Diagnosis, EvidenceCurve, Figures, OutputFigure};
 use crate::candidates::library::Candidate;
 use crate::data::record::{Channel, Data};
 use crate::model::fit::Model;
-use crate::search::select::Selection;
+use crate::search::selection::Selection;
 use crate::stages::findings::Findings;
 
 pub(crate) fn figures(findings: &Findings<'_>, answer: &Diagnosis) -> Figures {

@@ -12,7 +12,7 @@ use crate::model::fit::{Fit, Model};
 use crate::model::free_run::FreeRun;
 use crate::model::noise::Noise;
 use crate::model::predictor::default_horizon_s;
-use crate::search::select::Selection;
+use crate::search::selection::Selection;
 use crate::stages::baseline::Baseline;
 use crate::stages::residual::Residual;
 
@@ -102,12 +102,12 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
         let free_run = (score(&before.own), score(&after.own));
         let lost = is_lost(free_run.1, horizon.1, floor) && never_forgets(selection, &range);
         let free_run = (!follows && !lost).then_some(free_run);
-        let told = free_run.unwrap_or(horizon).1;
+        let error = free_run.unwrap_or(horizon).1;
         Gain {
             free_run,
             horizon,
             floor,
-            noise_model_share: (vehicle.outputs[channel.output].noise == 0.0).then(|| share(told)),
+            noise_model_share: (vehicle.outputs[channel.output].noise == 0.0).then(|| share(error)),
         }
     });
     let time = |k: usize| data.start_s + k as f64 * data.period_s;

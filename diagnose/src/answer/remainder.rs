@@ -76,8 +76,8 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
         rms(&residual[ranges[c].clone()])
             / findings.baseline.sizes.noise[data.channels[c].output].max(f64::MIN_POSITIVE)
     };
-    let told = (0..data.channels.len()).filter(|c| means_something(findings, *c));
-    let Some(worst) = told.max_by(|a, b| loudness(*a).total_cmp(&loudness(*b))) else {
+    let meaningful = (0..data.channels.len()).filter(|c| means_something(findings, *c));
+    let Some(worst) = meaningful.max_by(|a, b| loudness(*a).total_cmp(&loudness(*b))) else {
         return Unexplained { share, description: sentence(lost.into_iter().chain(like).collect()) };
     };
     let channel = &data.channels[worst];

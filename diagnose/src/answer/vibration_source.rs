@@ -55,7 +55,7 @@ pub fn source(
             format!("{:.0} % of that in flight", 100.0 * a / flight.abs().max(f64::MIN_POSITIVE))
         }
     };
-    let told = format!(
+    let text = format!(
         "on the ground with the engine on: {}; with the engine off: {}",
         described(on),
         described(off)
@@ -67,7 +67,7 @@ pub fn source(
         (Some((_, false)), _) => "airframe",
         (None, Some((_, false))) => "engine or airframe",
     };
-    Some((source, told))
+    Some((source, text))
 }
 
 /// Frequencies that look the same at this rate, Hz: those beyond half the rate that fold onto `frequency_hz`.

@@ -62,29 +62,57 @@ pub fn events(
     let residual = transforms(data, &grid, score_test.residual());
     let basis: Vec<Spectra> = score_test.basis().par_iter().map(|b| transforms(data, &grid, b)).collect();
     let found = (0..states.len()).into_par_iter().filter_map(|i| {
-        on_state(&states[i].name, data, score_test, sizes, responses.step(i)?, (&grid, &residual, &basis))
+        let search =
+            EventSearch::new((data, &grid), score_test, responses.step(i)?, (&residual, basis.as_slice()));
+        let place = &states[i].name;
+        Some([search.step(place, sizes), search.pulse(place, sizes)].into_iter().flatten())
     });
     found.flatten_iter().collect()
 }
 
-fn on_state(
-    place: &str,
-    data: &Data,
-    score_test: &ScoreTest<'_>,
-    sizes: &Sizes,
-    response: &[f64],
-    (grid, residual, basis): (&Grid, &Spectra, &[Spectra]),
-) -> Option<Vec<Candidate>> {
-    let white = score_test.noise().filter_all(data, response);
-    let (every, times) = (grid.every, grid.times);
-    let transforms = transforms(data, grid, &white);
-    let products = shifted(residual, &transforms, grid);
-    let overlaps: Vec<Vec<f64>> = basis.iter().map(|b| shifted(b, &transforms, grid)).collect();
-    // Energy of the response to a pulse of d grid steps within its first k steps.
-    let energy = |d: usize| -> Vec<f64> {
+/// An event at the time of the grid where it does best.
+#[derive(Clone, Copy)]
+struct Event {
+    score: f64,
+    /// When it begins, in steps of the grid.
+    at: usize,
+    /// How long it lasts, in steps of the grid; 0 for one that does not end.
+    lasts: usize,
+    amplitude: f64,
+}
+
+/// All events on one state.
+struct EventSearch<'a> {
+    data: &'a Data,
+    grid: &'a Grid,
+    /// Whitened response to a step from the beginning on.
+    white: Vec<f64>,
+    /// Product of the residual with the response, for every time.
+    products: Vec<f64>,
+    /// The same of every nuisance.
+    overlaps: Vec<Vec<f64>>,
+}
+
+impl<'a> EventSearch<'a> {
+    fn new(
+        (data, grid): (&'a Data, &'a Grid),
+        score_test: &ScoreTest<'_>,
+        response: &[f64],
+        (residual, basis): (&Spectra, &[Spectra]),
+    ) -> Self {
+        let white = score_test.noise().filter_all(data, response);
+        let transforms = transforms(data, grid, &white);
+        let products = shifted(residual, &transforms, grid);
+        let overlaps = basis.iter().map(|b| shifted(b, &transforms, grid)).collect();
+        Self { data, grid, white, products, overlaps }
+    }
+
+    /// Energy of the response to a pulse of d grid steps within its first k steps.
+    fn energies(&self, d: usize) -> Vec<f64> {
+        let (data, Grid { every, times, .. }) = (self.data, self.grid);
         let mut total = vec![0.0; times + 1];
         for (channel, range) in data.channels.iter().zip(data.ranges()) {
-            let h = &white[range];
+            let h = &self.white[range];
             let lag = d * every / channel.stride;
             let mut sum = 0.0;
             let mut next = 0;
@@ -99,63 +127,67 @@ fn on_state(
             }
         }
         total
-    };
-    // (score, time, duration, amplitude)
-    let best = |d: usize| {
-        let energies = energy(d);
-        let mut best = (0.0, 0, d, 0.0);
+    }
+
+    /// The best time for an event of a given length.
+    fn best(&self, d: usize) -> Event {
+        let times = self.grid.times;
+        let energies = self.energies(d);
+        let mut best = Event { score: 0.0, at: 0, lasts: d, amplitude: 0.0 };
         // A pulse that does not end within the record is a step.
         let latest = if d > 0 { times - d } else { times };
         for t in 0..latest {
             let end = if d > 0 { t + d } else { times };
-            let product = products[t] - if d > 0 { products[end] } else { 0.0 };
+            let product = self.products[t] - if d > 0 { self.products[end] } else { 0.0 };
             let mut left = energies[times - t];
             let whole = left;
-            for overlap in &overlaps {
+            for overlap in &self.overlaps {
                 let o = overlap[t] - if d > 0 { overlap[end] } else { 0.0 };
                 left -= o * o;
             }
             // What nuisances imitate almost wholly is no evidence.
-            if left > 1e-3 * whole && product * product > best.0 * left {
-                best = (product * product / left, t, d, product / left);
+            if left > 1e-3 * whole && product * product > best.score * left {
+                best = Event { score: product * product / left, at: t, lasts: d, amplitude: product / left };
             }
         }
         best
-    };
-    let at = |t: usize| (t * every) as f64 * data.period_s;
-    let mut durations = Vec::new();
-    let mut d = 1.0f64;
-    while (d as usize) < times / 2 {
-        if durations.last() != Some(&(d as usize)) {
-            durations.push(d as usize);
+    }
+
+    fn seconds(&self, steps: usize) -> f64 {
+        (steps * self.grid.every) as f64 * self.data.period_s
+    }
+
+    fn step(&self, place: &str, sizes: &Sizes) -> Option<Candidate> {
+        let Event { score, at, amplitude, .. } = self.best(0);
+        (score > 0.0).then(|| step(place, self.seconds(at), amplitude, sizes, self.grid.times as f64))
+    }
+
+    fn pulse(&self, place: &str, sizes: &Sizes) -> Option<Candidate> {
+        let times = self.grid.times;
+        let mut durations = Vec::new();
+        let mut d = 1.0f64;
+        while (d as usize) < times / 2 {
+            if durations.last() != Some(&(d as usize)) {
+                durations.push(d as usize);
+            }
+            d = (d * DURATION_GROWTH).max(d + 1.0);
         }
-        d = (d * DURATION_GROWTH).max(d + 1.0);
-    }
-    let mut found = Vec::new();
-    let (score, t, _, amplitude) = best(0);
-    if score > 0.0 {
-        found.push(step(place, at(t), amplitude, sizes, times as f64));
-    }
-    let looks = (times * durations.len()) as f64;
-    let pulses = durations.iter().map(|d| best(*d));
-    if let Some(mut top) = pulses.max_by(|a, b| a.0.total_cmp(&b.0))
-        && top.0 > 0.0
-    {
+        let pulses = durations.iter().map(|d| self.best(*d));
+        let mut top = pulses.max_by(|a, b| a.score.total_cmp(&b.score)).filter(|top| top.score > 0.0)?;
         // A fit by derivatives would stay at the sample next to which the pulse ends.
-        let mut step = top.2 / 4;
+        let mut step = top.lasts / 4;
         while step > 0 {
-            for d in [top.2 - step, top.2 + step] {
-                let next = best(d.clamp(1, times - 1));
-                if next.0 > top.0 {
+            for d in [top.lasts - step, top.lasts + step] {
+                let next = self.best(d.clamp(1, times - 1));
+                if next.score > top.score {
                     top = next;
                 }
             }
             step /= 2;
         }
-        let (_, t, d, amplitude) = top;
-        found.push(pulse(place, at(t), at(d), amplitude, sizes, looks));
+        let looks = (times * durations.len()) as f64;
+        Some(pulse(place, self.seconds(top.at), self.seconds(top.lasts), top.amplitude, sizes, looks))
     }
-    Some(found)
 }
 
 /// Spectra of all channels, each padded so that no shift comes round.

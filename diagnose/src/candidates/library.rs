@@ -134,7 +134,8 @@ impl Builder<'_> {
             vec![("gain", 1.0)];
         let gain = tunable("gain", 0.05, 20.0, 1e-3);
         let starts = starts.into_iter().map(|mut s| {
-            s.push(1.0);
+            // With a gain of one it is the candidate above.
+            s.push(1.25);
             s
         });
         let starts = starts.collect();

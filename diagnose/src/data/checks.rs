@@ -1,7 +1,7 @@
 //! What is wrong with the data themselves, before any cause is looked for.
 
 use crate::data::gaps;
-use crate::thresholds::{GAP_STEPS, SAME_SIGNAL_FIT, STUCK_SHARE};
+use crate::thresholds::{GAP_STEPS, MIN_BIC_GAIN, SAME_SIGNAL_FIT, STUCK_SHARE};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
@@ -9,6 +9,7 @@ use crate::answer::schema::DataFinding;
 use crate::data::record::Data;
 use crate::model::fit::Model;
 use crate::model::free_run::FreeRun;
+use crate::model::predictor::gain_of_inputs;
 use whirlstand_logs::stats::{median, rms};
 
 /// Degrees in a radian.
@@ -152,7 +153,11 @@ pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
         let spread = rms(&u.iter().map(|v| v - mean).collect::<Vec<_>>());
         let peak = u.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         if spread <= 1e-6 * peak.max(1e-12) {
-            still.push(input.name.clone());
+            // A step that stands from the first sample on excites, where the outputs answer to it.
+            let moved = peak > 0.0 && gain_of_inputs(vehicle, data, &[j]).is_some_and(|g| g > MIN_BIC_GAIN);
+            if !moved {
+                still.push(input.name.clone());
+            }
             continue;
         }
         let at_limit = u.iter().filter(|v| **v <= input.lower || **v >= input.upper).count();

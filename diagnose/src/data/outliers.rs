@@ -80,7 +80,7 @@ pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Ve
         let r = &residual[range];
         let own: Vec<&SampleEffect> = known.iter().filter(|e| e.channel == index).collect();
         let step = own.iter().filter_map(|e| e.parameters.get("step")).fold(0.0f64, |m, v| m.max(v.0));
-        let told = |wild: &Wild| {
+        let distinct = |wild: &Wild| {
             let at: Vec<usize> = wild.values.iter().map(|(k, _)| *k).collect();
             let plain = wild
                 .values
@@ -94,8 +94,9 @@ pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Ve
             let (magnitude, differing) = wild.sizes();
             differing <= 0.35 * magnitude && wild.alone * 10 >= wild.values.len() * 9 && wild.are_apart()
         };
-        let colour = || foretold(r, &channel.good).filter(|_| own.is_empty()).filter(told).filter(alike);
-        let Some(wild) = Some(far(r, &channel.good, OUTLIER_STEP_RATIO * step)).filter(told).or_else(colour)
+        let colour = || foretold(r, &channel.good).filter(|_| own.is_empty()).filter(distinct).filter(alike);
+        let Some(wild) =
+            Some(far(r, &channel.good, OUTLIER_STEP_RATIO * step)).filter(distinct).or_else(colour)
         else {
             continue;
         };

@@ -190,14 +190,14 @@ impl<'r, 'd> Model<'r, 'd> {
         noise: Option<&Noise>,
         initial: Option<&[Vec<f64>]>,
     ) -> Result<Fit, ModelError> {
-        self.follow(start, noise, initial, Effort::Full)
+        self.fit_with(start, noise, initial, Effort::Full)
     }
 
     /// As [`Model::fit`], as far as asked.
     ///
     /// # Errors
     /// As [`Model::fit`].
-    pub fn follow(
+    pub fn fit_with(
         &self,
         start: Vec<f64>,
         noise: Option<&Noise>,

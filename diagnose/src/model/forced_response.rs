@@ -90,8 +90,9 @@ impl<'a> Forces<'a> {
                     ),
                 };
                 let visit = &visit;
-                let told = [a.map(|a| visit(kernel.state, i, a)), b.map(|b| visit(kernel.state, i + 1, b))];
-                told.into_iter().flatten()
+                let visited =
+                    [a.map(|a| visit(kernel.state, i, a)), b.map(|b| visit(kernel.state, i + 1, b))];
+                visited.into_iter().flatten()
             })
             .collect()
     }
@@ -230,8 +231,8 @@ mod tests {
         with(dry, |forces, force| {
             let roll = forces.kernels.iter().find(|k| k.state == 1).unwrap();
             assert!(roll.outputs.is_none());
-            let told = forces.each(&[force], |state, _, samples| (state, samples));
-            let own = told.iter().find(|(state, _)| *state == 1).unwrap();
+            let responses = forces.each(&[force], |state, _, samples| (state, samples));
+            let own = responses.iter().find(|(state, _)| *state == 1).unwrap();
             assert_eq!(Some(&own.1), forces.simulated(roll, force).as_ref());
         });
     }

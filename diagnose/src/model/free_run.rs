@@ -244,7 +244,7 @@ impl<'d> FreeRun<'d> {
         Ok(columns)
     }
 
-    /// Predictions of all samples over a horizon of so many steps: each from what the record told until then, and within
+    /// Predictions of all samples over a horizon of so many steps: each from what the record predicted_from until then, and within
     /// a quarter of the horizon of it. Before the first horizon has passed they come from the initial state.
     ///
     /// # Errors
@@ -264,12 +264,12 @@ impl<'d> FreeRun<'d> {
                 return;
             }
             let mut runner = simulator.clone();
-            let told = if first { k } else { k + horizon - every };
+            let predicted_from = if first { k } else { k + horizon - every };
             let end = data.starts.iter().copied().find(|s| *s > k).unwrap_or(data.steps).min(k + horizon);
             for j in k..end {
                 runner.apply(data.commands(j));
                 let y = runner.measure();
-                for (channel, range) in data.channels.iter().zip(&ranges).filter(|_| j >= told) {
+                for (channel, range) in data.channels.iter().zip(&ranges).filter(|_| j >= predicted_from) {
                     let from = j.checked_sub(channel.first).filter(|s| s.is_multiple_of(channel.stride));
                     if let Some(at) =
                         from.map(|s| range.start + s / channel.stride).filter(|at| *at < range.end)

@@ -63,6 +63,17 @@ pub fn weigh(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>) -> Option<Li
     Some(Likelihood { bic: fit.profile.bic(usize::from(memory_s.is_some())), rows: fit.profile.rows })
 }
 
+/// What some inputs gain in BIC over the same inputs at rest, in the data's own memory; `None` where one of the two has no
+/// prediction.
+pub fn gain_of_inputs(vehicle: &Vehicle, data: &Data, inputs: &[usize]) -> Option<f64> {
+    let mut still = data.clone();
+    for row in still.inputs.chunks_exact_mut(data.m) {
+        inputs.iter().for_each(|j| row[*j] = vehicle.inputs[*j].neutral());
+    }
+    let likelihood = |data: &Data| weigh(vehicle, data, data.memory_s);
+    Some(likelihood(&still)?.bic_gain(&likelihood(data)?))
+}
+
 /// How far ahead predictions of a vehicle are judged where nobody says, s: its slowest time constant that a record of this
 /// length can show, since a prediction is then all but its own motion.
 pub fn default_horizon_s(vehicle: &Vehicle, data: &Data) -> f64 {

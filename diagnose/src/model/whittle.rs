@@ -3,7 +3,7 @@
 //! Turbulence on one state reaches all outputs that follow it, each by its own transfer function; coloured sensor noise
 //! stays in its channel. Quick, and an approximation: it gives the start for the exact likelihood.
 
-use crate::thresholds::{MIN_SPECTRUM_SAMPLES, WEAK_CORRELATION};
+use crate::thresholds::{MIN_SPECTRUM_SAMPLES, SCORING_LIMITS, WEAK_CORRELATION};
 use std::f64::consts::TAU;
 
 use nalgebra::{Complex, DMatrix, DVector};
@@ -14,6 +14,7 @@ use crate::data::record::Data;
 use crate::model::innovations::coefficients;
 use whirlstand_ident::identify::ar::Ar;
 use whirlstand_ident::identify::normal::pseudo_inverse;
+use whirlstand_ident::identify::search::{Derivatives, Point, search};
 
 pub(crate) type C = Complex<f64>;
 
@@ -309,36 +310,44 @@ impl Shaped {
     }
 
     /// Fisher scoring.
-    fn search(cross: &Cross, h: &[Vec<C>], period_s: f64, mut values: Vec<f64>) -> Option<Self> {
-        let mut now = Self::likelihood(cross, h, period_s, &values)?;
-        let mut covariance = DMatrix::zeros(values.len(), values.len());
-        let mut damping = 1e-3;
-        for _ in 0..60 {
-            let (information, gradient) = Self::scoring(cross, h, period_s, &values);
-            covariance = pseudo_inverse(&information)?;
-            let mut gain = None;
-            for _ in 0..6 {
-                let mut damped = information.clone();
-                (0..values.len()).for_each(|i| damped[(i, i)] *= 1.0 + damping);
-                let step = pseudo_inverse(&damped)? * &gradient;
-                // Logarithms: a step of one is a factor of e.
-                let scale = 1.0 / step.amax().max(1.0);
-                let next: Vec<f64> = values.iter().zip(step.iter()).map(|(v, d)| v + scale * d).collect();
-                if let Some(l) = Self::likelihood(cross, h, period_s, &next)
-                    && l > now
-                {
-                    gain = Some(l - now);
-                    (values, now) = (next, l);
-                    damping = (0.2 * damping).max(1e-6);
-                    break;
-                }
-                damping *= 10.0;
-            }
-            if gain.is_none_or(|g| g < 1e-2) {
-                break;
-            }
-        }
-        let errors = (0..values.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
-        Some(Self { values, errors, likelihood: now, first: Vec::new() })
+    fn search(cross: &Cross, h: &[Vec<C>], period_s: f64, values: Vec<f64>) -> Option<Self> {
+        let at = |values: &[f64]| {
+            let likelihood = Self::likelihood(cross, h, period_s, values)?;
+            Some(Scored { cross, h, period_s, values: values.to_vec(), likelihood, information: None })
+        };
+        let bounds = vec![(f64::NEG_INFINITY, f64::INFINITY); values.len()];
+        let next = |_: &Scored<'_>, values: &[f64], _: &DVector<f64>| at(values);
+        let (best, _) = search(at(&values)?, &bounds, SCORING_LIMITS, next, |_, _| ());
+        let information =
+            best.information.unwrap_or_else(|| Self::scoring(cross, h, period_s, &best.values).0);
+        let covariance = pseudo_inverse(&information)?;
+        let errors = (0..best.values.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
+        Some(Self { values: best.values, errors, likelihood: best.likelihood, first: Vec::new() })
+    }
+}
+
+/// Values with Whittle's likelihood.
+struct Scored<'c> {
+    cross: &'c Cross,
+    h: &'c [Vec<C>],
+    period_s: f64,
+    values: Vec<f64>,
+    likelihood: f64,
+    information: Option<DMatrix<f64>>,
+}
+
+impl Point for Scored<'_> {
+    fn position(&self) -> &[f64] {
+        &self.values
+    }
+
+    fn cost(&self) -> f64 {
+        -self.likelihood
+    }
+
+    fn derivatives(&mut self) -> Option<Derivatives> {
+        let (information, right) = Shaped::scoring(self.cross, self.h, self.period_s, &self.values);
+        self.information = Some(information.clone());
+        Some(Derivatives { information, right })
     }
 }

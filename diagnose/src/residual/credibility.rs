@@ -5,7 +5,7 @@ use crate::model::noise::Noise;
 use crate::residual::lack_of_fit::LackOfFit;
 use crate::residual::out_of_library::{self, ForceOnSignal};
 use crate::search::alternative::SearchSpace;
-use crate::search::select::Selection;
+use crate::search::selection::Selection;
 use crate::thresholds::{LOUD_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE};
 use whirlstand_logs::stats::rms;
 

@@ -53,8 +53,8 @@ impl LackOfFit {
 
     /// With functions of one signal that explain so much in BIC, when that is more.
     pub fn or_one(self, gain: f64) -> Self {
-        let told = Excess { energy: gain, sigmas: gain.sqrt(), chance: (-0.5 * gain).exp() };
-        if told.energy > self.one.energy { Self { one: told, ..self } } else { self }
+        let all = Excess { energy: gain, sigmas: gain.sqrt(), chance: (-0.5 * gain).exp() };
+        if all.energy > self.one.energy { Self { one: all, ..self } } else { self }
     }
 
     /// Energy of what is left and no noise.
@@ -64,7 +64,7 @@ impl LackOfFit {
     }
 
     /// True when what is left is no noise.
-    pub fn is_told(&self) -> bool {
+    pub fn is_significant(&self) -> bool {
         self.all_tell() || self.one_tells()
     }
 }
@@ -104,11 +104,11 @@ pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usi
     columns.retain_mut(|(_, _, c)| {
         let norm = dot(c, c).sqrt();
         // What nuisances explain tells nothing.
-        let told = norm > 1e-6 && norm.is_finite();
-        if told {
+        let known = norm > 1e-6 && norm.is_finite();
+        if known {
             c.iter_mut().for_each(|v| *v /= norm);
         }
-        told
+        known
     });
     if columns.is_empty() {
         return None;

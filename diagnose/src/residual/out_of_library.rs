@@ -51,7 +51,7 @@ pub fn on_state(
 ///
 /// The states are what the turbulence's filter foretells from the samples before, so that whatever a force makes of them
 /// cannot know the innovations that come after: under turbulence alone the score is chi-square.
-pub fn followed(
+pub fn beyond_turbulence(
     (model, fit): (&Model<'_, '_>, &Fit),
     state: usize,
     noise: &Noise,

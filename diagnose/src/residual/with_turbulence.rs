@@ -17,7 +17,8 @@ use crate::model::noise::Noise;
 use crate::residual::out_of_library::{self, ForceOnSignal};
 use crate::residual::turbulence::{Turbulence, turbulence};
 use crate::search::alternative::SearchSpace;
-use crate::search::select::{Selection, select};
+use crate::search::select::select;
+use crate::search::selection::Selection;
 use whirlstand_logs::stats::{mean, rms};
 
 /// Causes with turbulence beside them, where that explains more than `selection` alone. And a force that follows a signal,
@@ -75,7 +76,9 @@ pub(crate) fn with_turbulence<'r, 'd>(
     if let Some(by) = forced.filter(|by| by.gain > FORCE_SHARE_OF_TURBULENCE * found.delta_bic) {
         return (selection, None, Some(more(by)).filter(|by| by.gain > MIN_TURBULENCE_BIC));
     }
-    if let Some(by) = out_of_library::followed((&chosen.model, &chosen.fit), found.state, &noise, space) {
+    if let Some(by) =
+        out_of_library::beyond_turbulence((&chosen.model, &chosen.fit), found.state, &noise, space)
+    {
         let gain = by.gain + found.delta_bic;
         return (selection, None, Some(more(ForceOnSignal { gain, ..by })));
     }

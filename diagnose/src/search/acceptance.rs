@@ -32,6 +32,8 @@ pub enum Decision {
     Accepted(TermEvidence),
     /// The first that does not.
     Refused(String),
+    /// The record does not determine its parameters.
+    Undetermined(String),
 }
 
 /// A rival that explains as much.
@@ -75,12 +77,18 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     whole.terms.push(alternative.candidate.clone());
     let covariance = match whole.covariance(extended) {
         Ok(covariance) => covariance,
-        Err(why) => return refuse(format!("its parameters have no interval: {why}")),
+        Err(why) => return Decision::Undetermined(format!("its parameters have no interval: {why}")),
     };
     let from = extended.values.len() - k;
     for (i, tunable) in alternative.candidate.tunables.iter().enumerate() {
         if !tunable.size {
             continue;
+        }
+        // At the end of its range a value is no optimum, and has no interval (Self and Liang 1987): a mode that is all
+        // damping is none.
+        let value = extended.values[from + i];
+        if value == tunable.lower || value == tunable.upper {
+            return Decision::Undetermined(format!("its {} ends at a limit of what it may be", tunable.name));
         }
         let null = if i + 1 == k { alternative.candidate.null } else { 0.0 };
         let size = (extended.values[from + i] - null).abs();
@@ -94,7 +102,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
         }
         let error = variance.max(0.0).sqrt();
         if error > MAX_RELATIVE_ERROR * size {
-            return refuse(format!(
+            return Decision::Undetermined(format!(
                 "its {} is known to {:.0} % only",
                 tunable.name,
                 (100.0 * error / size.max(f64::MIN_POSITIVE)).min(999.0)

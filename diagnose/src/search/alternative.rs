@@ -41,11 +41,11 @@ pub fn fitted(
     candidate: &Candidate,
     start: Vec<f64>,
 ) -> Option<Alternative> {
-    followed(model, fit, candidate, start, Effort::Full)
+    fitted_with(model, fit, candidate, start, Effort::Full)
 }
 
 /// As [`fitted`], as far as asked.
-pub fn followed(
+pub fn fitted_with(
     model: &Model<'_, '_>,
     fit: &Fit,
     candidate: &Candidate,
@@ -68,7 +68,7 @@ pub fn joined(
     let mut extended = model.clone();
     extended.terms.push(candidate.clone());
     let initial = &fit.columns[..model.states()];
-    let result = extended.follow(values, fit.profile.noise.shared(), Some(initial), effort).ok()?;
+    let result = extended.fit_with(values, fit.profile.noise.shared(), Some(initial), effort).ok()?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
     let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
     let beside = model.terms.clone();

@@ -119,12 +119,12 @@ fn left_out(data: &Data, noise: &Noise, fit: &Fit, estimated: &[usize], cuts: &[
         .map(|(ranges, own)| {
             let gradient = DVector::from_iterator(n, columns.iter().map(|c| sums(ranges, c, &residual)));
             let rest = &total - own;
-            let told: Vec<usize> =
+            let determined: Vec<usize> =
                 (0..n).filter(|i| rest[(*i, *i)] > MIN_REMAINING_INFORMATION * total[(*i, *i)]).collect();
-            let known = rest.select_rows(&told).select_columns(&told);
-            let moved = -(pseudo_inverse(&known)? * gradient.select_rows(&told));
+            let known = rest.select_rows(&determined).select_columns(&determined);
+            let moved = -(pseudo_inverse(&known)? * gradient.select_rows(&determined));
             let mut step = DVector::zeros(n);
-            told.iter().zip(moved.iter()).for_each(|(i, d)| step[*i] = *d);
+            determined.iter().zip(moved.iter()).for_each(|(i, d)| step[*i] = *d);
             // |e - J d|^2 over the block.
             let square = sums(ranges, &residual, &residual);
             Some((square - 2.0 * gradient.dot(&step) + step.dot(&(own * &step))).max(0.0))

@@ -8,35 +8,12 @@ use crate::data::record::Data;
 use crate::model::fit::{Effort, Fit, Model};
 use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
-use crate::search::acceptance::{Decision, Rival, TermEvidence, decide, rivals};
+use crate::search::acceptance::{Decision, Rival, decide, rivals};
 use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
 use crate::search::equivalence::{lead, yields};
-use crate::search::mode_substitution::mode;
+use crate::search::selection::{Accepted, Selection};
+use crate::search::survey::survey;
 use crate::search::survey_cache::SurveyCache;
-
-/// An accepted term.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Accepted {
-    /// Evidence.
-    pub evidence: TermEvidence,
-    /// Rivals, nearest first.
-    pub rivals: Vec<Rival>,
-}
-
-/// What the search came to.
-#[derive(Debug, Clone)]
-pub struct Selection<'r, 'd> {
-    /// The model with all accepted terms.
-    pub model: Model<'r, 'd>,
-    /// Its fit.
-    pub fit: Fit,
-    /// The fit without any term.
-    pub null: Fit,
-    /// Evidence of each term.
-    pub accepted: Vec<Accepted>,
-    /// Candidates beside the accepted ones that were not accepted, with reasons; nearest first.
-    pub refused: Vec<(Alternative, String)>,
-}
 
 /// Searches for causes. Under one noise model for all channels, when one
 /// is given, and from the given terms on, the free parameters as the vehicle has them.
@@ -79,40 +56,77 @@ struct Search<'r, 'd, 's> {
 }
 
 impl Search<'_, '_, '_> {
-    /// Adds the candidate that explains most of those that pass; `false` when there is none.
+    /// Adds the candidate that explains most of those that pass; `false` when there is none. What the record does not
+    /// determine stands in nobody's way: the others are looked at again without it.
     fn add(&mut self) -> bool {
         if self.space.watch.is_stopped() {
             return false;
         }
-        let alternatives = self.surveys.survey(&self.model, &self.fit, self.space);
+        let mut alternatives = self.surveys.survey(&self.model, &self.fit, self.space);
         self.hypotheses = self.hypotheses.max(alternatives.len());
         self.refused = Vec::new();
+        let mut library = self.space.library.to_vec();
+        loop {
+            let before = library.len();
+            if let Some(Alternative { candidate, fit: Some(better), .. }) =
+                self.best(alternatives, &mut library)
+            {
+                self.model.terms.push(candidate);
+                self.fit = better;
+                return true;
+            }
+            if library.len() == before || self.space.watch.is_stopped() {
+                return false;
+            }
+            let space = SearchSpace { library: &library, ..*self.space };
+            alternatives = survey(&self.model, &self.fit, &space);
+        }
+    }
+
+    /// The first alternative that passes; the others are refused. Those that hide others, and are not determined, leave the
+    /// library.
+    fn best(&mut self, alternatives: Vec<Alternative>, library: &mut Vec<Candidate>) -> Option<Alternative> {
         let left = self.hypotheses.saturating_sub(self.model.terms.len()).max(1);
-        let lasting = alternatives.iter().find(|t| !is_event(&t.candidate)).map_or(0.0, |t| t.delta_bic);
+        let mut overshadowing = f64::NEG_INFINITY;
         let mut best = None;
         for alternative in alternatives {
-            // What explains less than one that was refused is no better for that; a gust explains a part of anything.
-            if best.is_some() || alternative.delta_bic < lasting - OVERSHADOWED_BIC {
-                self.refused.push((alternative, "others explain more".into()));
+            if best.is_some() || alternative.delta_bic < overshadowing - OVERSHADOWED_BIC {
+                self.refuse(alternative, "others explain more".into());
                 continue;
             }
-            match decide(&self.model, &self.fit, &alternative, left) {
+            let decision = decide(&self.model, &self.fit, &alternative, left);
+            // What explains less than one that was refused is no better for that. But a gust explains a part of anything,
+            // and what is not determined explains nothing for certain.
+            if !is_event(&alternative.candidate) && !matches!(decision, Decision::Undetermined(_)) {
+                overshadowing = overshadowing.max(alternative.delta_bic);
+            }
+            match decision {
                 Decision::Accepted(_) if room(&self.model, &alternative.candidate, self.space.most) => {
                     best = Some(alternative);
                 }
                 Decision::Accepted(_) => {
                     let why = format!("{} causes were named already", self.space.most);
-                    self.refused.push((alternative, why));
+                    self.refuse(alternative, why);
                 }
-                Decision::Refused(why) => self.refused.push((alternative, why)),
+                Decision::Undetermined(why) => {
+                    // Beside it, what explains less was not even fitted.
+                    let hides = alternative.delta_bic > OVERSHADOWED_BIC;
+                    library.retain(|c| !hides || c.name() != alternative.candidate.name());
+                    self.refuse(alternative, why);
+                }
+                Decision::Refused(why) => self.refuse(alternative, why),
             }
         }
-        let added = best.is_some();
-        if let Some(Alternative { candidate, fit: Some(better), .. }) = best {
-            self.model.terms.push(candidate);
-            self.fit = better;
+        best
+    }
+
+    /// Remembers why an alternative was refused, each once.
+    fn refuse(&mut self, alternative: Alternative, why: String) {
+        let name = alternative.candidate.name();
+        if let Some(at) = self.refused.iter().position(|(t, _)| t.candidate.name() == name) {
+            self.refused.remove(at);
         }
-        added
+        self.refused.push((alternative, why));
     }
 
     /// Tests every term beside all others, exchanges it where a rival is better, and drops it where the others do
@@ -133,7 +147,6 @@ impl Search<'_, '_, '_> {
             let mut known = Vec::new();
             if !self.space.watch.is_stopped() {
                 known = self.surveys.known(&reduced, &without, self.space);
-                known.extend(mode(&reduced, &without, &own, self.space));
             }
             let rivals = rivals(&reduced, &without, &own, &known);
             let data = self.model.free_run.data;
@@ -151,7 +164,13 @@ impl Search<'_, '_, '_> {
                 accepted.clear();
                 continue;
             }
-            if let Some(rival) = rivals.iter().find(|r| r.is_undecided()) {
+            // What the record does not determine explains nothing as well.
+            let determined = |r: &&Rival| {
+                let fitted = in_its_place(&reduced, &without, &own, r);
+                let decision = fitted.map(|t| decide(&reduced, &without, &t, self.hypotheses));
+                !matches!(decision, Some(Decision::Undetermined(_)))
+            };
+            if let Some(rival) = rivals.iter().filter(|r| r.is_undecided()).find(determined) {
                 let why = format!(
                     "{} explains as much, and the two do not look alike (gains in BIC differ by {:.1}, signatures alike to {:.2})",
                     rival.candidate.name(),
@@ -165,6 +184,15 @@ impl Search<'_, '_, '_> {
             }
             accepted.push(Accepted { evidence, rivals });
             if accepted.len() == self.model.terms.len()
+                && exchanges < MAX_EXCHANGES
+                && let Some((model, fit)) = self.merged()?
+            {
+                exchanges += 1;
+                (self.model, self.fit) = (model, fit);
+                accepted.clear();
+                continue;
+            }
+            if accepted.len() == self.model.terms.len()
                 && let Some(rider) = rider(&accepted, self.model.free_run.data)
             {
                 (self.model, self.fit) = self::without(&self.model, &self.fit, rider)?;
@@ -175,67 +203,48 @@ impl Search<'_, '_, '_> {
     }
 }
 
+impl<'r, 'd> Search<'r, 'd, '_> {
+    /// The model with one cause in the place of two of the same signal, where it does as well: a mode of an actuator is
+    /// like a gain and a delay together, and what is chosen first is seldom left.
+    fn merged(&self) -> Result<Option<(Model<'r, 'd>, Fit)>, ModelError> {
+        // One cause is likelier beforehand than two: of as many names there are (Chen and Chen 2008, extended BIC).
+        let name = 2.0 * (self.space.library.len().max(1) as f64).ln();
+        let terms = &self.model.terms;
+        let pairs = (0..terms.len()).flat_map(|i| (i + 1..terms.len()).map(move |j| (i, j)));
+        for (i, j) in pairs.filter(|(i, j)| terms[*i].place == terms[*j].place) {
+            if self.space.watch.is_stopped() {
+                break;
+            }
+            let (one, fit) = without(&self.model, &self.fit, j)?;
+            let (mut reduced, fit) = without(&one, &fit, i)?;
+            let own = |c: &&Candidate| {
+                c.place == terms[i].place && ![terms[i].kind, terms[j].kind].contains(&c.kind)
+            };
+            let own: Vec<Candidate> = self.space.library.iter().filter(own).cloned().collect();
+            let space = SearchSpace { library: &own, ..*self.space };
+            let both = fit.profile.bic(reduced.parameters()) - self.fit.profile.bic(self.model.parameters());
+            let alternatives = survey(&reduced, &fit, &space).into_iter();
+            let mut single = alternatives.filter(|t| t.fit.is_some() && t.delta_bic + name > both);
+            let single =
+                single.find(|t| matches!(decide(&reduced, &fit, t, self.hypotheses), Decision::Accepted(_)));
+            if let Some(Alternative { candidate, fit: Some(better), .. }) = single {
+                reduced.terms.push(candidate);
+                return Ok(Some((reduced, better)));
+            }
+        }
+        Ok(None)
+    }
+}
+
 /// The least of the causes, where it gains so little beside the largest that it may only mend its shape: motors are no lag
-/// of first order, nor is what a record of a real flight follows.
+/// of first order. Where the noise is declared and the vehicle runs free, what such a misfit leaves shows as one.
 fn rider(accepted: &[Accepted], data: &Data) -> Option<usize> {
-    data.memory_s?;
+    let declared = data.channels.iter().all(|c| c.declared > 0.0);
+    (data.memory_s.is_some() || !declared).then_some(())?;
     let gain = |i: &usize| accepted[*i].evidence.delta_bic;
     let least = (0..accepted.len()).min_by(|a, b| gain(a).total_cmp(&gain(b)))?;
     let largest = (0..accepted.len()).map(|i| gain(&i)).fold(0.0, f64::max);
     (gain(&least) < RIDER_SHARE * largest).then_some(least)
-}
-
-impl<'r, 'd> Selection<'r, 'd> {
-    /// A selection that has not looked for anything.
-    ///
-    /// # Errors
-    /// When the vehicle cannot be simulated over the record.
-    pub fn nothing(model: Model<'r, 'd>, start: Vec<f64>) -> Result<Self, ModelError> {
-        let null = model.fit(start, None, None)?;
-        Ok(Self { model, fit: null.clone(), null, accepted: Vec::new(), refused: Vec::new() })
-    }
-}
-
-impl Selection<'_, '_> {
-    /// The selection without its causes, fitted anew; `None` when there are none. A tone is believed whatever else there is.
-    /// `start` are the values without any cause.
-    pub fn without_causes(&self, start: Vec<f64>) -> Option<Self> {
-        let tone = |c: &Candidate| c.kind == Kind::Vibration;
-        self.model.terms.iter().any(|c| !tone(c)).then_some(())?;
-        let mut kept = self.clone();
-        kept.keep(tone);
-        kept.fit.values.splice(..start.len(), start);
-        kept.fit = kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None).ok()?;
-        Some(kept)
-    }
-
-    /// The selection without causes of which what is `left` is more than a misfit, fitted anew; `None` when there are none.
-    pub fn beyond(&self, left: f64) -> Option<Self> {
-        let enough = |a: &Accepted| RIDER_SHARE * a.evidence.detectability >= left;
-        (!self.accepted.iter().all(enough)).then_some(())?;
-        let mut kept = self.clone();
-        let wanted: Vec<bool> = self.accepted.iter().map(enough).collect();
-        kept.keep_terms(|term, _, _| wanted[term]);
-        kept.fit = kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None).ok()?;
-        Some(kept)
-    }
-
-    /// Drops the terms that are not wanted, with their values and their evidence; the fit is not made anew.
-    pub fn keep(&mut self, wanted: impl Fn(&Candidate) -> bool) {
-        self.keep_terms(|_, candidate, _| wanted(candidate));
-    }
-
-    /// As [`Selection::keep`], by the number and the values too.
-    pub fn keep_terms(&mut self, wanted: impl Fn(usize, &Candidate, &[f64]) -> bool) {
-        for term in (0..self.model.terms.len()).rev() {
-            let range = self.model.range(term);
-            if !wanted(term, &self.model.terms[term], &self.fit.values[range.clone()]) {
-                self.fit.values.drain(range);
-                self.model.terms.remove(term);
-                self.accepted.remove(term);
-            }
-        }
-    }
 }
 
 /// The model without a term, fitted.
@@ -301,13 +310,14 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, s
         let Ok((reduced, without)) = without(model, fit, term) else { return };
         let own = own_alternative(&reduced, &without, model, fit, term);
         let own_bic = own.as_ref().map_or(f64::NEG_INFINITY, |t| t.delta_bic);
-        let best = surveys.survey(&reduced, &without, space).into_iter().find(|t| t.fit.is_some());
+        let alternatives = surveys.survey(&reduced, &without, space).into_iter();
+        let mut better = alternatives.filter(|t| {
+            let lead = lead((model.terms[term].kind, own_bic), t.candidate.kind, data);
+            t.fit.is_some() && t.delta_bic > MIN_BIC_GAIN.max(own_bic + lead)
+        });
+        let best = better.find(|t| !matches!(decide(&reduced, &without, t, 1), Decision::Undetermined(_)));
         match best {
-            Some(best)
-                if best.delta_bic
-                    > own_bic + lead((model.terms[term].kind, own_bic), best.candidate.kind, data)
-                    && best.delta_bic > MIN_BIC_GAIN =>
-            {
+            Some(best) => {
                 let Some(better) = best.fit else { return };
                 *model = reduced;
                 model.terms.push(best.candidate);

@@ -15,7 +15,7 @@ use crate::model::fit::{Effort, Fit, Model};
 use crate::model::noise::Noise;
 use crate::model::score_test::ScoreTest;
 use crate::model::step_response::Responses;
-use crate::search::alternative::{Alternative, SearchSpace, fitted, followed};
+use crate::search::alternative::{Alternative, SearchSpace, fitted, fitted_with};
 use crate::search::survey_order::{once, simpler_first};
 
 /// A signature at one start, and how well it does in a score test.
@@ -131,7 +131,7 @@ fn profiles(
 fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, Vec<f64>)], watch: &Watch) {
     // A few steps from a start may end far from what the signature has promised: the promise counts until it is fitted.
     let glance = |(i, (t, start)): (usize, &(Alternative, Vec<f64>))| {
-        let glance = followed(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
+        let glance = fitted_with(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
         let promise = glance.delta_bic.max(t.delta_bic);
         Some((glance, promise, i))
     };

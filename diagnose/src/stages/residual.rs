@@ -12,7 +12,7 @@ use crate::residual::narrow_band::{NarrowBand, narrow_band};
 use crate::residual::out_of_library::ForceOnSignal;
 use crate::residual::turbulence::Turbulence;
 use crate::residual::with_turbulence::with_turbulence;
-use crate::search::select::Selection;
+use crate::search::selection::Selection;
 use crate::stages::baseline::Baseline;
 use crate::stages::select::rest_before;
 use whirlstand_vehicle::Kind;
@@ -71,7 +71,7 @@ impl<'r> Residual<'r> {
         } else {
             narrow_band(&selection.model, &selection.fit.residual)
         };
-        let out_of_library = force.filter(|_| lack.is_some_and(|lack| lack.is_told()));
+        let out_of_library = force.filter(|_| lack.is_some_and(|lack| lack.is_significant()));
         Self {
             selection,
             samples,

@@ -12,7 +12,7 @@ use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
 /// The diagnosis of a record, as the program makes it.
-pub fn told(record: Record, vehicle: &Vehicle) -> Diagnosis {
+pub fn diagnosis(record: Record, vehicle: &Vehicle) -> Diagnosis {
     diagnose(&[record], vehicle, &Options::default()).unwrap()
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use whirlstand_logs::MissingSignal;
+use whirlstand_logs::SignalError;
 use whirlstand_logs::spectrum::Peak;
 use whirlstand_vehicle::SimulatorError;
 
@@ -15,7 +15,7 @@ pub const COMPARISON_SCHEMA: &str = "whirlstand.comparison.v1";
 pub enum CompareError {
     /// An input of the vehicle is not in the record.
     #[error(transparent)]
-    Input(#[from] MissingSignal),
+    Input(#[from] SignalError),
     /// No output of the vehicle is in the record.
     #[error(
         "{origin} has no output of '{vehicle}': wanted is at least one of {}. It has: {}. Use --map {}=NAME[unit] to say which signal it is.",

@@ -1,7 +1,7 @@
 //! A record on an even grid, with the names of the vehicle.
 
 use whirlstand_logs::resample::{averaged, held, interpolated};
-use whirlstand_logs::{Clock, MissingSignal, Record, even_period, median_interval};
+use whirlstand_logs::{Clock, Record, SignalError, even_period, median_interval};
 use whirlstand_vehicle::Vehicle;
 
 use super::comparison::{CompareError, CompareOptions};
@@ -55,9 +55,11 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
         straighten(record.to_mut(), period_s);
     }
     let inputs =
-        vehicle.inputs.iter().map(|i| record.signal(&i.name)).collect::<Result<Vec<_>, MissingSignal>>()?;
-    let found: Vec<usize> =
-        (0..vehicle.outputs.len()).filter(|&i| record.get(&vehicle.outputs[i].name).is_some()).collect();
+        vehicle.inputs.iter().map(|i| record.signal(&i.name)).collect::<Result<Vec<_>, SignalError>>()?;
+    let mut found = Vec::new();
+    for (i, output) in vehicle.outputs.iter().enumerate() {
+        found.extend(record.find(&output.name)?.map(|_| i));
+    }
     if found.is_empty() {
         return Err(CompareError::NoOutput {
             origin: record.origin.clone(),

@@ -137,7 +137,7 @@ mod tests {
         Segment { origin: "x".into(), start_s: 0.0, period_s: 0.01, inputs, outputs, steps }
     }
 
-    fn told(gain: f64) -> Comparison {
+    fn compared(gain: f64) -> Comparison {
         let (fitted, held) = ([flight(gain, 1)], flight(gain, 5));
         let own = Regression::fit(&fitted, 12, 0).unwrap();
         let with = Regression::fit(&fitted, 12, 12).unwrap();
@@ -147,9 +147,9 @@ mod tests {
 
     #[test]
     fn an_input_that_acts_is_told_from_one_that_only_reacts() {
-        let acts = told(0.1);
+        let acts = compared(0.1);
         assert!(acts.sigmas > 5.0 && acts.second < 0.5 * acts.first, "{acts:?}");
-        let reacts = told(0.0);
+        let reacts = compared(0.0);
         assert!(reacts.sigmas < 3.0, "{reacts:?}");
     }
 }

@@ -229,8 +229,8 @@ fn integrals(
         }
     }
     let all: Vec<Angle> = found.iter().map(|(_, angle)| angle.clone()).collect();
-    let told = lags(record, &compose(name, axes, &all)?);
-    let same = |angle: &Angle| told.iter().any(|l| l.output == angle.name && l.correlation > SAME_MOTION);
+    let lagged = lags(record, &compose(name, axes, &all)?);
+    let same = |angle: &Angle| lagged.iter().any(|l| l.output == angle.name && l.correlation > SAME_MOTION);
     let (kept, other): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, angle)| same(angle));
     left_out.extend(other.into_iter().map(|(chosen, angle)| LeftOut {
         output: chosen.name,

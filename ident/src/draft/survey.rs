@@ -94,8 +94,8 @@ pub fn fast_enough(
     left_out: &mut Vec<LeftOut>,
 ) -> Result<(Vec<Chosen>, Vec<Chosen>), DraftError> {
     let slow = |c: &Chosen| interval(record, c).filter(|s| *s > LONGEST_INTERVAL_S);
-    let told = |c: &Chosen| slow(c).map(|s| format!("{} every {:.0} ms", c.source, 1e3 * s));
-    let signals: Vec<String> = inputs.iter().chain(&outputs).filter_map(told).collect();
+    let text = |c: &Chosen| slow(c).map(|s| format!("{} every {:.0} ms", c.source, 1e3 * s));
+    let signals: Vec<String> = inputs.iter().chain(&outputs).filter_map(text).collect();
     let (fast_inputs, fast_outputs) = (
         inputs.into_iter().filter(|c| slow(c).is_none()).collect::<Vec<_>>(),
         outputs.iter().filter(|c| slow(c).is_none()).cloned().collect::<Vec<_>>(),
@@ -108,8 +108,8 @@ pub fn fast_enough(
         });
     }
     for output in &outputs {
-        if let Some(text) = told(output) {
-            let why = format!("logged too slowly ({text})");
+        if let Some(interval) = text(output) {
+            let why = format!("logged too slowly ({interval})");
             left_out.push(LeftOut { output: output.name.clone(), why });
         }
     }
@@ -142,7 +142,7 @@ pub fn link(
         });
     }
     all.sort_by(|a, b| b.share().total_cmp(&a.share()));
-    let told: Vec<String> = outputs.iter().filter_map(|o| told(o, &all)).collect();
+    let remarks: Vec<String> = outputs.iter().filter_map(|o| response_remark(o, &all)).collect();
     let mut links: Vec<Link> = Vec::new();
     for candidate in all.iter().filter(|l| l.explains()) {
         let taken = |l: &Link| l.input == candidate.input || l.output == candidate.output;
@@ -151,12 +151,12 @@ pub fn link(
         }
     }
     if links.is_empty() {
-        return Err(refusal(raw, outputs, told));
+        return Err(refusal(raw, outputs, remarks));
     }
     let unlinked = outputs.iter().filter(|o| !links.iter().any(|l| l.output == **o));
     left_out.extend(unlinked.map(|output| LeftOut {
         output: output.name.clone(),
-        why: match self::told(output, &all) {
+        why: match response_remark(output, &all) {
             Some(best) => {
                 format!("no input that no other output needs explains it on held-out data ({best})")
             }
@@ -169,7 +169,7 @@ pub fn link(
 }
 
 /// The best that any input does for an output.
-fn told(output: &Chosen, all: &[Link]) -> Option<String> {
+fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
     let best = all.iter().find(|l| l.output == *output)?;
     Some(format!(
         "{}: {} takes {:.1} % off the mean square error of the past alone, {:.1} standard errors",

@@ -13,7 +13,7 @@ use super::normal::{Normal, Sums};
 use super::output_error::eliminate;
 use super::predictor::{Gains, NoiseStructure, Pattern};
 use super::problem::Problem;
-use super::search::Point;
+use super::search::{Derivatives, Point};
 
 /// The likelihood at one value of the unknowns.
 #[derive(Debug, Clone)]
@@ -39,11 +39,8 @@ impl Point for Evaluation {
     fn cost(&self) -> f64 {
         self.cost
     }
-    fn information(&self) -> &DMatrix<f64> {
-        &self.information
-    }
-    fn right(&self) -> &DVector<f64> {
-        &self.right
+    fn derivatives(&mut self) -> Option<Derivatives> {
+        Some(Derivatives { information: self.information.clone(), right: self.right.clone() })
     }
 }
 

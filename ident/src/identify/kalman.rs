@@ -78,9 +78,9 @@ pub fn kalman(
         let nuisances: Vec<Vec<f64>> = from.nuisances.iter().zip(&from.coupling).map(follow).collect();
         filter_error::evaluate(problem, &structure, segments, unknowns, &nuisances)
     };
-    let told = |iteration, cost| observe(Progress::Step { iteration, cost });
-    let search_limits = Limits { iterations: 60, tolerance: 0.01 };
-    let (found, outcome) = search(first, &limits, search_limits, at, told);
+    let progress = |iteration, cost| observe(Progress::Step { iteration, cost });
+    let search_limits = Limits { iterations: 60, tolerance: 0.01, ..Limits::default() };
+    let (found, outcome) = search(first, &limits, search_limits, at, progress);
     let information = spread::marginal(&found.information, np)?;
     let covariance = super::normal::pseudo_inverse(&information)?;
     let fit = Fit {

@@ -8,7 +8,7 @@ pub use super::fitted::{Fit, Fixed, NoiseFit, bounds, no_nuisances, white};
 use super::kalman::{kalman, kalman_start};
 use super::output_error::{self, Evaluation};
 use super::problem::{Parameter, Problem};
-use super::search::{Limits, Outcome, Point, search};
+use super::search::{Derivatives, Limits, Outcome, Point, search};
 use super::spread::{self, Undetermined};
 use super::{IdentifyError, Progress, start};
 
@@ -34,11 +34,8 @@ impl Point for Evaluation {
     fn cost(&self) -> f64 {
         self.cost
     }
-    fn information(&self) -> &DMatrix<f64> {
-        &self.information
-    }
-    fn right(&self) -> &DVector<f64> {
-        &self.right
+    fn derivatives(&mut self) -> Option<Derivatives> {
+        Some(Derivatives { information: self.information.clone(), right: self.right.clone() })
     }
 }
 
@@ -63,8 +60,8 @@ pub fn output_error(
         let next = output_error::evaluate(problem, segments, whitening, theta, &nuisances)?;
         next.cost.is_finite().then_some(next)
     };
-    let told = |iteration, cost| observe(Progress::Step { iteration, cost });
-    Some(search(first, &bounds(problem), limits, at, told))
+    let progress = |iteration, cost| observe(Progress::Step { iteration, cost });
+    Some(search(first, &bounds(problem), limits, at, progress))
 }
 
 /// The best of all starts, after a short search from each.

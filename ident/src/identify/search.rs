@@ -2,17 +2,27 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::normal::solve;
+
 /// A value of the unknowns with its cost and the derivatives of the cost.
 pub trait Point {
     /// Values of the unknowns.
     fn position(&self) -> &[f64];
     /// The cost at this point.
     fn cost(&self) -> f64;
+    /// The derivatives of the cost at this point, asked for once, where the search goes on from it. `None` where they do
+    /// not exist: the search ends there.
+    fn derivatives(&mut self) -> Option<Derivatives>;
+}
+
+/// Derivatives of a cost.
+#[derive(Debug, Clone)]
+pub struct Derivatives {
     /// Information matrix, unknowns x unknowns: a positive semidefinite approximation of the second derivative of the
     /// cost.
-    fn information(&self) -> &DMatrix<f64>;
+    pub information: DMatrix<f64>,
     /// The gradient of the cost times -1.
-    fn right(&self) -> &DVector<f64>;
+    pub right: DVector<f64>,
 }
 
 /// Effort and success of a search.
@@ -33,11 +43,15 @@ pub struct Limits {
     pub iterations: usize,
     /// The search ends when a step is shorter than this many standard errors (norm over all parameters).
     pub tolerance: f64,
+    /// The search ends after a step that lowers the cost by less than this.
+    pub gain: f64,
+    /// Steps that are tried from one point, each damped more than the last.
+    pub trials: usize,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { iterations: 100, tolerance: 1e-3 }
+        Self { iterations: 100, tolerance: 1e-3, gain: 0.0, trials: 30 }
     }
 }
 
@@ -63,12 +77,13 @@ pub fn search<P: Point>(
     while outcome.iterations < limits.iterations {
         outcome.iterations += 1;
         observe(outcome.iterations, point.cost());
+        let Some(slopes) = point.derivatives() else { break };
         let mut stepped = false;
         // How far the minimum seems to be: the first step of a round, without its damping.
         let mut ahead = f64::INFINITY;
-        for _ in 0..30 {
-            let Some((position, step)) = step(&point, bounds, damping) else { break };
-            let curved = point.information() * &step;
+        for _ in 0..limits.trials {
+            let Some((position, step)) = step(point.position(), &slopes, bounds, damping) else { break };
+            let curved = &slopes.information * &step;
             let length = step.dot(&curved).max(0.0).sqrt();
             ahead = ahead.min(length * (1.0 + damping));
             if length < limits.tolerance {
@@ -77,15 +92,20 @@ pub fn search<P: Point>(
                 return (point, outcome);
             }
             outcome.evaluations += 1;
-            let predicted = point.right().dot(&step) - 0.5 * step.dot(&curved);
+            let predicted = slopes.right.dot(&step) - 0.5 * step.dot(&curved);
             if let Some(next) = at(&point, &position, &step)
                 && next.cost() < point.cost()
             {
-                let ratio = (point.cost() - next.cost()) / predicted.max(1e-300);
+                let gain = point.cost() - next.cost();
+                let ratio = gain / predicted.max(1e-300);
                 damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(1.0 / 5.0, 1.0);
                 damping = damping.max(1e-12);
                 growth = 2.0;
                 point = next;
+                if gain < limits.gain {
+                    outcome.converged = true;
+                    return (point, outcome);
+                }
                 stepped = true;
                 break;
             }
@@ -101,8 +121,13 @@ pub fn search<P: Point>(
 }
 
 /// The damped step and where it leads, within the bounds.
-fn step(point: &impl Point, bounds: &[(f64, f64)], damping: f64) -> Option<(Vec<f64>, DVector<f64>)> {
-    let (position, f, g) = (point.position(), point.information(), point.right());
+fn step(
+    position: &[f64],
+    slopes: &Derivatives,
+    bounds: &[(f64, f64)],
+    damping: f64,
+) -> Option<(Vec<f64>, DVector<f64>)> {
+    let (f, g) = (&slopes.information, &slopes.right);
     let n = position.len();
     let mut held: Vec<bool> = (0..n)
         .map(|i| {
@@ -122,7 +147,7 @@ fn step(point: &impl Point, bounds: &[(f64, f64)], damping: f64) -> Option<(Vec<
                 scaled[(a, a)] += damping;
             }
             let right = DVector::from_fn(free.len(), |a, _| g[free[a]] * scale[a]);
-            let solution = scaled.cholesky()?.solve(&right);
+            let solution = solve(&scaled, &right)?;
             for (a, i) in free.iter().enumerate() {
                 step[*i] = solution[a] * scale[a];
             }
@@ -174,17 +199,14 @@ mod tests {
         fn cost(&self) -> f64 {
             self.cost
         }
-        fn information(&self) -> &DMatrix<f64> {
-            &self.f
-        }
-        fn right(&self) -> &DVector<f64> {
-            &self.g
+        fn derivatives(&mut self) -> Option<Derivatives> {
+            Some(Derivatives { information: self.f.clone(), right: self.g.clone() })
         }
     }
 
     #[test]
     fn the_valley_is_followed_and_bounds_hold() {
-        let limits = Limits { iterations: 200, tolerance: 1e-9 };
+        let limits = Limits { iterations: 200, tolerance: 1e-9, ..Limits::default() };
         let at = |_: &Rosenbrock, x: &[f64], _: &DVector<f64>| Some(Rosenbrock::new(x));
         let free = [(-5.0, 5.0), (-5.0, 5.0)];
         let (best, outcome) = search(Rosenbrock::new(&[-1.2, 1.0]), &free, limits, at, |_, _| ());

@@ -2,6 +2,7 @@
 
 mod blind;
 mod files;
+mod records;
 
 use std::path::PathBuf;
 
@@ -9,9 +10,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use whirlstand_msgs::units::{Quantity, Unit};
 
 pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
-pub(crate) use files::{
-    CompareArgs, DesignArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod,
-    IdentifyNoise, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleNewArgs,
+pub(crate) use files::{DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleNewArgs};
+pub(crate) use records::{
+    CompareArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
 };
 
 /// A hardware-in-the-loop bench for small VTOL control.

@@ -157,7 +157,7 @@ fn aligned(record: Record, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Rec
     let mut delays = args.delay.clone();
     let given = |name: &str| args.delay.iter().any(|(n, _)| n == name);
     for lag in lags(&record, vehicle).into_iter().filter(|l| !given(&l.output)) {
-        let told = format!(
+        let shift = format!(
             "{} lags {}, its derivative, by {:.1} ms (correlation {:.3})",
             lag.output,
             lag.rate,
@@ -167,14 +167,14 @@ fn aligned(record: Record, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Rec
         let period = record.duration() / record.len().max(2) as f64;
         match (args.align, lag.certain) {
             (true, true) => {
-                eprintln!("{}: {told}: moved", record.origin);
+                eprintln!("{}: {shift}: moved", record.origin);
                 delays.push((lag.output, lag.lag_s));
             }
             (true, false) => {
-                eprintln!("{}: {told}: too little in common to be sure, not moved", record.origin)
+                eprintln!("{}: {shift}: too little in common to be sure, not moved", record.origin)
             }
             (false, true) if lag.lag_s.abs() > 1.5 * period.max(0.01) => {
-                eprintln!("{}: {told}: --align moves it", record.origin);
+                eprintln!("{}: {shift}: --align moves it", record.origin);
             }
             _ => {}
         }

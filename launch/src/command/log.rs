@@ -96,6 +96,9 @@ pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result
 }
 
 fn export(record: &Record, output: &Path) -> Result<(), Failure> {
+    for left_out in record.unreadable() {
+        eprintln!("left out: {left_out}");
+    }
     if output != Path::new("-") {
         return whirlstand_logs::write_csv(record, output).map_err(Failure::mend);
     }

@@ -92,11 +92,11 @@ fn response(figures: &RunSummary, at_s: f64) -> String {
     if moved.is_empty() {
         return "nothing that could be seen".into();
     }
-    let told = moved.iter().take(MOST_OUTPUTS).map(|(name, o, d)| match d.recovery_s {
+    let texts = moved.iter().take(MOST_OUTPUTS).map(|(name, o, d)| match d.recovery_s {
         Some(back) => format!("{name} by {}, back after {back:.2} s", shown(d.peak, &o.unit)),
         None => format!("{name} by {}, not back", shown(d.peak, &o.unit)),
     });
-    told.collect::<Vec<_>>().join("; ")
+    texts.collect::<Vec<_>>().join("; ")
 }
 
 fn timing(run: &Summarised) -> String {

@@ -112,7 +112,7 @@ impl FaultInjector {
     }
 
     /// Takes in what the plant has applied since the last look.
-    fn hear(&mut self) {
+    fn receive(&mut self) {
         let Some(truth) = &mut self.truth else { return };
         while let Ok(Some(step)) = truth.try_recv() {
             let failsafe = step.flags & flags::FAILSAFE != 0;
@@ -228,7 +228,7 @@ impl Observer for FaultInjector {
     }
 
     fn tick(&mut self, now: Instant, _: &HealthTable) -> Continuation {
-        self.hear();
+        self.receive();
         match self.phase {
             Phase::Recovering { since } => self.check_recovery(now, since),
             Phase::Resting { until } if now >= until => self.inject(now),

@@ -157,7 +157,7 @@ impl Bench<'_> {
             self.interrupted(signal, now);
         }
         while let Some(health) = self.health.next() {
-            self.table.hear(health, now);
+            self.table.update(health, now);
         }
         for i in 0..self.nodes.len() {
             for notice in self.nodes[i].notices() {
@@ -285,11 +285,12 @@ impl Bench<'_> {
     /// For how long a running node has said nothing of its health; none for programs that never do.
     fn silence(&self, i: usize, now: Instant) -> Duration {
         let node = &self.nodes[i];
-        let heard = self.table.get(&node.spec.name).filter(|h| h.latest.pid == node.pid()).map(|h| h.heard);
-        if heard.is_none() && !node.spec.publishes_health {
+        let latest =
+            self.table.get(&node.spec.name).filter(|h| h.latest.pid == node.pid()).map(|h| h.received_at);
+        if latest.is_none() && !node.spec.publishes_health {
             return Duration::ZERO;
         }
-        let last = heard.max(node.ready_since).unwrap_or(now).max(self.not_silent_before);
+        let last = latest.max(node.ready_since).unwrap_or(now).max(self.not_silent_before);
         now.saturating_duration_since(last)
     }
 

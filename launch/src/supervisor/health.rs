@@ -45,7 +45,7 @@ pub(crate) struct NodeHealth {
     /// The newest message.
     pub latest: Health,
     /// Time at which it came.
-    pub heard: Instant,
+    pub received_at: Instant,
     /// Counts of the processes before this one.
     before: Counts,
 }
@@ -63,18 +63,19 @@ pub(crate) struct HealthTable(BTreeMap<String, NodeHealth>);
 
 impl HealthTable {
     /// Takes in one message. A new process number means that the node was restarted.
-    pub fn hear(&mut self, health: Health, now: Instant) {
+    pub fn update(&mut self, health: Health, now: Instant) {
         let name = health.node_name().to_string();
         match self.0.get_mut(&name) {
             None => {
-                self.0.insert(name, NodeHealth { latest: health, heard: now, before: Counts::default() });
+                self.0
+                    .insert(name, NodeHealth { latest: health, received_at: now, before: Counts::default() });
             }
             Some(known) => {
                 if known.latest.pid != health.pid {
                     known.before = known.counts();
                 }
                 known.latest = health;
-                known.heard = now;
+                known.received_at = now;
             }
         }
     }
@@ -115,7 +116,7 @@ mod tests {
     fn counts_add_up_over_restarts() {
         let mut table = HealthTable::default();
         for (pid, steps, lost) in [(7, 10, 0), (7, 20, 1), (8, 5, 0), (8, 6, 2), (9, 1, 0)] {
-            table.hear(health(pid, steps, lost), Instant::now());
+            table.update(health(pid, steps, lost), Instant::now());
         }
         let counts = table.get("controller").unwrap().counts();
         assert_eq!((counts.steps, counts.lost, table.lost()), (20 + 6 + 1, 3, 3));

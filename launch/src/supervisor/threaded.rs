@@ -50,7 +50,7 @@ pub(crate) fn supervise_thread(
         }
         let now = Instant::now();
         while let Some(report) = health.next() {
-            table.hear(report, now);
+            table.update(report, now);
         }
         if observer.tick(now, &table) == Continuation::End {
             stop();
@@ -61,7 +61,7 @@ pub(crate) fn supervise_thread(
     };
     let ending = match thread.join() {
         Ok(Ok(reports)) => {
-            reports.into_iter().for_each(|report| table.hear(report, Instant::now()));
+            reports.into_iter().for_each(|report| table.update(report, Instant::now()));
             interrupted.map_or(Ending::Complete, Ending::Interrupted)
         }
         Ok(Err((error, mendable))) => failed(format!("failed: {error}"), mendable),

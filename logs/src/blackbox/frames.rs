@@ -46,7 +46,7 @@ struct Frames<'a> {
     /// Time of the last main frame, us.
     time: Option<u64>,
     /// A time that did not fit, as it was stored: of a main frame, or of the logger's return.
-    doubtful: Option<u32>,
+    unconfirmed: Option<u32>,
     /// The place of arming.
     home: Vec<i64>,
 }
@@ -63,7 +63,7 @@ enum Found {
 
 /// Reads all frames behind the header. `visit` gets the kind, the time in us and the numbers of each.
 pub(super) fn read(header: &Header, data: &[u8], visit: &mut dyn FnMut(Kind, u64, &[i64])) -> Reading {
-    let mut frames = Frames { header, data, before: None, time: None, doubtful: None, home: Vec::new() };
+    let mut frames = Frames { header, data, before: None, time: None, unconfirmed: None, home: Vec::new() };
     let mut reading = Reading::default();
     let mut open: Option<usize> = None;
     let mut at = header.end;
@@ -138,7 +138,7 @@ impl Frames<'_> {
             _ => {
                 let time = self.main_time(row[self.header.time] as u32, letter == b'I').ok_or(Broken)?;
                 self.time = Some(time);
-                self.doubtful = None;
+                self.unconfirmed = None;
                 // A frame that stands for itself is also the one before it to the next.
                 let last = match self.before.take() {
                     Some([last, _]) if letter == b'P' => last,
@@ -175,12 +175,12 @@ impl Frames<'_> {
             return Some(last + u64::from(step));
         }
         // Two that fit each other outweigh the one before them, and the logger may have been off, or that one damaged.
-        let confirmed = self.doubtful.is_some_and(|first| stored.wrapping_sub(first) <= LONGEST_STEP);
+        let confirmed = self.unconfirmed.is_some_and(|first| stored.wrapping_sub(first) <= LONGEST_STEP);
         if whole && confirmed {
             return Some(last.saturating_add_signed(i64::from(step as i32)));
         }
         if whole {
-            self.doubtful = Some(stored);
+            self.unconfirmed = Some(stored);
         }
         None
     }
@@ -210,7 +210,7 @@ impl Frames<'_> {
                 let stored = bytes.unsigned()?;
                 self.is_followed(&bytes)?;
                 // The frame that follows will fit it, or it is damaged.
-                self.doubtful = Some(stored);
+                self.unconfirmed = Some(stored);
                 self.before = None;
                 return Ok((Found::Nothing, bytes.at));
             }

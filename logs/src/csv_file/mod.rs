@@ -12,7 +12,7 @@ use csv::{ByteRecord, ReaderBuilder, Trim};
 use whirlstand_msgs::units::Unit;
 
 pub use self::write::{format_csv, write_csv};
-use crate::mapping::{MapError, Mapping, Source, resolve, split_unit};
+use crate::mapping::{MapError, Mapping, Selected, Source, Unreadable, resolve, split_unit};
 use crate::record::{Record, RecordError};
 
 /// Why a CSV cannot be read or written.
@@ -129,6 +129,8 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
 
     let mut time = Vec::new();
     let mut values: Vec<Vec<f64>> = vec![Vec::new(); columns.signals.len()];
+    // A column of text that nobody has named is in nobody's way, until it is asked for.
+    let mut unreadable: Vec<Option<CsvError>> = columns.signals.iter().map(|_| None).collect();
     let mut row = ByteRecord::new();
     let mut before = f64::NEG_INFINITY;
     while reader.read_byte_record(&mut row).map_err(failed)? {
@@ -152,16 +154,27 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
         }
         before = t;
         time.push(columns.time_unit.to_si(t));
-        for (column, signal) in columns.signals.iter().zip(&mut values) {
-            signal.push(column.convert(cell(columns.sources[column.source])?));
+        for (i, column) in columns.signals.iter().enumerate() {
+            if unreadable[i].is_some() {
+                continue;
+            }
+            match cell(columns.sources[column.source]) {
+                Ok(value) => values[i].push(column.convert(value)),
+                Err(error) if i < columns.mapped => return Err(error),
+                Err(error) => unreadable[i] = Some(error),
+            }
         }
     }
     let mut record = Record::new(path.display().to_string(), time)?;
     record.time_unit = columns.time_unit.si_symbol();
-    for (column, signal) in columns.signals.into_iter().zip(values) {
-        record.push(column.name, column.unit.si_symbol(), signal)?;
+    let mut left_out = columns.unreadable;
+    for ((column, signal), error) in columns.signals.into_iter().zip(values).zip(unreadable) {
+        match error {
+            Some(error) => left_out.push(Unreadable { name: column.name, why: error.to_string() }),
+            None => record.push(column.name, column.unit.si_symbol(), signal)?,
+        }
     }
-    Ok(record)
+    Ok(record.with_unreadable(left_out))
 }
 
 /// What the head says.
@@ -170,7 +183,10 @@ struct Columns {
     time_unit: Unit,
     /// Column of each source.
     sources: Vec<usize>,
-    signals: Vec<crate::mapping::Selected>,
+    signals: Vec<Selected>,
+    /// How many of the signals the user named: they come first.
+    mapped: usize,
+    unreadable: Vec<Unreadable>,
 }
 
 impl Columns {
@@ -183,17 +199,21 @@ impl Columns {
                 Source { name: name.into(), unit: unit.map(str::to_string) }
             })
             .collect();
-        for (i, s) in offered.iter().enumerate() {
-            if offered[..i].iter().any(|other| other.name == s.name) {
-                return Err(CsvError::Duplicate { path: path.into(), name: s.name.clone() });
+        let mut twice: Vec<String> = Vec::new();
+        for (i, Source { name, .. }) in offered.iter().enumerate() {
+            if offered[..i].iter().any(|other| other.name == *name) && !twice.contains(name) {
+                if mappings.iter().any(|m| m.names(name)) || name == "t" {
+                    return Err(CsvError::Duplicate { path: path.into(), name: name.clone() });
+                }
+                twice.push(name.clone());
             }
         }
         let (of_time, of_signals): (Vec<_>, Vec<_>) = mappings.iter().cloned().partition(|m| m.name == "t");
-        let (time, time_unit) = match resolve(&offered, &of_time, false, &origin)?.first() {
+        let (time, time_unit) = match resolve(&offered, &of_time, false, &origin)?.0.first() {
             Some(mapped) => (mapped.source, mapped.unit),
             None if offered.first().is_some_and(|s| s.name == "t") => {
                 let t: Mapping = "t=t".parse()?;
-                (0, resolve(&offered, &[t], false, &origin)?[0].unit)
+                (0, resolve(&offered, &[t], false, &origin)?.0[0].unit)
             }
             None => {
                 let found = heads.first().cloned().unwrap_or_default();
@@ -206,10 +226,15 @@ impl Columns {
             let unit = time_unit.si_symbol();
             return Err(CsvError::TimeUnit { path: path.into(), unit });
         }
-        let sources: Vec<usize> = (0..heads.len()).filter(|i| *i != time).collect();
+        let once = |i: &usize| *i != time && !twice.contains(&offered[*i].name);
+        let sources: Vec<usize> = (0..heads.len()).filter(once).collect();
         let rest: Vec<Source> = sources.iter().map(|i| offered[*i].clone()).collect();
-        let signals = resolve(&rest, &of_signals, true, &origin)?;
-        Ok(Self { time, time_unit, sources, signals })
+        let (signals, mut unreadable) = resolve(&rest, &of_signals, true, &origin)?;
+        unreadable.extend(twice.into_iter().map(|name| {
+            let why = CsvError::Duplicate { path: path.into(), name: name.clone() }.to_string();
+            Unreadable { name, why }
+        }));
+        Ok(Self { time, time_unit, sources, signals, mapped: of_signals.len(), unreadable })
     }
 }
 
@@ -297,6 +322,37 @@ mod tests {
         assert_eq!(parse("t\ty\n0\t1\n", &[]).unwrap().names(), ["y"]);
     }
 
+    /// A mode in words, a unit that nobody knows, a name that comes twice: nobody who asks for other columns is stopped.
+    #[test]
+    fn a_column_that_cannot_be_read_is_an_error_where_it_is_asked_for() {
+        let cases = [
+            (
+                "t,roll,y\n0,1,2\n1,2,x\n",
+                "flight.csv, line 3, column 3 (y): 'x' is not a finite number; leave the cell empty for a gap",
+            ),
+            (
+                "t,roll,y\n0,1,inf\n1,2,3\n",
+                "flight.csv, line 2, column 3 (y): 'inf' is not a finite number; leave the cell empty for a gap",
+            ),
+            ("t,y,roll,y[deg]\n0,3,1,3\n1,3,2,3\n", "flight.csv, line 1: two columns are called 'y'"),
+            ("t,roll,y[furlong]\n0,1,3\n1,2,3\n", "signal 'y' of flight.csv: 'furlong'"),
+        ];
+        for (text, expected) in cases {
+            let record = parse(text, &[]).unwrap();
+            assert_eq!(
+                (record.names(), record.signal("roll").unwrap().values[1]),
+                (vec!["roll".into()], 2.0)
+            );
+            let error = record.signal("y").unwrap_err().to_string();
+            assert!(error.starts_with(expected), "{error}");
+            assert_eq!(record.find("y").unwrap_err().to_string(), error);
+            assert_eq!(record.between(0.0, 0.5).signal("y").unwrap_err().to_string(), error);
+            assert_eq!(record.unreadable()[0].name, "y");
+            let error = parse(text, &["pitch=y"]).unwrap_err().to_string();
+            assert!(error.starts_with(expected), "{error}");
+        }
+    }
+
     #[test]
     fn errors_name_file_line_and_column() {
         let cases = [
@@ -308,16 +364,7 @@ mod tests {
                 "time,y\n0,1\n",
                 "flight.csv, line 1: the first column is 'time', expected t or t[unit]; --map t=COLUMN[unit] names another",
             ),
-            ("t,y,y[deg]\n", "flight.csv, line 1: two columns are called 'y'"),
             ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
-            (
-                "t,y\n0,1\n1,x\n",
-                "flight.csv, line 3, column 2 (y): 'x' is not a finite number; leave the cell empty for a gap",
-            ),
-            (
-                "t,y\n0,inf\n",
-                "flight.csv, line 2, column 2 (y): 'inf' is not a finite number; leave the cell empty for a gap",
-            ),
             (
                 "t,y\n0,1\n0,2\n",
                 "flight.csv, line 3: time 0 is not after 0; it must increase from line to line",
@@ -328,7 +375,7 @@ mod tests {
         for (text, expected) in cases {
             assert_eq!(parse(text, &[]).unwrap_err().to_string(), expected);
         }
-        let unit = parse("t,y[furlong]\n0,1\n", &[]).unwrap_err().to_string();
+        let unit = parse("t,y[furlong]\n0,1\n", &["roll=y"]).unwrap_err().to_string();
         assert!(unit.starts_with("signal 'y' of flight.csv: 'furlong'"), "{unit}");
         assert!(
             read_csv("/does/not/exist.csv", &[])

@@ -124,7 +124,7 @@ impl<'a> Log<'a> {
         if messages.formats().count() < 2 {
             return Err(DataflashError::NoDefinition { path: path.into(), at: 0 });
         }
-        let mut remarks = told(path, messages.gaps());
+        let mut remarks = gap_remarks(path, messages.gaps());
         remarks.extend(messages.formats().filter_map(|format| {
             let letter = format.unknown?;
             Some(format!(
@@ -132,7 +132,7 @@ impl<'a> Log<'a> {
                 format.name
             ))
         }));
-        Ok(Self { path, definitions, start: clock.start.or(clock.doubtful), remarks })
+        Ok(Self { path, definitions, start: clock.start.or(clock.unconfirmed), remarks })
     }
 
     fn topics(&self) -> Result<Topics, DataflashError> {
@@ -227,27 +227,27 @@ struct Clock {
     /// The last that fitted, ns.
     last: Option<u64>,
     /// The last that did not, ns.
-    doubtful: Option<u64>,
+    unconfirmed: Option<u64>,
 }
 
 impl Clock {
     /// Whether a time fits those before it.
     fn confirms(&mut self, time: u64) -> bool {
         let near = |other: Option<u64>| other.is_some_and(|other| other.abs_diff(time) <= LONGEST_STEP_NS);
-        if near(self.last) || near(self.doubtful) {
-            self.start = self.start.or(self.doubtful);
+        if near(self.last) || near(self.unconfirmed) {
+            self.start = self.start.or(self.unconfirmed);
             self.last = Some(time);
-            self.doubtful = None;
+            self.unconfirmed = None;
             true
         } else {
-            self.doubtful = Some(time);
+            self.unconfirmed = Some(time);
             false
         }
     }
 }
 
 /// Sentences on bytes that are no messages.
-fn told(path: &Path, gaps: Gaps) -> Vec<String> {
+fn gap_remarks(path: &Path, gaps: Gaps) -> Vec<String> {
     let path = path.display();
     let damage = (gaps.places > 0).then(|| {
         format!(

@@ -67,14 +67,14 @@ impl Clock {
         let end = spans.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
         let fastest = series.iter().filter_map(|s| median_interval(s.time())).fold(f64::INFINITY, f64::min);
         if spans.len() < series.len() || spans.is_empty() || start >= end {
-            let told: Vec<String> = series
+            let spans: Vec<String> = series
                 .iter()
                 .map(|s| match ends(s) {
                     Some((from, to)) => format!("{} from {from} s to {to} s", s.name),
                     None => format!("{} has no sample", s.name),
                 })
                 .collect();
-            return Err(ClockError::NoOverlap(told.join(", ")));
+            return Err(ClockError::NoOverlap(spans.join(", ")));
         }
         Self::over(start, end, period.unwrap_or(fastest))
     }

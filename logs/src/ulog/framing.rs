@@ -1,7 +1,7 @@
 //! The messages of a ULog file, handed to the parser one at a time, each whole and with the lengths inside it checked.
 //!
 //! The parser believes the lengths that two kinds of message give of themselves, and panics where they lie. Here they are
-//! held against the message first. The layout is that of the PX4 user guide, "ULog File Format".
+//! compared with the message first. The layout is that of the PX4 user guide, "ULog File Format".
 
 use std::io::{self, Read, Seek, SeekFrom};
 

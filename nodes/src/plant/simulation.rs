@@ -33,7 +33,7 @@ pub(super) struct Simulation {
     always_telemetry: bool,
     inject: Option<Subscriber<Disturbance>>,
     injected: [f64; MAX_STATES],
-    told: Option<[f64; MAX_STATES]>,
+    published: Option<[f64; MAX_STATES]>,
     /// Of the present step, measured already unless the input of the same moment shows in it.
     measured: Option<(Imu, Odometry)>,
     feedthrough: bool,
@@ -82,7 +82,7 @@ impl Simulation {
             always_telemetry: config.telemetry,
             inject,
             injected: [0.0; MAX_STATES],
-            told: None,
+            published: None,
             measured: None,
             feedthrough: vehicle.d.iter().any(|v| *v != 0.0),
             last_imu: Imu::zeroed(),
@@ -154,8 +154,8 @@ impl Simulation {
         self.truth.send(&truth)?;
         let mut dx = [0.0; MAX_STATES];
         dx[..self.states].copy_from_slice(self.simulator.disturbance());
-        if self.told != Some(dx) {
-            self.told = Some(dx);
+        if self.published != Some(dx) {
+            self.published = Some(dx);
             let message = Disturbance { head, dx, count: self.states as u32, reserved: 0 };
             self.disturbance.send(&message)?;
         }

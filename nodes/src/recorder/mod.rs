@@ -44,8 +44,8 @@ pub struct Recorder {
     progress: Publisher<Progress>,
     peers: Peers,
     awaits: Vec<Role>,
-    /// Step and count that were last told to the plant.
-    told: Option<(u64, u64)>,
+    /// Step and count that were last reported to the plant.
+    reported: Option<(u64, u64)>,
     written_before: u64,
     refused: u64,
     stopping: Option<Instant>,
@@ -77,7 +77,7 @@ impl Recorder {
             awaits: listens_to,
             files,
             log: Some(log),
-            told: None,
+            reported: None,
             written_before: 0,
             refused: 0,
             stopping: None,
@@ -103,7 +103,7 @@ impl Recorder {
         let reached = self.topics.truth.step();
         self.topics.drain_followers(&mut log, &mut self.refused)?;
         while let Some(health) = self.peers.receive()? {
-            self.peers.hear(&health);
+            self.peers.update(&health);
             log.write(&self.health, &health)?;
         }
         log.flush_if_due(now)?;
@@ -160,7 +160,7 @@ impl Recorder {
 
     /// Whether the plant has said which step was the last, and every topic has reached it.
     fn has_all_of_the_run(&self) -> bool {
-        let Some(plant) = self.peers.heard(Role::Plant) else { return false };
+        let Some(plant) = self.peers.health(Role::Plant) else { return false };
         let reached = |last: Option<u64>| last.is_some_and(|l| l >= plant.step);
         let awaits = |role| self.awaits.contains(&role);
         plant.state == Some(NodeState::Stopping)
@@ -184,10 +184,10 @@ impl Recorder {
         let step = reached.unwrap_or(0);
         // Nothing written is news as well: it says that a recorder is there.
         let written = if reached.is_some() { written } else { 0 };
-        if self.told.is_some_and(|told| told.0 == step) {
+        if self.reported.is_some_and(|reported| reported.0 == step) {
             return Ok(());
         }
-        self.told = Some((step, written));
+        self.reported = Some((step, written));
         let mut progress = Progress { written, lost: self.lost(), ..Progress::zeroed() };
         progress.head.step = step;
         progress.head.stamp_ns = step * self.period_ns;

@@ -121,11 +121,11 @@ pub fn check_autopilot(
         return Ok(());
     }
     check.link();
-    let told = check.wait_for_level(options, place);
+    let leveled = check.wait_for_level(options, place);
     let armed = options.arm && autopilot.mixer.frame != FrameKind::Ccpm && check.arm(options);
     for axis in 0..AXES.len() {
-        if told || armed {
-            check.axis(axis, told, armed);
+        if leveled || armed {
+            check.axis(axis, leveled, armed);
         }
     }
     check.disarm();
@@ -179,7 +179,7 @@ impl Check<'_> {
         if let Some(why) = self.links.take_lost() {
             (self.say)(Finding::Wrong(why));
         }
-        self.hear(now);
+        self.receive(now);
         let instant = Instant::now();
         if instant < self.due() {
             return;
@@ -222,7 +222,7 @@ impl Check<'_> {
     }
 
     /// What the autopilot says to its ground station.
-    fn hear(&mut self, now: Duration) {
+    fn receive(&mut self, now: Duration) {
         // One that is not there yet is tried again; that it never came is told by what was not heard.
         let _ = self.telemetry.maintain(Instant::now());
         let mut buffer = [0; 4096];
@@ -303,7 +303,7 @@ impl Check<'_> {
         armed
     }
 
-    fn axis(&mut self, axis: usize, told: bool, armed: bool) {
+    fn axis(&mut self, axis: usize, leveled: bool, armed: bool) {
         let mut from = 0.0;
         for to in [TILT, -TILT, 0.0] {
             let before = self.attitude();
@@ -316,7 +316,7 @@ impl Check<'_> {
             if to != 0.0 {
                 let finding = match (before, self.attitude()) {
                     (Some(before), Some(after)) => Some(tilt::check(axis, to - from, before, after)),
-                    _ if told => Some(Err(format!("{}: the telemetry stopped", AXES[axis].0))),
+                    _ if leveled => Some(Err(format!("{}: the telemetry stopped", AXES[axis].0))),
                     _ => None,
                 };
                 let answer = if armed { reaction::check(axis, to - from, &still, &moved) } else { None };

@@ -51,7 +51,7 @@ struct Check<'a> {
 /// Checks the bridge to a vehicle; `say` hears each finding as it comes.
 ///
 /// # Errors
-/// For options that cannot be, and a vehicle that is not heard.
+/// For options that cannot be, and a vehicle that is not report.
 pub fn check_vehicle(
     config: &NodeConfig,
     bridge: &BridgeConfig,
@@ -105,9 +105,9 @@ impl Check<'_> {
     }
 
     fn wait_for_vehicle(&mut self) -> Result<(), NodeError> {
-        let heard =
+        let report =
             self.until(self.timeout, |shared| shared.vehicle.telemetry().values(Group::Attitude).map(drop));
-        if heard.is_some() {
+        if report.is_some() {
             return Ok(());
         }
         let figures = lock(&self.shared).vehicle.figures();
@@ -230,7 +230,7 @@ impl Check<'_> {
             shared.flush();
             // What comes in the second half knows of the push.
             if Instant::now() + PULSE_TIME / 2 > end {
-                newest = shared.vehicle.told_channels(PULSE_TIME / 2, now);
+                newest = shared.vehicle.sent_channels(PULSE_TIME / 2, now);
             }
             None
         });

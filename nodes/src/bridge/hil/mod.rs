@@ -35,7 +35,7 @@ use inbox::{Inbox, VehicleSample};
 use links::Links;
 use state::{Fault, Flight};
 
-/// So much of nothing but what cannot be read is told as a wrong link.
+/// So much of nothing but what cannot be read is reported as a wrong link.
 const UNREADABLE_BYTES: u64 = 200;
 
 /// How long the pilot's channels say at the end that they are disarmed: some of their periods.
@@ -74,7 +74,7 @@ pub struct Hil {
     last: Option<Command>,
     origin: Instant,
     steps: u64,
-    told: Counts,
+    reported: Counts,
 }
 
 impl Hil {
@@ -122,7 +122,7 @@ impl Hil {
             last: None,
             origin: Instant::now(),
             steps: 0,
-            told: Counts::default(),
+            reported: Counts::default(),
         })
     }
 
@@ -316,18 +316,18 @@ impl Hil {
         report.steps = self.steps;
         report.lost = self.inbox.lost() + counts.lost + counts.skipped;
         report.rejected = self.inbox.refused() + counts.dropped() + self.flight.refused();
-        if counts.dropped() > 0 && self.told.dropped() == 0 {
+        if counts.dropped() > 0 && self.reported.dropped() == 0 {
             tracing::warn!("{} sent what its protocol does not know: {counts:?}", self.name);
         }
         let nothing_else = |c: &Counts| c.outputs == 0 && c.malformed > UNREADABLE_BYTES;
-        if nothing_else(&counts) && !nothing_else(&self.told) {
+        if nothing_else(&counts) && !nothing_else(&self.reported) {
             tracing::warn!(
                 "{} bytes or packets came, and none is of {}: on a serial line, is the baud rate right?",
                 counts.malformed,
                 self.name
             );
         }
-        self.told = counts;
+        self.reported = counts;
     }
 }
 

@@ -56,7 +56,7 @@ enum Wire {
 struct Shared {
     wire: Mutex<Option<Arc<Wire>>>,
     /// The peer of a bound UDP socket, learned from what it sent.
-    heard: Mutex<Option<SocketAddr>>,
+    sender: Mutex<Option<SocketAddr>>,
     dropped: AtomicU64,
 }
 
@@ -67,8 +67,8 @@ pub struct Link {
     wire: Option<Arc<Wire>>,
     shared: Arc<Shared>,
     retry_at: Instant,
-    /// Why the last attempt failed, so that it is told once.
-    told: Option<String>,
+    /// Why the last attempt failed, so that it is reported once.
+    reported: Option<String>,
 }
 
 /// The sending half; any thread may have one.
@@ -84,7 +84,7 @@ impl Link {
             wire: None,
             shared: Arc::default(),
             retry_at: Instant::now(),
-            told: None,
+            reported: None,
         }
     }
 
@@ -128,7 +128,7 @@ impl Link {
         self.retry_at = now + RETRY;
         match self.open() {
             Ok(Some(wire)) => {
-                self.told = None;
+                self.reported = None;
                 let wire = Arc::new(wire);
                 *lock(&self.shared.wire) = Some(wire.clone());
                 self.wire = Some(wire);
@@ -151,7 +151,7 @@ impl Link {
             Wire::Udp { socket, peer } => match socket.recv_from(buffer) {
                 Ok((length, from)) => {
                     if peer.is_none() {
-                        *lock(&self.shared.heard) = Some(from);
+                        *lock(&self.shared.sender) = Some(from);
                     }
                     return Ok(Received::Datagram(length));
                 }
@@ -180,8 +180,8 @@ impl Link {
     }
 
     fn tell(&mut self, why: String) -> Option<LinkEvent> {
-        let news = self.told.as_ref() != Some(&why);
-        self.told = Some(why.clone());
+        let news = self.reported.as_ref() != Some(&why);
+        self.reported = Some(why.clone());
         news.then_some(LinkEvent::Down(why))
     }
 
@@ -231,7 +231,7 @@ impl LinkSender {
             None => false,
             Some(Wire::Serial(port)) => rustix::io::write(port, bytes).is_ok_and(|n| n == bytes.len()),
             Some(Wire::Tcp(stream)) => (&*stream).write(bytes).is_ok_and(|n| n == bytes.len()),
-            Some(Wire::Udp { socket, peer }) => match peer.or_else(|| *lock(&self.0.heard)) {
+            Some(Wire::Udp { socket, peer }) => match peer.or_else(|| *lock(&self.0.sender)) {
                 Some(to) => socket.send_to(bytes, to).is_ok(),
                 None => false,
             },

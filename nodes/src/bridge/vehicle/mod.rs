@@ -87,7 +87,7 @@ struct VehicleNode {
     /// Periods that this node was not running.
     overruns: u64,
     last_imu: Imu,
-    told_failsafe: bool,
+    reported_failsafe: bool,
     commands: Commands,
     receiver: BusReceiver,
 }
@@ -131,7 +131,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
         stepped: now,
         overruns: 0,
         last_imu: whirlstand_msgs::Message::zeroed(),
-        told_failsafe: false,
+        reported_failsafe: false,
         commands,
         receiver,
     };
@@ -197,8 +197,8 @@ impl VehicleNode {
         if let Some(latency) = latency {
             self.peers.record_latency(latency);
         }
-        if failed != self.told_failsafe && self.phase == Phase::Looping {
-            self.told_failsafe = failed;
+        if failed != self.reported_failsafe && self.phase == Phase::Looping {
+            self.reported_failsafe = failed;
             self.peers.set_state(if failed { NodeState::Failsafe } else { NodeState::Running });
         }
         self.commands.check()?;
@@ -207,9 +207,9 @@ impl VehicleNode {
 
     fn join(&mut self, now: Instant, until: Instant) -> Result<(), NodeError> {
         self.peers.turn(now)?;
-        let heard = self.peers.not_running().next().is_none();
+        let peers_run = self.peers.not_running().next().is_none();
         let flies = lock(&self.shared).vehicle.telemetry().values(Group::Attitude).is_some();
-        if heard && flies {
+        if peers_run && flies {
             self.peers.set_state(NodeState::Running);
             self.phase = Phase::Answering { until: now + self.start_timeout, repeat: now + REPEAT };
             return self.advance(now);
@@ -218,7 +218,7 @@ impl VehicleNode {
             return Ok(());
         }
         let waited_s = self.start_timeout.as_secs_f64();
-        if !heard {
+        if !peers_run {
             return Err(NodeError::PeersAbsent { missing: self.peers.not_running().collect(), waited_s });
         }
         let figures = lock(&self.shared).vehicle.figures();

@@ -1,0 +1,263 @@
+//! Options of the calls that compare records with a model: compare, diagnose, identify, and the test flight for them.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+/// Which part of a record is used, and how.
+#[derive(Debug, Args)]
+pub(crate) struct RecordArgs {
+    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+    pub map: Vec<String>,
+    /// Start of the part that is used, s of the record's clock.
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// End of the part that is used, s of the record's clock.
+    #[arg(long, visible_alias = "until", value_name = "S")]
+    pub to: Option<f64>,
+    /// Period of the simulation, s [default: that of the record]
+    #[arg(long, value_name = "S")]
+    pub period: Option<f64>,
+}
+
+/// Where a result goes, beside the terminal.
+#[derive(Debug, Args)]
+pub(crate) struct ResultArgs {
+    /// Writes the result as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Folder for report.html, and for the files that are not named otherwise.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// Hold a record against the simulation: what the simulation gets wrong.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  \
+    whirlstand compare flight.csv --vehicle helicopter-hover --map roll=phi --map u_roll=in_lat --out out/compare")]
+pub(crate) struct CompareArgs {
+    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
+    pub log: PathBuf,
+    /// Built-in vehicle or path of a vehicle file.
+    #[arg(long)]
+    pub vehicle: String,
+    #[command(flatten)]
+    pub part: RecordArgs,
+    /// How far the short predictions look ahead, s.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pub horizon: f64,
+    #[command(flatten)]
+    pub result: ResultArgs,
+}
+
+/// Find out what a simulation gets wrong and why: named causes, the extended vehicle file, and the gain.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand diagnose out/flight --vehicle quadrotor --out out/diagnosis\n  \
+    whirlstand diagnose flight.csv --vehicle mine.toml --map roll=phi[deg] --engine-on ground.csv --engine-off still.csv\n  \
+    whirlstand diagnose a.csv b.csv --vehicle mine.toml --json -")]
+pub(crate) struct DiagnoseArgs {
+    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox; several are diagnosed together.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// Built-in vehicle or path of a vehicle file.
+    #[arg(long)]
+    pub vehicle: String,
+    #[command(flatten)]
+    pub part: RecordArgs,
+    /// Fits the free parameters of the vehicle anew beside every cause; done anyway for a vehicle file that
+    /// `identify` wrote.
+    #[arg(long)]
+    pub refit: bool,
+    /// Horizon over which predictions are judged, s [default: from the vehicle's time constants]
+    #[arg(long, value_name = "S")]
+    pub horizon: Option<f64>,
+    /// Vehicle that the flight mode may change to, beside the built-in ones; may be repeated.
+    #[arg(long, value_name = "VEHICLE")]
+    pub mode: Vec<String>,
+    /// Record on the ground with the engine on: tells a tone of the engine from one of the airframe.
+    #[arg(long, value_name = "LOG")]
+    pub engine_on: Option<PathBuf>,
+    /// Record with the engine off: tells a tone of the sensor.
+    #[arg(long, value_name = "LOG")]
+    pub engine_off: Option<PathBuf>,
+    /// Writes the extended vehicle file [default: vehicle.toml in the folder of --out]
+    #[arg(long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub result: ResultArgs,
+}
+
+/// Fit the free parameters of a vehicle to records: identification as in the paper, and beyond it.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand identify out/flight --vehicle quadrotor-structure --output mine.toml --out out/identify\n  \
+    whirlstand identify flight.csv --vehicle mine.toml --map roll=phi[deg] --from 3 --hold-out 60:84 --offsets\n  \
+    whirlstand identify a.csv b.csv --control c.csv --vehicle mine.toml --method ga+pem --json -")]
+pub(crate) struct IdentifyArgs {
+    /// Logs to fit: MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// Built-in vehicle, template (quadrotor-structure, helicopter-structure) or path of a vehicle file with `free`
+    /// parameters.
+    #[arg(long)]
+    pub vehicle: String,
+    /// ga: genetic algorithm on the mean square error; pem: output or prediction error; ga+pem: one after the other.
+    #[arg(long, value_enum, default_value_t = IdentifyMethod::Pem)]
+    pub method: IdentifyMethod,
+    /// Model of the residuals [default: kalman for closed loops and models that are not stable, else white]
+    #[arg(long, value_enum)]
+    pub noise: Option<IdentifyNoise>,
+    /// The records were taken with a controller in the loop (own logs say it themselves).
+    #[arg(long)]
+    pub closed_loop: bool,
+    /// Logs to hold the result against: control data.
+    #[arg(long, value_name = "LOG")]
+    pub control: Vec<PathBuf>,
+    /// Part of the logs that is not fitted but held out as control data, for example 60:84; may be repeated.
+    #[arg(long, value_name = "FROM:TO", value_parser = interval)]
+    pub hold_out: Vec<(f64, f64)>,
+    /// Estimate a constant offset of every output too: sensor bias, trim.
+    #[arg(long)]
+    pub offsets: bool,
+    /// Take the means over the fitted part off every input and output first: the model is about that level.
+    #[arg(long, conflicts_with = "offsets")]
+    pub detrend: bool,
+    #[command(flatten)]
+    pub part: RecordArgs,
+    /// Takes the delay out of a signal that was logged late, for example roll=0.06; may be repeated.
+    #[arg(long, value_name = "SIGNAL=S", value_parser = delay)]
+    pub delay: Vec<(String, f64)>,
+    /// Estimates by how much an output lags the output that is its derivative (an angle and its rate on different
+    /// topics), and takes that delay out.
+    #[arg(long)]
+    pub align: bool,
+    /// Seed of everything random.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Most simulations of the genetic algorithm.
+    #[arg(long, value_name = "N", default_value_t = 400_000)]
+    pub budget: usize,
+    /// Generations without progress after which the genetic algorithm stops.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub stagnation: usize,
+    /// Writes the fitted vehicle file.
+    #[arg(long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub result: ResultArgs,
+}
+
+/// Design a test flight: inputs that tell parameters and effects apart, within limits, and what they will tell.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand excite quadrotor --kind multisine --out out/excite\n  \
+    whirlstand run out/excite/flight.toml --mode lockstep --out out/flight\n  \
+    whirlstand identify out/flight --vehicle quadrotor-structure\n  \
+    whirlstand excite quadrotor --controller lqr --out out/closed          # added to the command\n  \
+    whirlstand excite quadrotor --controller lqr --setpoint roll --setpoint pitch --out out/closed")]
+pub(crate) struct ExciteArgs {
+    /// Built-in vehicle or path of a vehicle file.
+    pub vehicle: String,
+    /// Kind of input.
+    #[arg(long, value_enum, default_value_t = ExciteKind::Multistep)]
+    pub kind: ExciteKind,
+    /// Length of the flight.
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    pub duration: f64,
+    /// Rate of the loop.
+    #[arg(long, value_name = "HZ", default_value_t = 100.0)]
+    pub rate: f64,
+    /// Lowest frequency.
+    #[arg(long, value_name = "HZ", default_value_t = 0.1)]
+    pub lowest: f64,
+    /// Highest frequency.
+    #[arg(long, value_name = "HZ", default_value_t = 2.0)]
+    pub highest: f64,
+    /// Largest test signal: an input as a share of its limit in the vehicle file, else in its unit; a setpoint as a
+    /// share of the limit of its output.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
+    pub amplitude: f64,
+    /// The controller that stays on: lqr, ppc or smc. The test input is added to its command. Without, the flight is
+    /// open loop.
+    #[arg(long, value_name = "LAW")]
+    pub controller: Option<String>,
+    /// Moves the setpoint of this state instead; may be repeated.
+    #[arg(long = "setpoint", value_name = "STATE")]
+    pub setpoint: Vec<String>,
+    /// An option of the law, for example bandwidth=4; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Largest predicted value of an output, for example roll="10 deg" (a number is SI); may be repeated. Angles stay
+    /// below 20 deg unless this says otherwise.
+    #[arg(long = "limit", value_name = "OUTPUT=VALUE")]
+    pub limit: Vec<String>,
+    /// Seed of what is random.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Folder for inputs.csv and flight.toml.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Writes what is expected as JSON; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Kinds of test input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum ExciteKind {
+    /// One step to each side, one input after the other.
+    Doublets,
+    /// Steps of 3, 2, 1 and 1 units to alternating sides.
+    #[value(name = "3-2-1-1")]
+    Steps3211,
+    /// Steps of random length and size, as a pilot flies them.
+    Multistep,
+    /// Orthogonal sums of sines with flat peaks, all inputs at once.
+    Multisine,
+    /// Sines of rising frequency, one input after the other.
+    Sweep,
+}
+
+/// How a cost is minimised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum IdentifyMethod {
+    /// Genetic algorithm on the mean square error of the simulation, as in the paper.
+    Ga,
+    /// Gauss-Newton and Levenberg-Marquardt with analytic sensitivities.
+    Pem,
+    /// The second from where the first ends.
+    #[value(name = "ga+pem")]
+    GaPem,
+}
+
+/// How residuals are modelled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum IdentifyNoise {
+    /// Output error: the free-running simulation comes as near as it can.
+    White,
+    /// Output error with autoregressive residuals.
+    Coloured,
+    /// Prediction error in Kalman's innovations form.
+    Kalman,
+}
+
+/// Reads `SIGNAL=S`.
+fn delay(text: &str) -> Result<(String, f64), String> {
+    let parts = text.split_once('=').and_then(|(name, s)| Some((name.trim(), s.trim().parse::<f64>().ok()?)));
+    match parts {
+        Some((name, s)) if !name.is_empty() && s.is_finite() => Ok((name.to_string(), s)),
+        _ => Err(format!("'{text}' is not a delay: write SIGNAL=SECONDS, as in roll=0.06")),
+    }
+}
+
+/// Reads `FROM:TO`.
+fn interval(text: &str) -> Result<(f64, f64), String> {
+    let parts =
+        text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    match parts {
+        Some((from, to)) if from < to => Ok((from, to)),
+        _ => Err(format!("'{text}' is not a part of a record: write FROM:TO in seconds, as in 60:84")),
+    }
+}
