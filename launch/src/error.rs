@@ -3,6 +3,9 @@
 use std::path::Path;
 use std::process::ExitCode;
 
+/// Exit code of a node that would fail again in the same way.
+pub(crate) const FINAL: u8 = 3;
+
 /// Why a command did not succeed; the text is a full sentence for the user.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
@@ -12,6 +15,9 @@ pub(crate) enum Failure {
     /// A node, a run or an expectation failed: exit code 1.
     #[error("{0}")]
     Run(String),
+    /// A node ended as it would end again: exit code 3, upon which it is not started anew.
+    #[error("{0}")]
+    Final(String),
 }
 
 impl Failure {
@@ -35,6 +41,7 @@ impl Failure {
         match self {
             Self::Mend(_) => ExitCode::from(2),
             Self::Run(_) => ExitCode::from(1),
+            Self::Final(_) => ExitCode::from(FINAL),
         }
     }
 }

@@ -73,6 +73,25 @@ pub enum NodeError {
         /// Commands that came but were refused.
         rejected: u64,
     },
+    /// The simulated vehicle left what its model is valid for.
+    #[error(
+        "{vehicle} left its model at step {step} ({time_s:.3} s): {state} is {value:.4e}, its bound is {bound:.4e} (SI; \
+         `bound` of the state in the vehicle file sets another). The run ends here"
+    )]
+    Diverged {
+        /// Name of the vehicle.
+        vehicle: String,
+        /// The state.
+        state: String,
+        /// Its value, SI; not a number where the step had no result.
+        value: f64,
+        /// Its bound, SI.
+        bound: f64,
+        /// The step.
+        step: u64,
+        /// Time of the step, s.
+        time_s: f64,
+    },
     /// The vehicle behind a bridge was never heard.
     #[error(
         "no attitude came from the vehicle within {waited_s} s ({bytes} bytes and {messages} messages did): see whether \

@@ -115,7 +115,10 @@ impl Bench {
             while recorder.turn(Instant::now())? != Turn::Ended {}
             reports.push((Role::Recorder, *recorder.health()));
         }
-        Ok(Ended { steps: self.plant.steps_done(), wall, reports })
+        match self.plant.take_divergence() {
+            Some(error) => Err(error),
+            None => Ok(Ended { steps: self.plant.steps_done(), wall, reports }),
+        }
     }
 
     fn poll_others(&mut self) -> Result<(), NodeError> {

@@ -100,7 +100,7 @@ pub(crate) fn run_plant(bus: &Bus, plant: &mut Plant, stop: &StopFlag) -> Result
             turn
         };
         if turn == Turn::Ended {
-            return Ok(*plant.health());
+            return plant.take_divergence().map_or_else(|| Ok(*plant.health()), Err);
         }
     }
 }

@@ -62,6 +62,9 @@ impl fmt::Display for SignalUnit {
     }
 }
 
+/// How many times the vehicle's largest scale a state may be, where the file gives no bound.
+const DEFAULT_BOUND_SCALES: f64 = 1e3;
+
 /// A state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
@@ -69,6 +72,8 @@ pub struct State {
     pub name: String,
     /// Unit declared in the file; values in memory are in SI.
     pub unit: SignalUnit,
+    /// Magnitude up to which the model holds, SI; `None` where the file says nothing ([`Vehicle::state_bounds`]).
+    pub bound: Option<f64>,
 }
 
 /// An input, with the limits of the vehicle's own actuators.
@@ -206,5 +211,20 @@ impl Vehicle {
     /// Index of the output of that name.
     pub fn output_index(&self, name: &str) -> Option<usize> {
         self.outputs.iter().position(|s| s.name == name)
+    }
+
+    /// Magnitude of every state up to which the model holds, SI: that of the file, or a thousand times the largest scale
+    /// of the vehicle. That is what inputs at their limits make of any state in a second, or a state at the start, or one.
+    pub fn state_bounds(&self, initial: &[f64]) -> Vec<f64> {
+        let reach = |input: &Input| match input.lower.abs().max(input.upper.abs()) {
+            most if most.is_finite() => most,
+            _ => 1.0,
+        };
+        let pushed = |i: usize| -> f64 {
+            self.inputs.iter().enumerate().map(|(j, input)| self.b[(i, j)].abs() * reach(input)).sum()
+        };
+        let scales = (0..self.states.len()).map(pushed).chain(initial.iter().map(|x| x.abs()));
+        let default = DEFAULT_BOUND_SCALES * scales.fold(1.0, f64::max);
+        self.states.iter().map(|s| s.bound.unwrap_or(default)).collect()
     }
 }

@@ -43,6 +43,16 @@ fn the_good_file_is_good() {
     assert!((vehicle.b[(1, 0)] - 2.0 * deg).abs() < 1e-17);
 }
 
+#[test]
+fn the_bound_of_a_state_is_read_in_its_unit_and_written_again() {
+    let text = GOOD.replacen("unit = \"deg/s\" }", "unit = \"deg/s\", bound = 90 }", 1);
+    let vehicle = Vehicle::parse(&text, "cart.toml").unwrap();
+    assert_eq!((vehicle.states[0].bound, vehicle.states[1].bound), (None, Some(90f64.to_radians())));
+    let again = Vehicle::parse(&vehicle.to_toml(), "again.toml").unwrap();
+    assert!((again.states[1].bound.unwrap() - 90f64.to_radians()).abs() < 1e-15);
+    assert!(vehicle.state_bounds(&[0.0, 0.0])[1] < 2.0);
+}
+
 /// Replaces a piece of the good file and returns the error.
 fn error(from: &str, to: &str) -> String {
     assert!(GOOD.contains(from), "{from}");
@@ -64,6 +74,12 @@ fn errors_name_file_line_field_and_reason() {
         ("noise = 0.01", "nois = 0.01", &["line 20: outputs[2].nois", "did you mean 'noise'?"]),
         ("noise = 0.01", "noise = -0.01", &["line 20: outputs[2].noise", "must not be negative"]),
         ("noise = 0.01", "noise = \"1 m\"", &["outputs[2].noise", "in m", "rad/s"]),
+        (
+            "unit = \"deg/s\" }",
+            "unit = \"deg/s\", bound = 0 }",
+            &["line 9: states[2].bound", "must be above 0"],
+        ),
+        ("unit = \"deg/s\" }", "unit = \"deg/s\", bound = \"2 m\" }", &["line 9: states[2].bound", "in m"]),
         ("every = 2", "every = 0", &["line 21: outputs[2].every", "whole number from 1 on"]),
         (
             "unit = \"rad/s\"",

@@ -206,12 +206,8 @@ impl<'r, 'd> Model<'r, 'd> {
     ) -> Result<Fit, ModelError> {
         let data = self.free_run.data;
         let (outer, inner) = effort.rounds();
-        let measured = data.measured();
-        let slots = self.slots();
-        let mut values = start;
-        for (v, s) in values.iter_mut().zip(&slots) {
-            *v = v.clamp(s.lower, s.upper);
-        }
+        let (measured, slots) = (data.measured(), self.slots());
+        let mut values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
         let mut predicted = self.predict(&values)?;
         let mut residual = self.residual(&measured, &predicted);
         let again =

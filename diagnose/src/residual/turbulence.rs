@@ -12,8 +12,9 @@ use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::Data;
+use crate::model::climb::{bandwidths_hz, climb};
 use crate::model::fit::Model;
-use crate::model::innovations::{Noises, Whitener, bandwidths_hz, climb, log_likelihood};
+use crate::model::innovations::{Noises, Whitener, log_likelihood};
 use crate::model::noise::{Noise, Profile};
 use crate::model::whittle::{C, Shaped, ar_density, cross, responses, whittle};
 

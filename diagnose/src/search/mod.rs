@@ -4,7 +4,7 @@ pub mod acceptance;
 pub mod alternative;
 pub mod cross_validation;
 pub mod equivalence;
-pub mod restarts;
+pub mod refit;
 pub mod select;
 pub mod selection;
 pub mod survey;

@@ -4,7 +4,7 @@ use super::baseline::Baseline;
 use crate::data::record::Data;
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::{FreeRun, ModelError};
-use crate::search::restarts::search;
+use crate::search::refit::search;
 use crate::search::selection::Selection;
 use crate::thresholds::BEGINNING_S;
 use whirlstand_vehicle::Kind;

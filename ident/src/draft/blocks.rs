@@ -44,7 +44,7 @@ fn probe(input: &str, output: &str) -> Vehicle {
     Vehicle {
         name: "probe".into(),
         description: String::new(),
-        states: vec![State { name: output.into(), unit: unit.clone() }],
+        states: vec![State { name: output.into(), unit: unit.clone(), bound: None }],
         inputs: vec![Input {
             name: input.into(),
             unit: unit.clone(),

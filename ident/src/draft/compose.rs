@@ -120,7 +120,7 @@ fn append_angle(whole: &mut Vehicle, angle: &Angle) {
         whole.a[(state, rate)] = 1.0;
     }
     whole.c[(output, state)] = 1.0;
-    whole.states.push(State { name: angle.name.clone(), unit: angle.unit.clone() });
+    whole.states.push(State { name: angle.name.clone(), unit: angle.unit.clone(), bound: None });
     whole.outputs.push(Output {
         name: angle.name.clone(),
         unit: angle.unit.clone(),

@@ -92,6 +92,7 @@ impl Structure {
         let state = |k: usize| State {
             name: names[k].clone(),
             unit: if k == 0 { signals.output_unit.clone() } else { slope(k) },
+            bound: None,
         };
         let mut vehicle = Vehicle {
             name: "draft".into(),

@@ -225,7 +225,7 @@ impl Bench<'_> {
             self.end(Ending::Complete, now);
         } else if end.well && !node.spec.needed {
             tracing::info!("{} is done", node.spec.name);
-        } else if !end.before_ready && !end.mendable && node.restarts < node.spec.max_restarts {
+        } else if !end.before_ready && !end.last && node.restarts < node.spec.max_restarts {
             node.restarts += 1;
             node.phase = Phase::Waiting;
             let event = Event::Restarted {

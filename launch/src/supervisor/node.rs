@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
+use crate::error::FINAL;
+
 use super::console::RecentLines;
 use super::notify::{Notice, NotifySocket};
 use super::process::{Process, ending};
@@ -33,8 +35,10 @@ pub(crate) struct End {
     pub how: String,
     /// True for exit code 0.
     pub well: bool,
-    /// True for exit code 2: trying again does not help.
+    /// True for exit code 2: the user can mend it.
     pub mendable: bool,
+    /// True for exit codes 2 and 3: trying again does not help.
+    pub last: bool,
     /// True when the process ended before it was ready.
     pub before_ready: bool,
 }
@@ -129,7 +133,9 @@ impl Node {
         let status = self.process.as_mut()?.status()?;
         let how = self.blame.take().unwrap_or_else(|| ending(status));
         let before_ready = matches!(self.phase, Phase::Starting(_));
-        Some(End { how, well: status.success(), mendable: status.code() == Some(2), before_ready })
+        let mendable = status.code() == Some(2);
+        let last = mendable || status.code() == Some(i32::from(FINAL));
+        Some(End { how, well: status.success(), mendable, last, before_ready })
     }
 
     /// Lets go of a process that has ended, and kills whatever it started and left behind.

@@ -77,6 +77,8 @@ pub struct Plant {
     /// When the loop began: command 0 had come.
     began: Option<Instant>,
     looped: Duration,
+    /// Why the run ends before its last step.
+    diverged: Option<NodeError>,
 }
 
 impl Plant {
@@ -129,6 +131,7 @@ impl Plant {
             })?,
             began: None,
             looped: Duration::ZERO,
+            diverged: None,
         })
     }
 
@@ -189,6 +192,11 @@ impl Plant {
             Phase::Ending { .. } => return,
             _ => Phase::Ended,
         };
+    }
+
+    /// Why the run ended before its last step, if the vehicle left its model. The log is complete by then.
+    pub fn take_divergence(&mut self) -> Option<NodeError> {
+        self.diverged.take()
     }
 
     /// Number of steps done.
@@ -330,8 +338,11 @@ impl Plant {
         if self.gate.in_failsafe() != self.was_failsafe {
             self.announce();
         }
-        if self.step == self.steps && self.phase == Phase::Looping {
-            self.begin_ending()?;
+        if self.phase == Phase::Looping {
+            self.diverged = self.simulation.left_model();
+            if self.step == self.steps || self.diverged.is_some() {
+                self.begin_ending()?;
+            }
         }
         Ok(())
     }

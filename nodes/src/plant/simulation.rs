@@ -39,6 +39,10 @@ pub(super) struct Simulation {
     feedthrough: bool,
     last_imu: Imu,
     refused: u64,
+    /// The vehicle's name, and names and bounds of its states.
+    vehicle: String,
+    names: Vec<String>,
+    bounds: Vec<f64>,
 }
 
 impl Simulation {
@@ -87,6 +91,9 @@ impl Simulation {
             feedthrough: vehicle.d.iter().any(|v| *v != 0.0),
             last_imu: Imu::zeroed(),
             refused: 0,
+            bounds: vehicle.state_bounds(&x),
+            names: vehicle.states.into_iter().map(|s| s.name).collect(),
+            vehicle: vehicle.name,
         })
     }
 
@@ -131,6 +138,19 @@ impl Simulation {
         if !self.feedthrough {
             self.measured = Some(self.measure());
         }
+    }
+
+    /// Why the vehicle's state means nothing any more, if it does not.
+    pub(super) fn left_model(&self) -> Option<NodeError> {
+        let (i, value) = self.simulator.beyond(&self.bounds)?;
+        Some(NodeError::Diverged {
+            vehicle: self.vehicle.clone(),
+            state: self.names[i].clone(),
+            value,
+            bound: self.bounds[i],
+            step: self.simulator.step_index(),
+            time_s: self.simulator.time_s(),
+        })
     }
 
     /// Looks whether somebody listens to truth and disturbance, where the run itself does not need them.

@@ -60,8 +60,8 @@ pub(super) fn axes(file: &Table<'_>, states: &[State], inputs: &[Input]) -> Resu
             gain,
             time_constant,
             states: [
-                State { name: integral.into(), unit: signal_unit(unit)? },
-                State { name: rate.into(), unit: signal_unit(rate_unit)? },
+                State { name: integral.into(), unit: signal_unit(unit)?, bound: None },
+                State { name: rate.into(), unit: signal_unit(rate_unit)?, bound: None },
             ],
             input: Input {
                 name: input.into(),

@@ -141,8 +141,13 @@ fn states(file: &Table<'_>) -> Result<Vec<State>, FileError> {
     signals(file, "states")?
         .iter()
         .map(|node| {
-            let table = node.table(&["name", "unit"])?;
-            Ok(State { name: unique(&table.requirement("name")?, &mut seen)?, unit: unit(&table)? })
+            let table = node.table(&["name", "unit", "bound"])?;
+            let unit = unit(&table)?;
+            let bound = table.get("bound").map(|n: Node<'_>| n.magnitude(unit.unit())).transpose()?;
+            if bound == Some(0.0) {
+                return Err(table.error(Some("bound"), "must be above 0; leave it out for the default"));
+            }
+            Ok(State { name: unique(&table.requirement("name")?, &mut seen)?, unit, bound })
         })
         .collect()
 }

@@ -50,6 +50,9 @@ impl Vehicle {
         super::map::push_map(&mut text, self);
         for state in &self.states {
             push_head(&mut text, "states", &state.name, &state.unit);
+            if let Some(bound) = state.bound {
+                push(&mut text, &format!("bound = {}", number(bound, state.unit.factor())));
+            }
         }
         self.inputs.iter().for_each(|input| push_input(&mut text, input));
         self.outputs.iter().for_each(|output| push_output(&mut text, output));

@@ -67,7 +67,8 @@ pub struct Simulator {
     disturbances: Disturbances,
     sensors: Sensors,
     engine: Engine,
-    diverged: bool,
+    /// The first state, or filter behind the states, that grew beyond any meaning.
+    lost: Option<usize>,
 }
 
 #[derive(Debug, Clone)]
@@ -188,7 +189,7 @@ impl Simulator {
             disturbances,
             sensors,
             engine: if seed.is_some() { Engine::default() } else { Engine::Off },
-            diverged: false,
+            lost: None,
         };
         simulator.rest();
         Ok(simulator)
@@ -217,7 +218,7 @@ impl Simulator {
     /// When `state` is not as long as the vehicle has states.
     pub fn set_state(&mut self, state: &[f64]) {
         self.z[..self.n].copy_from_slice(state);
-        self.diverged = false;
+        self.lost = None;
         if let Dynamics::Extended(extended) = &self.dynamics {
             extended.settle_sensors(&mut self.z, &self.drive);
         }
@@ -284,9 +285,9 @@ impl Simulator {
         let Dynamics::Extended(extended) = &mut self.dynamics else { return };
         let (z, drive) = (&mut self.z, &mut self.drive);
         extended.advance(self.step, z, drive, &self.disturbances, &mut self.sensors);
-        for value in &mut self.z {
+        for (i, value) in self.z.iter_mut().enumerate() {
             if value.is_nan() || value.abs() > LARGEST {
-                self.diverged = true;
+                self.lost.get_or_insert(i);
                 *value = if value.is_nan() { 0.0 } else { LARGEST.copysign(*value) };
             }
         }
@@ -362,7 +363,17 @@ impl Simulator {
 
     /// True when a state has grown beyond any meaning.
     pub fn diverged(&self) -> bool {
-        self.diverged || self.state().iter().any(|x| x.is_nan() || x.abs() >= LARGEST)
+        self.lost.is_some() || self.state().iter().any(|x| x.is_nan() || x.abs() >= LARGEST)
+    }
+
+    /// The first state that is no number or beyond its bound: its index and value. One that an effect's own filter lost
+    /// first counts as the first state.
+    pub fn beyond(&self, bounds: &[f64]) -> Option<(usize, f64)> {
+        if let Some(lost) = self.lost {
+            return Some((if lost < self.n { lost } else { 0 }, f64::NAN));
+        }
+        let mut states = self.state().iter().copied().zip(bounds).enumerate();
+        states.find(|(_, (x, bound))| x.is_nan() || x.abs() > **bound).map(|(i, (x, _))| (i, x))
     }
 
     /// Runs a whole record: for each row of `inputs` (steps x inputs, row after row) the outputs measured at that

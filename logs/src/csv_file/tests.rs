@@ -1,0 +1,130 @@
+//! Reading and writing CSV.
+
+use super::*;
+use proptest::prelude::*;
+
+fn parse(text: &str, maps: &[&str]) -> Result<Record, CsvError> {
+    let mappings: Vec<Mapping> = maps.iter().map(|m| m.parse().unwrap()).collect();
+    parse_csv(text.as_bytes(), Path::new("flight.csv"), &mappings)
+}
+
+#[test]
+fn units_become_si_and_gaps_become_nan() {
+    let text = "# a comment\nt[ms],roll[deg],u_roll, v [m/s]\n0,180, 0.5,1\n10,,NaN,-2e0\n";
+    let record = parse(text, &[]).unwrap();
+    assert_eq!(record.time, [0.0, 0.01]);
+    let roll = record.signal("roll").unwrap();
+    assert_eq!((roll.unit.as_str(), roll.values[0]), ("rad", std::f64::consts::PI));
+    assert!(roll.values[1].is_nan() && record.signal("u_roll").unwrap().values[1].is_nan());
+    assert_eq!(record.signal("v").unwrap().values, [1.0, -2.0]);
+}
+
+#[test]
+fn time_may_be_samples_or_another_column() {
+    let record = parse("t[samples],y[V]\n0,1\n1,2\n", &[]).unwrap();
+    assert_eq!(record.time_unit, "samples");
+    let record = record.with_sample_period(0.5);
+    assert_eq!((record.time_unit.as_str(), record.time[1]), ("s", 0.5));
+    let record = parse("y,stamp\n1,0\n2,1000\n", &["t=stamp[us]", "roll=-y[deg]"]).unwrap();
+    assert_eq!(record.time, [0.0, 1e-3]);
+    assert_eq!(record.names(), ["roll"]);
+}
+
+#[test]
+fn other_separators_and_byte_order_marks_are_read() {
+    assert_eq!(parse("\u{feff}t;y\n0;1\n", &[]).unwrap().names(), ["y"]);
+    assert_eq!(parse("t\ty\n0\t1\n", &[]).unwrap().names(), ["y"]);
+}
+
+/// A mode in words, a unit that nobody knows, a name that comes twice: nobody who asks for other columns is stopped.
+#[test]
+fn a_column_that_cannot_be_read_is_an_error_where_it_is_asked_for() {
+    let cases = [
+        (
+            "t,roll,y\n0,1,2\n1,2,x\n",
+            "flight.csv, line 3, column 3 (y): 'x' is not a finite number; leave the cell empty for a gap",
+        ),
+        (
+            "t,roll,y\n0,1,inf\n1,2,3\n",
+            "flight.csv, line 2, column 3 (y): 'inf' is not a finite number; leave the cell empty for a gap",
+        ),
+        ("t,y,roll,y[deg]\n0,3,1,3\n1,3,2,3\n", "flight.csv, line 1: two columns are called 'y'"),
+        ("t,roll,y[furlong]\n0,1,3\n1,2,3\n", "signal 'y' of flight.csv: 'furlong'"),
+    ];
+    for (text, expected) in cases {
+        let record = parse(text, &[]).unwrap();
+        assert_eq!((record.names(), record.signal("roll").unwrap().values[1]), (vec!["roll".into()], 2.0));
+        let error = record.signal("y").unwrap_err().to_string();
+        assert!(error.starts_with(expected), "{error}");
+        assert_eq!(record.find("y").unwrap_err().to_string(), error);
+        assert_eq!(record.between(0.0, 0.5).signal("y").unwrap_err().to_string(), error);
+        assert_eq!(record.unreadable()[0].name, "y");
+        let error = parse(text, &["pitch=y"]).unwrap_err().to_string();
+        assert!(error.starts_with(expected), "{error}");
+    }
+}
+
+#[test]
+fn errors_name_file_line_and_column() {
+    let cases = [
+        (
+            "",
+            "flight.csv, line 1: the first column is '', expected t or t[unit]; --map t=COLUMN[unit] names another",
+        ),
+        (
+            "time,y\n0,1\n",
+            "flight.csv, line 1: the first column is 'time', expected t or t[unit]; --map t=COLUMN[unit] names another",
+        ),
+        ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
+        ("t,y\n0,1\n0,2\n", "flight.csv, line 3: time 0 is not after 0; it must increase from line to line"),
+        ("t,y\n,1\n", "flight.csv, line 2: there is no time in column 1"),
+        ("t,y\n0,1,2\n", "flight.csv, line 2: 3 cells, but the head has 2 columns"),
+    ];
+    for (text, expected) in cases {
+        assert_eq!(parse(text, &[]).unwrap_err().to_string(), expected);
+    }
+    let unit = parse("t,y[furlong]\n0,1\n", &["roll=y"]).unwrap_err().to_string();
+    assert!(unit.starts_with("signal 'y' of flight.csv: 'furlong'"), "{unit}");
+    assert!(
+        read_csv("/does/not/exist.csv", &[]).unwrap_err().to_string().starts_with("/does/not/exist.csv: ")
+    );
+}
+
+prop_compose! {
+    fn any_record()(rows in 0usize..40, columns in 0usize..5)(
+        steps in prop::collection::vec(1e-6f64..10.0, rows),
+        start in -1e6f64..1e6,
+        values in prop::collection::vec(
+            prop::collection::vec(prop_oneof![prop::num::f64::NORMAL | prop::num::f64::ZERO, Just(f64::NAN)], rows),
+            columns,
+        ),
+    ) -> Record {
+        let time = steps.iter().scan(start, |t, dt| { *t += dt; Some(*t) }).collect();
+        let mut record = Record::new("round.csv", time).unwrap();
+        for (i, v) in values.into_iter().enumerate() {
+            record.push(format!("s,{i} \"q\""), ["rad/s", "", "m/s^2"][i % 3], v).unwrap();
+        }
+        record
+    }
+}
+
+proptest! {
+    #[test]
+    fn a_written_record_reads_back_bit_for_bit(record in any_record()) {
+        let mut text = Vec::new();
+        format_csv(&record, &mut text).unwrap();
+        let back = parse_csv(&text[..], Path::new("round.csv"), &[]).unwrap();
+        let bits = |v: &[f64]| v.iter().map(|x| if x.is_nan() { 0 } else { x.to_bits() }).collect::<Vec<_>>();
+        prop_assert_eq!(bits(&back.time), bits(&record.time));
+        prop_assert_eq!(back.names(), record.names());
+        for (a, b) in back.signals().iter().zip(record.signals()) {
+            prop_assert_eq!(&a.unit, &b.unit);
+            prop_assert_eq!(bits(&a.values), bits(&b.values));
+        }
+    }
+
+    #[test]
+    fn any_text_is_a_record_or_an_error(text in "[t,y;\\[\\]\n\r\"0-9.e#\u{0}é-]{0,80}") {
+        let _ = parse(&text, &[]);
+    }
+}
