@@ -56,6 +56,8 @@ pub(crate) const OUTLIER_SIZE_RATIO: f64 = 1.5;
 pub(crate) const STUDENT_DEGREES: [f64; 8] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0];
 /// Rounds in which its scale is estimated. Cost.
 pub(crate) const STUDENT_ROUNDS: usize = 20;
+/// Rounds of expectation and maximisation for wild values beside normal ones. Cost.
+pub(crate) const MIXTURE_ROUNDS: usize = 20;
 /// A wild value stands this many standard deviations away from its neighbours. Two-sided Gaussian tail of 8e-11:
 /// less than 1e-5 expected in 10 minutes at 100 Hz and two channels.
 pub(crate) const OUTLIER_SIGMAS: f64 = 6.5;
