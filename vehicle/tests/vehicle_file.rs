@@ -53,6 +53,22 @@ fn the_bound_of_a_state_is_read_in_its_unit_and_written_again() {
     assert!(vehicle.state_bounds(&[0.0, 0.0])[1] < 2.0);
 }
 
+#[test]
+fn a_state_beyond_its_bound_is_told_with_its_value() {
+    let mut vehicle = Vehicle::parse(GOOD, "cart.toml").unwrap();
+    vehicle.states[1].bound = Some(0.5);
+    let bounds = vehicle.state_bounds(&[0.0, 0.0]);
+    assert_eq!(bounds[1], 0.5);
+    assert!(bounds[0] >= 1e3 && vehicle.state_bounds(&[70.0, 0.0])[0] >= 7e4);
+    let mut simulator = Simulator::new(&vehicle, 0.01, 1).unwrap();
+    simulator.set_state(&[0.1, 0.4]);
+    assert_eq!(simulator.beyond(&bounds), None);
+    simulator.set_state(&[0.1, -0.6]);
+    assert_eq!(simulator.beyond(&bounds), Some((1, -0.6)));
+    simulator.set_state(&[f64::NAN, 0.0]);
+    assert!(simulator.beyond(&bounds).is_some_and(|(i, x)| i == 0 && x.is_nan()));
+}
+
 /// Replaces a piece of the good file and returns the error.
 fn error(from: &str, to: &str) -> String {
     assert!(GOOD.contains(from), "{from}");

@@ -395,19 +395,3 @@ fn a_record_from_the_middle_of_a_motion_holds_its_first_command() {
     assert_eq!(rest[..2], [0.0, 0.0]);
     assert_eq!(rest, speeds(Simulator::expected_from(&vehicle, PERIOD, &[f64::NAN]).unwrap()));
 }
-
-#[test]
-fn a_state_beyond_its_bound_is_told_with_its_value() {
-    let mut vehicle = cart();
-    vehicle.states[1].bound = Some(0.5);
-    let bounds = vehicle.state_bounds(&[0.0, 0.0]);
-    assert_eq!(bounds[1], 0.5);
-    assert!(bounds[0] >= 1e3 && vehicle.state_bounds(&[70.0, 0.0])[0] >= 7e4);
-    let mut simulator = Simulator::new(&vehicle, PERIOD, 1).unwrap();
-    simulator.set_state(&[0.1, 0.4]);
-    assert_eq!(simulator.beyond(&bounds), None);
-    simulator.set_state(&[0.1, -0.6]);
-    assert_eq!(simulator.beyond(&bounds), Some((1, -0.6)));
-    simulator.set_state(&[f64::NAN, 0.0]);
-    assert!(simulator.beyond(&bounds).is_some_and(|(i, x)| i == 0 && x.is_nan()));
-}
