@@ -88,7 +88,8 @@ fn response(figures: &RunSummary, at_s: f64) -> String {
         .filter_map(|(name, o)| Some((name, o, o.disturbances.iter().find(|d| d.at_s == at_s)?)))
         .filter(|(_, _, d)| d.peak > d.band)
         .collect();
-    moved.sort_by(|a, b| (b.2.peak / b.2.band.max(1e-12)).total_cmp(&(a.2.peak / a.2.band.max(1e-12))));
+    // Most bands are the same share of their peak: rounding is not to order these.
+    moved.sort_by_key(|(_, _, d)| std::cmp::Reverse((1e3 * d.peak / d.band.max(1e-12)).round() as u64));
     if moved.is_empty() {
         return "nothing that could be seen".into();
     }
