@@ -4,7 +4,7 @@ mod support;
 
 use std::path::Path;
 
-use support::{json, run};
+use support::{FAULTS_ALLOWED, json, run};
 use whirlstand_test_harness::{Outcome, python};
 
 /// Flies with the example as controller, which needs nothing but its transport's public package.
@@ -18,7 +18,7 @@ fn fly(transport: &str, mode: &str) -> Outcome {
     let end = run(["run", "quadrotor-lqr", "--transport", transport, "--mode", mode, "--out", out]
         .into_iter()
         // The example's gain is its own, and Python is late now and then.
-        .chain(["--set", &exec, "--set", "expect={}"]))
+        .chain(["--set", &exec, "--set", FAULTS_ALLOWED]))
     .success();
     let summary = json(dir.path().join("summary.json"));
     let run = &summary["runs"][0];

@@ -5,7 +5,7 @@ mod support;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use support::{HUNG, Running, json, run, spawn, whirlstand};
+use support::{FAULTS_ALLOWED, HUNG, Running, json, run, spawn, whirlstand};
 use whirlstand_test_harness::undisturbed;
 
 /// A bench name that no other test has.
@@ -16,7 +16,7 @@ fn unique(name: &str) -> String {
 /// Starts a run that lasts until something ends it.
 fn start(name: &str, duration: &str, out: &Path, more: &[&str]) -> Running {
     let bench = unique(name);
-    let args = ["run", "quadrotor", "--duration", duration, "--log-level", "debug", "--set", "expect={}"];
+    let args = ["run", "quadrotor", "--duration", duration, "--log-level", "debug", "--set", FAULTS_ALLOWED];
     let out = ["--out", out.to_str().unwrap(), "--bench", &bench];
     spawn(whirlstand(args.iter().chain(&out).chain(more)))
 }

@@ -8,14 +8,35 @@ use crate::metrics::Timing;
 use crate::summary::{Figure, INPUT_KEYS, OUTPUT_KEYS, RunSummary};
 
 /// Keys of counts and times of the whole bench that can be limited, with their SI unit.
-pub const BENCH_LIMITS: [(&str, &str); 6] = [
+pub const BENCH_LIMITS: [(&str, &str); 9] = [
     ("max_deadline_misses", ""),
+    ("max_failsafe_at_end", ""),
+    ("max_failsafe_share", ""),
     ("max_latency_p99_s", "s"),
     ("max_latency_s", "s"),
     ("max_lost", ""),
+    ("max_refused_commands", ""),
     ("max_rejected", ""),
     ("max_restarts", ""),
 ];
+
+/// Greatest share of the steps in failsafe of a realtime run that does not state its own: an operating system without
+/// real-time scheduling takes the processor away now and then for longer than the misses that lead to the failsafe.
+const REALTIME_FAILSAFE_SHARE: f64 = 0.01;
+
+/// The limits that hold for every run, whether stated or not: a run that breaks one was not controlled. `realtime` is
+/// true when the wall clock sets the pace.
+pub fn strict_limits(realtime: bool) -> [Expectation; 5] {
+    let failsafe_share = if realtime { REALTIME_FAILSAFE_SHARE } else { 0.0 };
+    let limit = |key: &str, limit: f64| Expectation { key: key.into(), limit, unit: String::new() };
+    [
+        limit("max_failsafe_share", failsafe_share),
+        limit("max_failsafe_at_end", 0.0),
+        limit("max_refused_commands", 0.0),
+        limit("max_rejected", 0.0),
+        limit("max_restarts", 0.0),
+    ]
+}
 
 /// One figure that must not be greater than its limit.
 #[derive(Debug, Clone, PartialEq)]
@@ -88,20 +109,31 @@ fn figure(key: &str, timing: &Timing, figures: Option<&RunSummary>) -> Option<Fi
         "max_deadline_misses" => Some(Figure::Value(timing.deadline_misses as f64)),
         "max_lost" => Some(Figure::Value(timing.lost as f64)),
         "max_restarts" => Some(Figure::Value(timing.restarts as f64)),
-        "max_rejected" => Some(Figure::Value(timing.nodes.values().map(|n| n.rejected).sum::<u64>() as f64)),
+        "max_failsafe_share" => Some(Figure::Value(timing.failsafe_share)),
+        "max_failsafe_at_end" => Some(Figure::Value(timing.failsafe_at_end as f64)),
+        "max_refused_commands" => Some(Figure::Value(rejected(timing, |node| node == "plant"))),
+        "max_rejected" => Some(Figure::Value(rejected(timing, |node| node != "plant"))),
         "max_latency_p99_s" => plant.map(|l| Figure::Value(l.p99_us * 1e-6)),
         "max_latency_s" => plant.map(|l| Figure::Value(l.max_us * 1e-6)),
         key => figures?.figure(key),
     }
 }
 
+/// Number of messages that the nodes chosen by name refused.
+fn rejected(timing: &Timing, of: impl Fn(&str) -> bool) -> f64 {
+    timing.nodes.iter().filter(|(node, _)| of(node)).map(|(_, n)| n.rejected).sum::<u64>() as f64
+}
+
 fn checked(e: &Expectation, figure: Option<Figure>) -> CheckedExpectation {
-    let limit = || shown(e.limit, &e.unit);
+    let in_words = |value: f64| match e.unit.is_empty() && value.fract() == 0.0 {
+        true => format!("{value}"),
+        false => shown(value, &e.unit),
+    };
+    let limit = || in_words(e.limit);
     let (found, why) = match figure {
         Some(Figure::Value(value)) if value <= e.limit => (Some(value), None),
         Some(Figure::Value(value)) => {
-            let value_in_words = shown(value, &e.unit);
-            (Some(value), Some(format!("{} is {value_in_words}, above the limit {}", e.key, limit())))
+            (Some(value), Some(format!("{} is {}, above the limit {}", e.key, in_words(value), limit())))
         }
         Some(Figure::Never) => {
             (None, Some(format!("{}: it never came to that, the limit is {}", e.key, limit())))
@@ -153,6 +185,36 @@ mod tests {
         let timing = Timing { deadline_misses: 3, ..Timing::default() };
         let holds: Vec<bool> = check(&expectations, &timing, None).iter().map(|c| c.holds).collect();
         assert_eq!(holds, [true, false, false, false]);
+    }
+
+    #[test]
+    fn what_shows_that_nobody_controlled_is_told_with_its_value_and_limit() {
+        let node = |rejected| crate::metrics::NodeTiming {
+            steps: 200,
+            deadline_misses: 0,
+            lost: 0,
+            rejected,
+            restarts: 0,
+            latency: None,
+        };
+        let nodes = [("plant", node(3)), ("estimator", node(1)), ("recorder", node(1))];
+        let nodes = nodes.map(|(name, node)| (name.to_string(), node)).into();
+        let mut timing = Timing { nodes, restarts: 1, ..Timing::default() };
+        timing.witness_failsafe(50, 20, 200);
+        let whys: Vec<_> =
+            check(&strict_limits(true), &timing, None).into_iter().filter_map(|c| c.why).collect();
+        assert_eq!(
+            whys,
+            [
+                "max_failsafe_share is 0.250, above the limit 0.0100",
+                "max_failsafe_at_end is 20, above the limit 0",
+                "max_refused_commands is 3, above the limit 0",
+                "max_rejected is 2, above the limit 0",
+                "max_restarts is 1, above the limit 0",
+            ]
+        );
+        let calm = Timing::default();
+        assert!(check(&strict_limits(false), &calm, None).iter().all(|c| c.holds));
     }
 
     #[test]

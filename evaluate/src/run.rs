@@ -289,6 +289,12 @@ impl Run {
         (spans, steps)
     }
 
+    /// Number of steps in failsafe at the end of the run, without a break.
+    pub fn failsafe_at_end(&self) -> u64 {
+        let Some(column) = self.truth.signals.last() else { return 0 };
+        column.iter().rev().take_while(|f| **f as u32 & flags::FAILSAFE != 0).count() as u64
+    }
+
     /// True when the plant was in failsafe at least once.
     pub fn saw_failsafe(&self) -> bool {
         self.flagged(flags::FAILSAFE).1 > 0

@@ -75,6 +75,8 @@ pub struct Gate {
     consecutive_misses: u32,
     misses: u64,
     rejected: u64,
+    /// The latest step that a command was for.
+    newest: Option<u64>,
 }
 
 impl Gate {
@@ -88,18 +90,35 @@ impl Gate {
             consecutive_misses: 0,
             misses: 0,
             rejected: 0,
+            newest: None,
         }
     }
 
-    /// Takes a command in, when step `awaited` is the one that counts. Every fault counts as rejected.
+    /// Takes a command in, when step `awaited` is the one that counts. Every fault counts as rejected, but what is only
+    /// late: its step was counted as a miss when it was closed.
     ///
     /// # Errors
     /// The [`Fault`]; all but [`Fault::OutOfRange`] leave the gate as it was.
     #[inline]
     pub fn offer(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
         let result = self.check(command, awaited);
-        self.rejected += u64::from(result.is_err());
+        let excused = match result {
+            Ok(()) => true,
+            Err(Fault::Stale) => self.is_only_late(command.head.step),
+            // The measurement of step 0 is repeated until it is answered, so its answer can come more than once.
+            Err(Fault::Repeated) => command.head.step == 0,
+            Err(_) => false,
+        };
+        self.rejected += u64::from(!excused);
+        if result != Err(Fault::Early) {
+            self.newest = self.newest.max(Some(command.head.step));
+        }
         result
+    }
+
+    /// Whether a command for a step that is over is the first one for it: the missing answer, too late.
+    fn is_only_late(&self, step: u64) -> bool {
+        step == 0 || self.newest.is_none_or(|newest| step > newest)
     }
 
     #[inline]
@@ -177,7 +196,7 @@ impl Gate {
         self.misses
     }
 
-    /// Number of commands with a [`Fault`].
+    /// Number of commands with a [`Fault`], without those that were only late.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
@@ -215,6 +234,23 @@ mod tests {
         let held = gate.close(false);
         assert_eq!((held.u[0], held.flags), (0.5, flags::HELD));
         assert_eq!((gate.misses(), gate.rejected()), (1, 3));
+    }
+
+    #[test]
+    fn an_answer_that_is_only_late_is_a_miss_and_no_fault() {
+        let mut gate = Gate::new(limits(), 3);
+        gate.offer(&command(0, 0.5, 0.6), 0).unwrap();
+        assert_eq!(gate.offer(&command(0, 0.5, 0.6), 0), Err(Fault::Repeated), "step 0 was asked for twice");
+        for _ in 0..4 {
+            gate.close(false);
+        }
+        for step in 1..3 {
+            assert_eq!(gate.offer(&command(step, 0.5, 0.6), 4), Err(Fault::Stale));
+        }
+        assert_eq!((gate.misses(), gate.rejected()), (3, 0));
+        assert_eq!(gate.offer(&command(2, 0.5, 0.6), 4), Err(Fault::Stale), "the second for its step");
+        assert_eq!(gate.offer(&command(1, 0.5, 0.6), 4), Err(Fault::Stale), "out of order");
+        assert_eq!(gate.rejected(), 2);
     }
 
     #[test]

@@ -19,6 +19,10 @@ use wait_timeout::ChildExt;
 /// Longest time that one run may take before it counts as hung.
 pub const HUNG: Duration = Duration::from_secs(120);
 
+/// What a run with injected faults, or in which a foreign program takes its time, may cost: with `--set`.
+pub const FAULTS_ALLOWED: &str = "expect={max_failsafe_share=1, max_failsafe_at_end=1e9, max_refused_commands=1e9, \
+                                  max_rejected=1e9, max_restarts=1e9}";
+
 /// What a finished command left behind.
 #[derive(Debug)]
 pub struct Finished {

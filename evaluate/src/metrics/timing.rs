@@ -50,6 +50,12 @@ pub struct Timing {
     pub held_steps: u64,
     /// Number of steps in failsafe.
     pub failsafe_steps: u64,
+    /// Share of the steps in failsafe, from 0 to 1.
+    #[serde(default)]
+    pub failsafe_share: f64,
+    /// Number of steps in failsafe at the end of the run, from which the plant did not come back.
+    #[serde(default)]
+    pub failsafe_at_end: u64,
     /// Number of messages lost, all nodes together.
     pub lost: u64,
     /// Number of restarts, all nodes together.
@@ -97,19 +103,33 @@ fn node_timing(health: &NodeHealth) -> NodeTiming {
     }
 }
 
+impl Timing {
+    /// Puts failsafe steps in that another witness counted, where that is more than is known here: a log can lack what
+    /// the nodes told while they ran, and the other way round.
+    pub fn witness_failsafe(&mut self, steps_in_failsafe: u64, at_end: u64, of_steps: u64) {
+        self.failsafe_steps = self.failsafe_steps.max(steps_in_failsafe);
+        self.failsafe_at_end = self.failsafe_at_end.max(at_end);
+        let share = steps_in_failsafe as f64 / of_steps.max(steps_in_failsafe).max(1) as f64;
+        self.failsafe_share = self.failsafe_share.max(share);
+    }
+}
+
 /// Timing figures of a run. Misses are counted by the plant; without its health, held steps stand for them.
 pub fn timing(run: &Run) -> Timing {
     let nodes: BTreeMap<String, NodeTiming> =
         run.health.iter().map(|h| (h.node.clone(), node_timing(h))).collect();
     let held_steps = run.flagged(flags::HELD).1;
-    Timing {
+    let (failsafe_steps, failsafe_at_end) = (run.flagged(flags::FAILSAFE).1, run.failsafe_at_end());
+    let mut timing = Timing {
         deadline_misses: nodes.get("plant").map_or(held_steps, |p| p.deadline_misses),
         held_steps,
-        failsafe_steps: run.flagged(flags::FAILSAFE).1,
         lost: nodes.values().map(|n| n.lost).sum(),
         restarts: nodes.values().map(|n| n.restarts).sum(),
         nodes,
-    }
+        ..Timing::default()
+    };
+    timing.witness_failsafe(failsafe_steps, failsafe_at_end, run.truth.t.len() as u64);
+    timing
 }
 
 #[cfg(test)]

@@ -3,21 +3,25 @@
 use std::collections::BTreeMap;
 
 use whirlstand_evaluate::Expectation;
-use whirlstand_evaluate::expectation::{BENCH_LIMITS, signal_figures};
+use whirlstand_evaluate::expectation::{BENCH_LIMITS, signal_figures, strict_limits};
 use whirlstand_msgs::units::Unit;
+use whirlstand_nodes::config::Mode;
 use whirlstand_vehicle::Vehicle;
 
 use super::amount::Amount;
 use super::document::{Document, LaunchError, at};
 use super::wording::unknown;
 
-/// Reads the limits of the section, in SI, and checks their keys and units against the vehicle.
+/// Reads the limits of the section, in SI, and checks their keys and units against the vehicle. The limits of
+/// [`strict_limits`] that the section does not state come first, with their strict values.
 pub(super) fn read(
     document: &Document,
     vehicle: &Vehicle,
+    mode: Mode,
     keys: &[&String],
 ) -> Result<Vec<Expectation>, LaunchError> {
-    let mut all = Vec::new();
+    let mut all: Vec<Expectation> = strict_limits(mode == Mode::Realtime).into();
+    all.retain(|strict| !keys.contains(&&strict.key));
     for &key in keys {
         if let Some((_, unit)) = BENCH_LIMITS.iter().find(|(known, _)| known == key) {
             let limit = limit(document, at!["expect", key], unit)?;
@@ -63,16 +67,38 @@ mod tests {
         let document = Document::parse("a.toml", text).unwrap();
         let whole: BTreeMap<String, BTreeMap<String, serde::de::IgnoredAny>> = document.read().unwrap();
         let keys: Vec<&String> = whole["expect"].keys().collect();
-        read(&document, &Vehicle::builtin("quadrotor").unwrap(), &keys)
+        read(&document, &Vehicle::builtin("quadrotor").unwrap(), Mode::Lockstep, &keys)
     }
 
     #[test]
     fn limits_carry_units_and_are_in_si() {
         let all =
             expectations("[expect]\nmax_lost = 0\nroll.peak = '10 deg'\nroll.recovery_s = 2\n").unwrap();
+        let all = &all[strict_limits(false).len()..];
         let found: Vec<_> = all.iter().map(|e| (e.key.as_str(), e.unit.as_str())).collect();
         assert_eq!(found, [("max_lost", ""), ("roll.peak", "rad"), ("roll.recovery_s", "s")]);
         assert!((all[1].limit - 10f64.to_radians()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_tells_control_from_its_absence_is_limited_unless_the_file_says_otherwise() {
+        let limits = |text| {
+            let mut all = expectations(text).unwrap();
+            all.sort_by(|a, b| a.key.cmp(&b.key));
+            all.into_iter().map(|e| (e.key, e.limit)).collect::<Vec<_>>()
+        };
+        let strict = |restarts| {
+            [
+                "max_failsafe_at_end",
+                "max_failsafe_share",
+                "max_refused_commands",
+                "max_rejected",
+                "max_restarts",
+            ]
+            .map(|key| (key.to_string(), if key == "max_restarts" { restarts } else { 0.0 }))
+        };
+        assert_eq!(limits("[expect]\n"), strict(0.0));
+        assert_eq!(limits("[expect]\nmax_restarts = 3\n"), strict(3.0));
     }
 
     #[test]

@@ -92,7 +92,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         realtime: realtime(&nodes),
         bridge: planner.bridge(&file)?,
     };
-    let expect = expect::read(document, &vehicle, &file.expect.keys().collect::<Vec<_>>())?;
+    let expect = expect::read(document, &vehicle, file.mode, &file.expect.keys().collect::<Vec<_>>())?;
     let name = file.name.unwrap_or_else(|| name.into());
     Ok(Plan { name, vehicle: extended, config, nodes, expect })
 }

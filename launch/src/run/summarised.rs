@@ -59,6 +59,11 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
     let mut timing = figures.as_ref().map_or_else(|| reported(&ran.outcome.health), |f| f.timing.clone());
     // The launcher knows; from the log alone, a node that died before its first report leaves no trace.
     timing.restarts = restarts;
+    // So does the plant's health of a failsafe that no log holds: a vehicle behind a bridge has no truth.
+    if let Some(plant) = ran.outcome.health.get("plant") {
+        let failsafe = plant.failsafe();
+        timing.witness_failsafe(failsafe.steps, failsafe.at_end, plant.counts().steps);
+    }
     let expect = match ran.outcome.ending {
         // An unfinished run cannot show that anything holds.
         Ending::Complete => check(&plan.expect, &timing, figures.as_ref()),

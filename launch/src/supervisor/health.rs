@@ -48,12 +48,43 @@ pub(crate) struct NodeHealth {
     pub received_at: Instant,
     /// Counts of the processes before this one.
     before: Counts,
+    failsafe: Failsafe,
+}
+
+/// Steps that a node spent in failsafe. A node reports every change of its state at once, with its step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Failsafe {
+    /// Steps over the whole run.
+    pub steps: u64,
+    /// Steps of the last time, while the node has not come back from it.
+    pub at_end: u64,
+}
+
+impl Failsafe {
+    /// Takes in the report that follows on `before`.
+    fn update(&mut self, before: &Health, now: &Health) {
+        let in_failsafe = |h: &Health| NodeState::from_u32(h.state) == Some(NodeState::Failsafe);
+        if in_failsafe(before) && before.pid == now.pid {
+            let steps = now.head.step.saturating_sub(before.head.step);
+            self.steps += steps;
+            self.at_end += steps;
+        }
+        // A node that stops says so instead of whether commands were there.
+        if !in_failsafe(now) && NodeState::from_u32(now.state) != Some(NodeState::Stopping) {
+            self.at_end = 0;
+        }
+    }
 }
 
 impl NodeHealth {
     /// Counts over all processes of the node.
     pub fn counts(&self) -> Counts {
         Counts::of(&self.latest).plus(&self.before)
+    }
+
+    /// Steps in failsafe, as far as the node told of them.
+    pub fn failsafe(&self) -> Failsafe {
+        self.failsafe
     }
 }
 
@@ -67,13 +98,14 @@ impl HealthTable {
         let name = health.node_name().to_string();
         match self.0.get_mut(&name) {
             None => {
-                self.0
-                    .insert(name, NodeHealth { latest: health, received_at: now, before: Counts::default() });
+                let (before, failsafe) = (Counts::default(), Failsafe::default());
+                self.0.insert(name, NodeHealth { latest: health, received_at: now, before, failsafe });
             }
             Some(known) => {
                 if known.latest.pid != health.pid {
                     known.before = known.counts();
                 }
+                known.failsafe.update(&known.latest, &health);
                 known.latest = health;
                 known.received_at = now;
             }
@@ -121,5 +153,27 @@ mod tests {
         let counts = table.get("controller").unwrap().counts();
         assert_eq!((counts.steps, counts.lost, table.lost()), (20 + 6 + 1, 3, 3));
         assert!(table.get("plant").is_none());
+    }
+
+    #[test]
+    fn steps_in_failsafe_are_counted_from_the_changes_of_state() {
+        let table = |reports: &[(u64, NodeState)]| {
+            let mut table = HealthTable::default();
+            for &(step, state) in reports {
+                let mut health = Health { pid: 7, state: state as u32, ..Health::zeroed() };
+                health.head.step = step;
+                health.set_node_name("plant");
+                table.update(health, Instant::now());
+            }
+            let failsafe = table.get("plant").unwrap().failsafe();
+            (failsafe.steps, failsafe.at_end)
+        };
+        use NodeState::{Failsafe, Running, Stopping};
+        let back = [(5, Running), (10, Failsafe), (12, Failsafe), (17, Running), (40, Stopping)];
+        assert_eq!(table(&back), (7, 0));
+        assert_eq!(
+            table(&[(5, Running), (10, Failsafe), (17, Running), (30, Failsafe), (40, Stopping)]),
+            (17, 10)
+        );
     }
 }
