@@ -38,9 +38,16 @@ impl Source {
     }
 }
 
-/// `a, b, c`, or `nothing`.
+/// Most names that a message lists.
+const LISTED: usize = 60;
+
+/// `a, b, c`, or `nothing`; of a long list its beginning.
 pub(crate) fn list(names: &[String]) -> String {
-    if names.is_empty() { "nothing".into() } else { names.join(", ") }
+    match names.len() {
+        0 => "nothing".into(),
+        n if n > LISTED => format!("{} and {} more", names[..LISTED].join(", "), n - LISTED),
+        _ => names.join(", "),
+    }
 }
 
 /// A mapping names a source that the log does not have.

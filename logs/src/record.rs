@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use whirlstand_msgs::names::did_you_mean;
+use whirlstand_msgs::units::Unit;
 
 use crate::mapping::{MapError, Mapping, Source, Unreadable, list, resolve};
 
@@ -168,6 +169,27 @@ impl Record {
         &self.unreadable
     }
 
+    /// The record in which a signal that measures something else than is expected under its name cannot be read: each
+    /// name with its unit in SI. A signal without a unit is taken to be in the one that is expected.
+    pub fn expecting<'n>(mut self, expected: impl IntoIterator<Item = (&'n str, &'n Unit)>) -> Self {
+        for (name, unit) in expected {
+            let Some(at) = self.signals.iter().position(|s| s.name == name) else { continue };
+            let found = self.signals[at].unit.parse::<Unit>().map_or(unit.dimension(), |u| u.dimension());
+            if found.is_none() || found == unit.dimension() {
+                continue;
+            }
+            let signal = self.signals.remove(at);
+            let wanted = if unit.dimension().is_none() { "a pure number".into() } else { unit.si_symbol() };
+            let why = format!(
+                "signal '{name}' of {} is in {}, but {wanted} is expected: --map {name}=NAME[unit] names another \
+                 signal, or another unit for this one",
+                self.origin, signal.unit
+            );
+            self.unreadable.push(Unreadable { name: signal.name, why });
+        }
+        self
+    }
+
     /// Remembers signals that the file has and that could not be read.
     pub(crate) fn with_unreadable(mut self, unreadable: Vec<Unreadable>) -> Self {
         self.unreadable.extend(unreadable);
@@ -315,6 +337,17 @@ mod tests {
         let mapped = record().mapped(&maps).unwrap();
         assert_eq!(mapped.names(), ["pitch", "heel"]);
         assert_eq!(mapped.signal("heel").unwrap().values[1], 2f64 * (std::f64::consts::PI / 180.0));
+    }
+
+    #[test]
+    fn a_length_is_no_angle() {
+        let mut record = record();
+        record.push("bare", "", vec![0.0; 4]).unwrap();
+        let (rad, m): (Unit, Unit) = ("rad".parse().unwrap(), "m".parse().unwrap());
+        let record = record.expecting([("roll", &m), ("/imu.pitch", &rad), ("bare", &m), ("absent", &m)]);
+        assert_eq!(record.names(), ["/imu.pitch", "bare"]);
+        let text = record.signal("roll").unwrap_err().to_string();
+        assert!(text.starts_with("signal 'roll' of test.csv is in rad, but m is expected"), "{text}");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 use whirlstand_logs::{BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo};
 use whirlstand_vehicle::Vehicle;
 
-use super::{print, print_json};
+use super::{print, print_data, print_json};
 use crate::cli::LogCommand;
 use crate::error::Failure;
 use crate::style;
@@ -83,7 +83,7 @@ pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result
     loop {
         let all: Vec<Mapping> = given.iter().chain(&own).cloned().collect();
         match whirlstand_logs::read(path, &all) {
-            Ok(record) => return Ok(record),
+            Ok(record) => return in_units_of(vehicle, record, &given),
             Err(error) => {
                 let missing = error.missing_source().map(|missing| missing.name.clone());
                 match own.iter().position(|m| missing.as_ref() == Some(&m.name)) {
@@ -95,16 +95,28 @@ pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result
     }
 }
 
+/// The record, in which what measures something else than the vehicle's signal of its name cannot be read; an error at once
+/// where `--map` names it.
+fn in_units_of(vehicle: &Vehicle, record: Record, given: &[Mapping]) -> Result<Record, Failure> {
+    let inputs = vehicle.inputs.iter().map(|u| (u.name.as_str(), u.unit.unit()));
+    let outputs = vehicle.outputs.iter().map(|y| (y.name.as_str(), y.unit.unit()));
+    let record = record.expecting(inputs.chain(outputs));
+    match record.unreadable().iter().find(|u| given.iter().any(|m| m.name == u.name)) {
+        Some(wrong) => Err(Failure::mend(wrong)),
+        None => Ok(record),
+    }
+}
+
 fn export(record: &Record, output: &Path) -> Result<(), Failure> {
     for left_out in record.unreadable() {
-        eprintln!("left out: {left_out}");
+        crate::style::say(&format!("left out: {left_out}"));
     }
     if output != Path::new("-") {
         return whirlstand_logs::write_csv(record, output).map_err(Failure::mend);
     }
     let mut text = Vec::new();
     whirlstand_logs::csv_file::format_csv(record, &mut text).map_err(Failure::run)?;
-    print(&String::from_utf8_lossy(&text))
+    print_data(&String::from_utf8_lossy(&text))
 }
 
 fn info_text(info: &LogInfo) -> String {

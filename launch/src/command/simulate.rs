@@ -10,6 +10,9 @@ use super::vehicles::find;
 use crate::cli::SimulateArgs;
 use crate::error::Failure;
 
+/// Most steps of a simulation: more than a day at 100 Hz, and with ten signals under a gigabyte of memory.
+const MOST_STEPS: f64 = 1e7;
+
 /// Runs the command.
 pub(crate) fn simulate(args: &SimulateArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
@@ -18,14 +21,14 @@ pub(crate) fn simulate(args: &SimulateArgs) -> Result<ExitCode, Failure> {
     let (clock, commands) = commands(&vehicle, &record, period_s)?;
     let response = respond(&vehicle, &clock, commands, args)?;
     whirlstand_logs::write_csv(&response, &args.output).map_err(Failure::mend)?;
-    eprintln!(
+    crate::style::say(&format!(
         "{}: {} steps of {} s under {} written to {}",
         vehicle.name,
         response.len(),
         period_s,
         vehicle.inputs.iter().map(|u| u.name.as_str()).collect::<Vec<_>>().join(", "),
         args.output.display()
-    );
+    ));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -73,6 +76,15 @@ pub(super) fn commands(
     period_s: f64,
 ) -> Result<(Clock, Vec<Vec<f64>>), Failure> {
     let start = record.time.first().copied().unwrap_or(0.0);
+    let steps = (record.duration() / period_s).floor() + 1.0;
+    if steps > MOST_STEPS {
+        return Err(Failure::Mend(format!(
+            "{}: {} s in steps of {period_s} s are {steps:.0} steps, and at most {MOST_STEPS:.0} are simulated: choose a lower \
+             --rate, or a shorter part of the record",
+            record.origin,
+            record.duration()
+        )));
+    }
     let clock = Clock::over(start, start + record.duration(), period_s).map_err(Failure::mend)?;
     let columns = inputs(vehicle, record)?;
     let columns = vehicle.inputs.iter().zip(columns);
@@ -99,7 +111,16 @@ fn respond(
     for step in 0..clock.points {
         u.iter_mut().zip(&commands).for_each(|(u, column)| *u = column[step]);
         simulator.apply(&u);
-        measured.iter_mut().zip(simulator.measure()).for_each(|(column, y)| column.push(*y));
+        let y = simulator.measure();
+        if let Some(i) = y.iter().position(|y| !y.is_finite()) {
+            return Err(Failure::Run(format!(
+                "{}: {} is beyond all numbers from {} s on: the vehicle is unstable or the input too large",
+                vehicle.name,
+                vehicle.outputs[i].name,
+                clock.at(step)
+            )));
+        }
+        measured.iter_mut().zip(y).for_each(|(column, y)| column.push(*y));
         simulator.advance();
     }
     let mut response = Record::new(vehicle.name.clone(), clock.times()).map_err(Failure::run)?;

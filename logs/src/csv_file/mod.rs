@@ -2,8 +2,10 @@
 //!
 //! Lines that begin with `#` are comments. A semicolon or a tab separates as well as a comma, if the head says so.
 
+mod bounded;
 mod write;
 
+use std::collections::HashSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -11,9 +13,24 @@ use std::path::{Path, PathBuf};
 use csv::{ByteRecord, ReaderBuilder, Trim};
 use whirlstand_msgs::units::Unit;
 
+use self::bounded::{Allowance, Bounded};
 pub use self::write::{format_csv, write_csv};
 use crate::mapping::{MapError, Mapping, Selected, Source, Unreadable, resolve, split_unit};
 use crate::record::{Record, RecordError};
+
+/// Most columns of a file. Logs of autopilots with every topic in one table have some thousands; what has more is no table
+/// of signals over time, and names in that number cost more than the numbers.
+const MOST_COLUMNS: usize = 10_000;
+
+/// Most bytes of a line, with the comments before it: [`MOST_COLUMNS`] numbers of full precision are a twentieth of it.
+const LONGEST_LINE: usize = 4 << 20;
+
+/// Greatest size of a number. No quantity of a flight comes near it in any unit, and it leaves room to square and to add
+/// without an overflow; what is greater is the "no value" of somebody's logger, such as the greatest single precision number.
+const GREATEST: f64 = 1e30;
+
+/// Most characters of a cell that a message repeats.
+const SHOWN: usize = 40;
 
 /// Why a CSV cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -81,6 +98,52 @@ pub enum CsvError {
         /// What stands there.
         found: String,
     },
+    /// A cell is beyond all measure.
+    #[error(
+        "{path}, line {line}, column {column} ({name}): {found:e} is beyond {GREATEST:e}, which nothing measured is; leave the cell empty for a gap"
+    )]
+    Greatest {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// Column, counted from 1.
+        column: usize,
+        /// Its head.
+        name: String,
+        /// What stands there.
+        found: f64,
+    },
+    /// No line has a value in a column.
+    #[error("{path}, column {column} ({name}): no line has a value there")]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// Column, counted from 1.
+        column: usize,
+        /// Its head.
+        name: String,
+    },
+    /// More columns than a table of signals has.
+    #[error(
+        "{path}, line 1: {found} columns, but at most {MOST_COLUMNS} are read; keep those that are needed"
+    )]
+    Columns {
+        /// The file.
+        path: PathBuf,
+        /// How many there are.
+        found: usize,
+    },
+    /// A line that is no line of numbers.
+    #[error(
+        "{path}, line {line}: more than {LONGEST_LINE} bytes in one line, which no line of numbers has; is a quote open, or is this another kind of file?"
+    )]
+    Long {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+    },
     /// Time stands still or goes back.
     #[error("{path}, line {line}: time {found} is not after {before}; it must increase from line to line")]
     Time {
@@ -117,14 +180,22 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
     let mut input = BufReader::with_capacity(1 << 16, input);
     skip_byte_order_mark(&mut input).map_err(io)?;
     let delimiter = delimiter(input.fill_buf().map_err(io)?);
+    let allowance = Allowance::new(LONGEST_LINE);
     let mut reader = ReaderBuilder::new()
         .delimiter(delimiter)
         .comment(Some(b'#'))
         .trim(Trim::Headers)
         .buffer_capacity(1 << 16)
-        .from_reader(input);
-    let failed = |error: csv::Error| line_error(path, error);
-    let heads: Vec<String> = reader.headers().map_err(failed)?.iter().map(str::to_string).collect();
+        .from_reader(Bounded::new(input, &allowance));
+    let failed = |error: csv::Error, line: u64| match allowance.is_used_up() {
+        true => CsvError::Long { path: path.into(), line },
+        false => line_error(path, error),
+    };
+    let heads = reader.headers().map_err(|e| failed(e, 1))?;
+    if heads.len() > MOST_COLUMNS {
+        return Err(CsvError::Columns { path: path.into(), found: heads.len() });
+    }
+    let heads: Vec<String> = heads.iter().map(str::to_string).collect();
     let columns = Columns::new(path, &heads, mappings)?;
 
     let mut time = Vec::new();
@@ -133,17 +204,14 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
     let mut unreadable: Vec<Option<CsvError>> = columns.signals.iter().map(|_| None).collect();
     let mut row = ByteRecord::new();
     let mut before = f64::NEG_INFINITY;
-    while reader.read_byte_record(&mut row).map_err(failed)? {
+    loop {
+        allowance.renew();
+        let more = reader.read_byte_record(&mut row);
         let line = row.position().map_or(0, csv::Position::line);
-        let cell = |index: usize| {
-            number(&row[index]).map_err(|found| CsvError::Cell {
-                path: path.into(),
-                line,
-                column: index + 1,
-                name: heads[index].clone(),
-                found,
-            })
-        };
+        if !more.map_err(|e| failed(e, line))? {
+            break;
+        }
+        let cell = |index: usize| number(&row[index]).map_err(|wrong| wrong.at(path, line, index, &heads));
         let t = cell(columns.time)?;
         if t.is_nan() {
             let reason = format!("there is no time in column {}", columns.time + 1);
@@ -168,8 +236,16 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
     let mut record = Record::new(path.display().to_string(), time)?;
     record.time_unit = columns.time_unit.si_symbol();
     let mut left_out = columns.unreadable;
-    for ((column, signal), error) in columns.signals.into_iter().zip(values).zip(unreadable) {
+    for (i, ((column, signal), error)) in columns.signals.into_iter().zip(values).zip(unreadable).enumerate()
+    {
+        let empty = || {
+            let index = columns.sources[column.source];
+            CsvError::Empty { path: path.into(), column: index + 1, name: excerpt(&heads[index]) }
+        };
+        let is_empty = !signal.is_empty() && signal.iter().all(|v| v.is_nan());
+        let error = error.or_else(|| is_empty.then(empty));
         match error {
+            Some(error) if i < columns.mapped => return Err(error),
             Some(error) => left_out.push(Unreadable { name: column.name, why: error.to_string() }),
             None => record.push(column.name, column.unit.si_symbol(), signal)?,
         }
@@ -200,8 +276,9 @@ impl Columns {
             })
             .collect();
         let mut twice: Vec<String> = Vec::new();
-        for (i, Source { name, .. }) in offered.iter().enumerate() {
-            if offered[..i].iter().any(|other| other.name == *name) && !twice.contains(name) {
+        let mut seen = HashSet::new();
+        for Source { name, .. } in &offered {
+            if !seen.insert(name) && !twice.contains(name) {
                 if mappings.iter().any(|m| m.names(name)) || name == "t" {
                     return Err(CsvError::Duplicate { path: path.into(), name: name.clone() });
                 }
@@ -216,7 +293,7 @@ impl Columns {
                 (0, resolve(&offered, &[t], false, &origin)?.0[0].unit)
             }
             None => {
-                let found = heads.first().cloned().unwrap_or_default();
+                let found = excerpt(heads.first().map_or("", String::as_str));
                 return Err(CsvError::NoTime { path: path.into(), found });
             }
         };
@@ -238,16 +315,41 @@ impl Columns {
     }
 }
 
+/// What is wrong with a cell.
+enum WrongCell {
+    NoNumber(String),
+    TooGreat(f64),
+}
+
+impl WrongCell {
+    fn at(self, path: &Path, line: u64, index: usize, heads: &[String]) -> CsvError {
+        let (path, column, name) = (path.to_path_buf(), index + 1, excerpt(&heads[index]));
+        match self {
+            Self::NoNumber(found) => CsvError::Cell { path, line, column, name, found },
+            Self::TooGreat(found) => CsvError::Greatest { path, line, column, name, found },
+        }
+    }
+}
+
+/// A text for a message, cut when it is long.
+fn excerpt(text: &str) -> String {
+    match text.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}... ({} bytes)", &text[..end], text.len()),
+        None => text.into(),
+    }
+}
+
 /// A finite number, or NaN for a gap.
-fn number(cell: &[u8]) -> Result<f64, String> {
+fn number(cell: &[u8]) -> Result<f64, WrongCell> {
     let cell = cell.trim_ascii();
     if cell.is_empty() {
         return Ok(f64::NAN);
     }
     let parsed = std::str::from_utf8(cell).ok().and_then(|text| text.parse::<f64>().ok());
     match parsed {
-        Some(value) if !value.is_infinite() => Ok(value),
-        _ => Err(String::from_utf8_lossy(cell).into_owned()),
+        Some(value) if value.is_nan() || value.abs() <= GREATEST => Ok(value),
+        Some(value) if value.is_finite() => Err(WrongCell::TooGreat(value)),
+        _ => Err(WrongCell::NoNumber(excerpt(&String::from_utf8_lossy(cell)))),
     }
 }
 
