@@ -1,5 +1,6 @@
 //! How a command fails: by what the user can mend (exit 2), or by what was run (exit 1).
 
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -33,7 +34,14 @@ impl Failure {
 
     /// A file or folder that cannot be used; `doing` says for what, as in "write the report to".
     pub fn file(doing: &str, path: &Path, error: &std::io::Error) -> Self {
-        Self::Mend(format!("cannot {doing} {}: {error}", path.display()))
+        let advice = match error.kind() {
+            ErrorKind::StorageFull => ": the disk is full; make room, or choose another folder with --out",
+            ErrorKind::QuotaExceeded => {
+                ": your share of the disk is used up; make room, or choose another folder"
+            }
+            _ => "",
+        };
+        Self::Mend(format!("cannot {doing} {}: {error}{advice}", path.display()))
     }
 
     /// The exit code for the shell.

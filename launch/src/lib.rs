@@ -5,6 +5,8 @@ mod command;
 mod doctor;
 mod error;
 mod file;
+mod limits;
+mod memory;
 mod run;
 mod soak;
 mod style;
@@ -26,7 +28,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = start_tracing(cli.log_level.as_deref()).and_then(|()| dispatch(&cli.command));
     result.unwrap_or_else(|failure| {
-        anstream::eprintln!("{} {failure}", style::bad("error:"));
+        style::say(&format!("{} {failure}", style::bad("error:")));
         failure.exit_code()
     })
 }

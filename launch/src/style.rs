@@ -1,27 +1,98 @@
-//! Colour, which `anstream` leaves out where no terminal is or NO_COLOR is set.
+//! Colour, and what reaches the terminal of a text that others wrote.
+//!
+//! A style is two marks in a text, and [`rendered`] puts the terminal's own sequences in their place. It also escapes every
+//! character that would move the cursor, change colours or turn the direction of reading: names and descriptions come from
+//! files, and lines from programs, and neither may write over what is said here. The colours are left out by `anstream`
+//! where no terminal is or NO_COLOR is set.
 
 use anstyle::{AnsiColor, Style};
 
-fn painted(style: Style, text: &str) -> String {
-    format!("{style}{text}{style:#}")
+/// Marks of the styles: noncharacters of Unicode, which are for a program's own use and stand in no text that is exchanged.
+const GOOD: char = '\u{fdd0}';
+const BAD: char = '\u{fdd1}';
+const STRONG: char = '\u{fdd2}';
+const DIM: char = '\u{fdd3}';
+const END: char = '\u{fdd4}';
+
+fn marked(style: char, text: &str) -> String {
+    format!("{style}{text}{END}")
 }
 
 /// For what is as it should be.
 pub(crate) fn good(text: &str) -> String {
-    painted(AnsiColor::Green.on_default(), text)
+    marked(GOOD, text)
 }
 
 /// For what needs attention.
 pub(crate) fn bad(text: &str) -> String {
-    painted(AnsiColor::Red.on_default().bold(), text)
+    marked(BAD, text)
 }
 
 /// For what matters most.
 pub(crate) fn strong(text: &str) -> String {
-    painted(Style::new().bold(), text)
+    marked(STRONG, text)
 }
 
 /// For what matters least.
 pub(crate) fn dim(text: &str) -> String {
-    painted(Style::new().dimmed(), text)
+    marked(DIM, text)
+}
+
+/// The text as the terminal is to get it.
+pub(crate) fn rendered(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut style = Style::new();
+    for c in text.chars() {
+        let begun = match c {
+            GOOD => AnsiColor::Green.on_default(),
+            BAD => AnsiColor::Red.on_default().bold(),
+            STRONG => Style::new().bold(),
+            DIM => Style::new().dimmed(),
+            END => {
+                out.push_str(&style.render_reset().to_string());
+                continue;
+            }
+            c if is_dangerous(c) => {
+                out.extend(c.escape_default());
+                continue;
+            }
+            c => {
+                out.push(c);
+                continue;
+            }
+        };
+        style = begun;
+        out.push_str(&style.render().to_string());
+    }
+    out
+}
+
+/// Text that is not ours, such as a file that is shown: as it is for a program that reads it, escaped for a terminal.
+pub(crate) fn data(text: &str, is_terminal: bool) -> String {
+    if is_terminal { rendered(text) } else { text.into() }
+}
+
+/// Says a line on standard error.
+pub(crate) fn say(line: &str) {
+    anstream::eprintln!("{}", rendered(line));
+}
+
+/// Control characters but for the ends of lines and tabs, and the marks that turn the direction of reading.
+fn is_dangerous(c: char) -> bool {
+    let turns = matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    c.is_control() && c != '\n' && c != '\t' || turns
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_file_says_does_not_reach_the_terminal_as_a_command() {
+        let name = "roll\u{1b}[2J\u{1b}]0;x\u{7}\r\u{9b}31m\u{202e}";
+        assert_eq!(rendered(name), r"roll\u{1b}[2J\u{1b}]0;x\u{7}\r\u{9b}31m\u{202e}");
+        assert_eq!(rendered("two\n\tlines, µ and °"), "two\n\tlines, µ and °");
+        assert_eq!(rendered(&bad(name)), format!("\u{1b}[1m\u{1b}[31m{}\u{1b}[0m", rendered(name)));
+        assert_eq!(data(name, false), name);
+    }
 }

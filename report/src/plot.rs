@@ -186,8 +186,9 @@ pub fn plots_json(plots: &[Plot]) -> String {
             })
         })
         .collect();
-    // Whoever puts the text into a script element as it is must not find its end in a name.
-    serde_json::json!({ "columns": columns, "plots": plots }).to_string().replace("</", "<\\/")
+    // Whoever puts the text into a page as it is must find neither the end of a script in a name nor the start of a
+    // comment: `<` stands in strings alone.
+    serde_json::json!({ "columns": columns, "plots": plots }).to_string().replace('<', "\\u003c")
 }
 
 /// Values with as many decimals as the eye can tell: a hundred-thousandth of the range of the column, six
@@ -239,12 +240,12 @@ mod tests {
 
     #[test]
     fn names_cannot_leave_the_script() {
-        let mut plot = Plot::over_time("a", "</script><b>", "");
+        let mut plot = Plot::over_time("a", "</script><!--<script>", "");
         plot.traces.push(Trace::new("</SCRIPT>", 0, Style::Main, &[0.0], &[f64::NAN]));
         let text = plots_json(&[plot]);
-        assert!(!text.contains("</"));
+        assert!(!text.contains('<'), "{text}");
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-        assert_eq!(json["plots"][0]["title"], "</script><b>");
+        assert_eq!(json["plots"][0]["title"], "</script><!--<script>");
         assert!(json["columns"][1][0].is_null());
     }
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use whirlstand_nodes::bench::{Figure, Member, Options, run, run_member};
 
-use super::{print, write_json};
+use super::{print, print_data, write_json};
 use crate::cli::BenchArgs;
 use crate::error::Failure;
 use crate::style;
@@ -38,7 +38,8 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
     let quiet = args.json.as_deref() == Some(Path::new("-"));
     let report = run(&options, |figure| {
         if !quiet {
-            anstream::print!("{}", line(figure));
+            // A reader that is gone does not stop the measurement, and the last words say what could not be written.
+            let _ = print(&line(figure));
         }
     })
     .map_err(Failure::mend)?;
@@ -57,7 +58,7 @@ fn member() -> Result<ExitCode, Failure> {
     let member: Member = serde_json::from_reader(std::io::stdin())
         .map_err(|e| Failure::Mend(format!("--member is for the program itself: {e}")))?;
     let text = run_member(&member).map_err(Failure::run)?;
-    print(&(text + "\n"))?;
+    print_data(&(text + "\n"))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -53,7 +53,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
         print(&text(&answer, report.as_deref()))?;
     }
     if watch.is_stopped() {
-        eprintln!("interrupted: the answer is what was known by then");
+        crate::style::say("interrupted: the answer is what was known by then");
         return Ok(ExitCode::from(INTERRUPTED));
     }
     Ok(ExitCode::SUCCESS)

@@ -167,14 +167,15 @@ fn aligned(record: Record, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Rec
         let period = record.duration() / record.len().max(2) as f64;
         match (args.align, lag.certain) {
             (true, true) => {
-                eprintln!("{}: {shift}: moved", record.origin);
+                crate::style::say(&format!("{}: {shift}: moved", record.origin));
                 delays.push((lag.output, lag.lag_s));
             }
-            (true, false) => {
-                eprintln!("{}: {shift}: too little in common to be sure, not moved", record.origin)
-            }
+            (true, false) => crate::style::say(&format!(
+                "{}: {shift}: too little in common to be sure, not moved",
+                record.origin
+            )),
             (false, true) if lag.lag_s.abs() > 1.5 * period.max(0.01) => {
-                eprintln!("{}: {shift}: --align moves it", record.origin);
+                crate::style::say(&format!("{}: {shift}: --align moves it", record.origin));
             }
             _ => {}
         }

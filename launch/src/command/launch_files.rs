@@ -23,7 +23,7 @@ struct Listed {
 pub(crate) fn launch_files(command: &LaunchCommand) -> Result<ExitCode, Failure> {
     match command {
         LaunchCommand::List { json } => list(*json)?,
-        LaunchCommand::Show { launch } => print(find(launch)?.document.text())?,
+        LaunchCommand::Show { launch } => super::print_data(find(launch)?.document.text())?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -16,7 +16,7 @@ mod stage_line;
 pub(crate) mod vehicle_new;
 pub(crate) mod vehicles;
 
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::path::Path;
 
 use crate::error::Failure;
@@ -24,8 +24,17 @@ use crate::error::Failure;
 /// Exit code of a command that was interrupted and told what it knew by then, as shells have it.
 pub(crate) const INTERRUPTED: u8 = 130;
 
-/// Prints text on standard output. A reader that has gone away (`| head`) is no failure.
+/// Prints text on standard output, as a terminal may get it. A reader that has gone away (`| head`) is no failure.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
+    write_out(&crate::style::rendered(text))
+}
+
+/// Prints what others wrote or will read, such as a file or JSON: as it is, but on a terminal.
+pub(crate) fn print_data(text: &str) -> Result<(), Failure> {
+    write_out(&crate::style::data(text, std::io::stdout().is_terminal()))
+}
+
+fn write_out(text: &str) -> Result<(), Failure> {
     let mut out = anstream::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
@@ -38,7 +47,7 @@ pub(crate) fn print(text: &str) -> Result<(), Failure> {
 /// Prints a value as JSON.
 pub(crate) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::run)?;
-    print(&(text + "\n"))
+    print_data(&(text + "\n"))
 }
 
 /// Writes a value as JSON to a file, or to standard output for `-`.

@@ -18,6 +18,7 @@ use crate::file::{DEFAULT, jobs};
 /// Runs one node to its end.
 pub(crate) fn node(args: &NodeArgs) -> Result<ExitCode, Failure> {
     let role = role(&args.kind)?;
+    crate::limits::check_for_bench()?;
     let mut config = match &args.config {
         Some(path) => from_launcher(path)?,
         None => by_hand(args)?,

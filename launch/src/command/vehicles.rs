@@ -16,7 +16,7 @@ pub(crate) fn vehicles(command: &VehicleCommand) -> Result<ExitCode, Failure> {
     match command {
         VehicleCommand::New(args) => vehicle_new(args)?,
         VehicleCommand::List { json } => list(*json)?,
-        VehicleCommand::Show { vehicle } => print(&find(vehicle)?.source_text)?,
+        VehicleCommand::Show { vehicle } => super::print_data(&find(vehicle)?.source_text)?,
         VehicleCommand::Check { vehicle, json } => check(&find(vehicle)?, *json)?,
     }
     Ok(ExitCode::SUCCESS)

@@ -28,42 +28,37 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let fit = checks.iter().all(|c| c.grade != Grade::Warn);
     if args.json {
         let report = Report { schema: "whirlstand.doctor.v1", fit, checks, wake_up };
-        let text = serde_json::to_string_pretty(&report).map_err(Failure::run)?;
-        anstream::println!("{text}");
+        crate::command::print_json(&report)?;
         return Ok(ExitCode::SUCCESS);
     }
+    let mut text = String::new();
     for check in &checks {
         let mark = match check.grade {
             Grade::Ok => style::good("ok  "),
             Grade::Warn => style::bad("warn"),
             Grade::Unknown => style::dim("?   "),
         };
-        anstream::println!("{mark}  {:<18} {}", check.name, check.found);
+        text.push_str(&format!("{mark}  {:<18} {}\n", check.name, check.found));
         if let Some(advice) = &check.advice {
-            anstream::println!("      {:<18} {} {advice}", "", style::dim("->"));
+            text.push_str(&format!("      {:<18} {} {advice}\n", "", style::dim("->")));
         }
     }
-    anstream::println!("\nWake-up latency, 1 kHz absolute deadlines, one second each (us):");
+    text.push_str("\nWake-up latency, 1 kHz absolute deadlines, one second each (us):\n");
     for w in &wake_up {
-        anstream::println!(
-            "      {:<18} p50 {:>7.1}   p99 {:>7.1}   p99.9 {:>7.1}   max {:>7.1}   over 1 ms: {} of {}",
-            w.scheduling,
-            w.p50_us,
-            w.p99_us,
-            w.p999_us,
-            w.max_us,
-            w.missed,
-            w.wakes
-        );
+        text.push_str(&format!(
+            "      {:<18} p50 {:>7.1}   p99 {:>7.1}   p99.9 {:>7.1}   max {:>7.1}   over 1 ms: {} of {}\n",
+            w.scheduling, w.p50_us, w.p99_us, w.p999_us, w.max_us, w.missed, w.wakes
+        ));
     }
     let warned = checks.iter().filter(|c| c.grade == Grade::Warn).count();
-    anstream::println!(
-        "\n{}",
+    text.push_str(&format!(
+        "\n{}\n",
         match warned {
             0 => style::good("This machine is fit for real time."),
             1 => style::bad("1 thing to change before trusting real-time runs on this machine."),
             n => style::bad(&format!("{n} things to change before trusting real-time runs on this machine.")),
         }
-    );
+    ));
+    crate::command::print(&text)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -4,7 +4,7 @@ use crate::cli::OverrideArgs;
 use crate::error::Failure;
 
 use super::builtin::{FoundFile, find};
-use super::document::{Document, LaunchError, at};
+use super::document::{Document, LaunchError, Step, at};
 use super::plan::{Plan, plan};
 use super::schema::{LaunchFile, VariantSection};
 
@@ -46,6 +46,9 @@ pub(crate) fn jobs_of(
     let mut document = found.document.clone();
     apply(&mut document, overrides, no_log)?;
     let file: LaunchFile = document.read()?;
+    if let Some(name) = &file.name {
+        check_folder_name(&document, at!["name"], name)?;
+    }
     let mut runs = Vec::new();
     for (i, variant) in file.variants.iter().enumerate() {
         check_name(&document, i, &file.variants)?;
@@ -92,15 +95,24 @@ fn apply(document: &mut Document, overrides: &OverrideArgs, no_log: bool) -> Res
 fn check_name(document: &Document, i: usize, variants: &[VariantSection]) -> Result<(), LaunchError> {
     let name = &variants[i].name;
     let here = at!["variants", i, "name"];
-    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
-    if name.is_empty() || name.starts_with('.') || name.len() > 64 || !name.chars().all(allowed) {
-        let message = format!("'{name}' names a folder: letters, digits, '_', '-' or '.' are expected");
-        return Err(document.error_at(here, message));
-    }
+    check_folder_name(document, here, name)?;
     if variants[..i].iter().any(|v| v.name == *name) {
         return Err(document.error_at(here, format!("another variant is called '{name}': names must differ")));
     }
     Ok(())
+}
+
+/// A name that a folder gets must not lead out of the folder that it is in.
+fn check_folder_name(document: &Document, here: &[Step<'_>], name: &str) -> Result<(), LaunchError> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+    if !name.is_empty() && !name.starts_with('.') && name.len() <= 64 && name.chars().all(allowed) {
+        return Ok(());
+    }
+    let message = format!(
+        "'{}' names a folder: up to 64 letters, digits, '_', '-' or '.' are expected, '.' not first",
+        name.escape_debug()
+    );
+    Err(document.error_at(here, message))
 }
 
 /// Dotted keys and values of a variant's `set`; tables on the way are taken apart, so that they change single keys.

@@ -44,13 +44,15 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
             break;
         }
     }
-    let whole = summary::write(&jobs, &out, &runs)?;
+    let whole = summary::whole(&jobs, &runs);
+    // The verdict is told even where no file can be written any more.
+    let written = summary::write(&jobs, &out, &whole, &runs);
     if args.json {
         crate::command::print_json(&whole)?;
     } else {
         crate::command::print(&verdict::closing_lines(&out, &runs))?;
     }
-    Ok(exit_code(&runs))
+    written.map(|()| exit_code(&runs))
 }
 
 fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan) {
@@ -59,7 +61,7 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan) {
     let mode = serde_json::to_value(config.mode).ok();
     let word = |v: &Option<serde_json::Value>| v.as_ref().and_then(|v| v.as_str()).unwrap_or("").to_string();
     let variant = variant.map_or(String::new(), |v| format!(" / {v}"));
-    anstream::eprintln!(
+    crate::style::say(&format!(
         "{}{}: {} under {}, {} at {} Hz for {} s over {}, seed {}",
         crate::style::strong(&jobs.name),
         crate::style::strong(&variant),
@@ -70,7 +72,7 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan) {
         config.steps as f64 * config.period_ns as f64 * 1e-9,
         config.transport,
         config.seed,
-    );
+    ));
 }
 
 /// 0 when all went well, 1 when a run or an expectation failed, 2 when the user can mend it, 128 + n after signal n.

@@ -28,6 +28,7 @@ pub(crate) struct FinishedRun {
 /// # Errors
 /// When the bench cannot even be started; a run that fails is no error here.
 pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Result<FinishedRun, Failure> {
+    crate::limits::check_for_bench()?;
     std::fs::create_dir_all(folder).map_err(|e| Failure::file("make the folder", folder, &e))?;
     let mut plan = plan.clone();
     let log = folder.join("log.mcap");

@@ -48,7 +48,7 @@ impl Progress {
     }
 
     fn say(&self, line: &str) {
-        self.bar.suspend(|| anstream::eprintln!("{line}"));
+        self.bar.suspend(|| crate::style::say(line));
     }
 
     fn status(&mut self, now: Instant, health: &HealthTable) -> Option<(u64, String)> {

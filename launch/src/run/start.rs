@@ -16,11 +16,15 @@ const LONGEST_NAME: usize = 24;
 
 /// A bench name that no other bench on this host has at this time.
 pub(crate) fn unique_bench(name: &str) -> String {
-    let fits = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '-' };
-    let head: String = name.chars().map(fits).take(LONGEST_NAME).collect();
+    let head: String = plain(name).take(LONGEST_NAME).collect();
     // Process numbers are unique within one PID namespace only, and containers may share /dev/shm.
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     format!("{head}-{}-{:05x}", std::process::id(), (now.as_nanos() >> 10) & 0xf_ffff)
+}
+
+/// A name in letters that every file system and the bus take.
+fn plain(name: &str) -> impl Iterator<Item = char> {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '-' })
 }
 
 /// The launcher's subscription to the health of the bench.
@@ -179,11 +183,12 @@ fn foreign(
     Ok(CommandLine { program, arguments, env, stdin: None })
 }
 
-/// Default folder of a run: `out/NAME-DATE-TIME`, in UTC.
+/// Default folder of a run: `out/NAME-DATE-TIME`, in UTC. The name may be that of a file, in any letters.
 pub(crate) fn default_out(name: &str) -> PathBuf {
     let stamp = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
     let stamp: String = stamp.trim_end_matches('Z').replace('T', "-").replace(':', "");
-    PathBuf::from("out").join(format!("{name}-{stamp}"))
+    let name: String = plain(name).collect();
+    PathBuf::from("out").join(format!("{}-{stamp}", name.trim_start_matches('.')))
 }
 
 /// Removes what killed processes left of a bench in shared memory.

@@ -78,18 +78,22 @@ struct EndEntry {
     restarts: BTreeMap<String, u32>,
 }
 
-/// Writes `summary.json` and `report.html` into `out`; returns the summary.
-pub(super) fn write(jobs: &Jobs, out: &Path, runs: &[Summarised]) -> Result<SummaryFile, Failure> {
-    let whole = whole(jobs, runs);
-    crate::command::write_json(&whole, &out.join("summary.json"))?;
+/// Writes `summary.json` and `report.html` into `out`.
+pub(super) fn write(
+    jobs: &Jobs,
+    out: &Path,
+    whole: &SummaryFile,
+    runs: &[Summarised],
+) -> Result<(), Failure> {
+    crate::command::write_json(whole, &out.join("summary.json"))?;
     let recorded: Vec<&Run> = runs.iter().filter_map(|r| r.recorded.as_ref()).collect();
     if !recorded.is_empty() {
-        let outcome = outcome(&whole, runs);
+        let outcome = outcome(whole, runs);
         let html = whirlstand_report::run_report(&jobs.name, &jobs.description, &outcome, &recorded)
             .map_err(|e| Failure::Run(format!("the report cannot be made: {e}")))?;
         crate::command::write(&out.join("report.html"), &html)?;
     }
-    Ok(whole)
+    Ok(())
 }
 
 /// How the bench ended, for the report.
@@ -127,7 +131,8 @@ fn outcome(whole: &SummaryFile, runs: &[Summarised]) -> Outcome {
     }
 }
 
-fn whole(jobs: &Jobs, runs: &[Summarised]) -> SummaryFile {
+/// What `summary.json` says of the runs.
+pub(super) fn whole(jobs: &Jobs, runs: &[Summarised]) -> SummaryFile {
     let sum = |f: fn(&Summarised) -> u64| runs.iter().map(f).sum();
     SummaryFile {
         schema: SUMMARY_SCHEMA,

@@ -199,7 +199,7 @@ fn send(pid: u32, signal: Signal) {
 
 impl Observer for FaultInjector {
     fn line(&mut self, node: &str, line: &str) {
-        self.bar.suspend(|| anstream::eprintln!("[{node}] {line}"));
+        self.bar.suspend(|| crate::style::say(&format!("[{node}] {line}")));
     }
 
     fn event(&mut self, event: &Event) {

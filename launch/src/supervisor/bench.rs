@@ -169,7 +169,7 @@ impl Bench<'_> {
                     Notice::Ready | Notice::Locator(_) => {}
                 }
             }
-            self.repeat_lines(i);
+            self.repeat_lines(i, now, false);
             self.bury(i, now);
             self.check_deadlines(i, now);
         }
@@ -187,8 +187,8 @@ impl Bench<'_> {
         self.observer.event(&event);
     }
 
-    fn repeat_lines(&mut self, i: usize) {
-        for line in self.nodes[i].lines() {
+    fn repeat_lines(&mut self, i: usize, now: Instant, ended: bool) {
+        for line in self.nodes[i].lines(now, ended) {
             self.observer.line(&self.nodes[i].spec.name, &line);
         }
     }
@@ -207,7 +207,7 @@ impl Bench<'_> {
     /// Deals with the end of a process.
     fn bury(&mut self, i: usize, now: Instant) {
         let Some(end) = self.nodes[i].reap() else { return };
-        self.repeat_lines(i);
+        self.repeat_lines(i, now, true);
         self.nodes[i].release();
         let asked = matches!(self.nodes[i].phase, Phase::Stopping(_));
         let node = &mut self.nodes[i];

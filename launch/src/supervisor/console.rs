@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::time::{Duration, Instant};
 
 /// How many of the last lines of a node are kept.
 const KEPT: usize = 20;
@@ -10,12 +11,25 @@ const KEPT: usize = 20;
 /// Longest line; what is longer is cut into several.
 const LONGEST: usize = 4096;
 
+/// Over this time a node's output is bounded.
+const WINDOW: Duration = Duration::from_secs(1);
+
+/// Most bytes that are read from a pipe in one [`WINDOW`]. A node that writes more waits for its pipe: reading all of an
+/// endless stream would take a processor from the bench.
+const MOST_BYTES: usize = 1 << 20;
+
+/// Most lines of a node that are shown in one [`WINDOW`]; the others are counted.
+const MOST_LINES: u64 = 200;
+
 /// The reading end of a pipe into which a node writes lines.
 #[derive(Debug)]
 pub(crate) struct ConsoleReader {
     pipe: std::fs::File,
     partial: Vec<u8>,
     open: bool,
+    window: Instant,
+    /// Bytes read in this window.
+    bytes: usize,
 }
 
 impl ConsoleReader {
@@ -25,22 +39,29 @@ impl ConsoleReader {
     /// When the pipe cannot be made non-blocking.
     pub fn new(pipe: OwnedFd) -> std::io::Result<Self> {
         rustix::io::ioctl_fionbio(&pipe, true)?;
-        Ok(Self { pipe: pipe.into(), partial: Vec::new(), open: true })
+        Ok(Self { pipe: pipe.into(), partial: Vec::new(), open: true, window: Instant::now(), bytes: 0 })
     }
 
-    /// Whether more can come.
+    /// Whether more is to be read now.
     pub fn is_open(&self) -> bool {
-        self.open
+        self.open && (self.bytes < MOST_BYTES || self.window.elapsed() >= WINDOW)
     }
 
-    /// The lines that have come since the last call; at the end of the pipe also one without a line end.
-    pub fn drain(&mut self) -> Vec<String> {
+    /// The lines that have come since the last call, as many as may be read; at the end of the pipe also one without a
+    /// line end.
+    pub fn drain(&mut self, now: Instant) -> Vec<String> {
         let mut buffer = [0; LONGEST];
         let mut lines = Vec::new();
-        while self.open {
+        if now.duration_since(self.window) >= WINDOW {
+            (self.window, self.bytes) = (now, 0);
+        }
+        while self.open && self.bytes < MOST_BYTES {
             match self.pipe.read(&mut buffer) {
                 Ok(0) => self.open = false,
-                Ok(n) => self.split(&buffer[..n], &mut lines),
+                Ok(n) => {
+                    self.bytes += n;
+                    self.split(&buffer[..n], &mut lines);
+                }
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
                 Err(e) if e.kind() == ErrorKind::WouldBlock => break,
                 Err(_) => self.open = false,
@@ -74,6 +95,44 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).trim_end().to_string()
 }
 
+/// Bounds how many lines of a node are shown.
+#[derive(Debug)]
+pub(crate) struct LineQuota {
+    window: Instant,
+    shown: u64,
+    left_out: u64,
+}
+
+impl LineQuota {
+    pub fn new(now: Instant) -> Self {
+        Self { window: now, shown: 0, left_out: 0 }
+    }
+
+    /// Those of the lines that are shown. How many were left out is told at the end of the window, or when the node
+    /// `ended`.
+    pub fn shown(&mut self, mut lines: Vec<String>, now: Instant, ended: bool) -> Vec<String> {
+        let is_over = now.duration_since(self.window) >= WINDOW;
+        let told = if is_over { self.take_left_out() } else { None };
+        if is_over {
+            (self.window, self.shown) = (now, 0);
+        }
+        let room = (MOST_LINES - self.shown) as usize;
+        let beyond = lines.len().saturating_sub(room);
+        lines.truncate(room);
+        self.shown += lines.len() as u64;
+        self.left_out += beyond as u64;
+        let at_end = if ended { self.take_left_out() } else { None };
+        told.into_iter().chain(lines).chain(at_end).collect()
+    }
+
+    fn take_left_out(&mut self) -> Option<String> {
+        match std::mem::take(&mut self.left_out) {
+            0 => None,
+            n => Some(format!("({n} lines are left out: it writes more than {MOST_LINES} a second)")),
+        }
+    }
+}
+
 /// The last lines that a node wrote.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RecentLines(VecDeque<String>);
@@ -102,14 +161,34 @@ mod tests {
     fn lines_come_whole_and_the_last_one_without_its_end() {
         let (reader, mut writer) = std::io::pipe().unwrap();
         let mut console = ConsoleReader::new(reader.into()).unwrap();
-        assert!(console.drain().is_empty() && console.is_open());
+        let now = Instant::now();
+        assert!(console.drain(now).is_empty() && console.is_open());
         writer.write_all(b"one\ntw").unwrap();
-        assert_eq!(console.drain(), ["one"]);
+        assert_eq!(console.drain(now), ["one"]);
         writer.write_all(b"o\r\nthree").unwrap();
-        assert_eq!(console.drain(), ["two"]);
+        assert_eq!(console.drain(now), ["two"]);
         drop(writer);
-        assert_eq!(console.drain(), ["three"]);
+        assert_eq!(console.drain(now), ["three"]);
         assert!(!console.is_open());
+    }
+
+    #[test]
+    fn an_endless_stream_is_read_in_part_and_shown_in_part() {
+        let endless = std::fs::File::open("/dev/zero").unwrap();
+        let mut console = ConsoleReader::new(endless.into()).unwrap();
+        let now = Instant::now();
+        assert_eq!(console.drain(now).len(), MOST_BYTES / LONGEST);
+        assert!(console.drain(now).is_empty() && !console.is_open());
+        assert_eq!(console.drain(now + WINDOW).len(), MOST_BYTES / LONGEST);
+
+        let mut quota = LineQuota::new(now);
+        let lines = vec![String::from("y"); 3 * MOST_LINES as usize];
+        assert_eq!(quota.shown(lines.clone(), now, false).len() as u64, MOST_LINES);
+        assert!(quota.shown(lines.clone(), now, false).is_empty());
+        let next = quota.shown(lines, now + WINDOW, true);
+        assert_eq!(next.len() as u64, MOST_LINES + 2);
+        assert!(next[0].starts_with("(1000 lines are left out"), "{}", next[0]);
+        assert!(next.last().unwrap().starts_with("(400 lines are left out"));
     }
 
     #[test]

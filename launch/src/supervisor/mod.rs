@@ -23,6 +23,7 @@ use whirlstand_bus::{Bus, OpenError};
 pub(crate) use bench::supervise;
 pub(crate) use health::{Counts, HealthTable};
 pub(crate) use process::CommandLine;
+pub(crate) use signals::Signals;
 pub(crate) use threaded::{ThreadEnd, supervise_thread};
 
 /// How the launcher learns that a node is ready.

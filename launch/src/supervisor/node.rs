@@ -8,7 +8,7 @@ use rustix::process::Signal;
 
 use crate::error::FINAL;
 
-use super::console::RecentLines;
+use super::console::{LineQuota, RecentLines};
 use super::notify::{Notice, NotifySocket};
 use super::process::{Process, ending};
 use super::{NodeFailure, NodeSpec, Readiness};
@@ -55,6 +55,7 @@ pub(crate) struct Node {
     /// When the present process became ready.
     pub ready_since: Option<Instant>,
     recent_lines: RecentLines,
+    line_quota: LineQuota,
     /// Why the supervisor itself killed it.
     blame: Option<String>,
 }
@@ -69,6 +70,7 @@ impl Node {
             locators: Vec::new(),
             ready_since: None,
             recent_lines: RecentLines::default(),
+            line_quota: LineQuota::new(Instant::now()),
             blame: None,
         }
     }
@@ -112,20 +114,28 @@ impl Node {
     pub fn notices(&mut self) -> Vec<Notice> {
         let notices = self.process.as_ref().map_or_else(Vec::new, |p| p.notify.drain());
         for notice in &notices {
-            if let Notice::Locator(locator) = notice {
-                self.locators.push(locator.clone());
+            match notice {
+                Notice::Locator(locator) if !self.locators.contains(locator) => {
+                    self.locators.push(locator.clone());
+                    // Of a node that tells new addresses without end, the latest count.
+                    if self.locators.len() > MOST_LOCATORS {
+                        self.locators.remove(0);
+                    }
+                }
+                _ => {}
             }
         }
         notices
     }
 
-    /// The lines that the node wrote since the last call; the last of them are kept.
-    pub fn lines(&mut self) -> Vec<String> {
+    /// The lines that the node wrote since the last call, as many as are to be shown; the last of all are kept.
+    /// `ended` when its process has.
+    pub fn lines(&mut self, now: Instant, ended: bool) -> Vec<String> {
         let Some(process) = &mut self.process else { return Vec::new() };
-        let mut lines = process.stderr.drain();
-        lines.extend(process.stdout.drain());
+        let mut lines = process.stderr.drain(now);
+        lines.extend(process.stdout.drain(now));
         lines.iter().for_each(|line| self.recent_lines.push(line.clone()));
-        lines
+        self.line_quota.shown(lines, now, ended)
     }
 
     /// How the process ended, if it has. [`Node::release`] is to follow, once its last lines are read.
@@ -183,6 +193,9 @@ impl Node {
         }
     }
 }
+
+/// Most addresses of one node that others are told.
+const MOST_LOCATORS: usize = 32;
 
 /// Environment variable with the addresses of a node's peers, separated by commas.
 pub(crate) const CONNECT: &str = "WHIRLSTAND_ZENOH_CONNECT";

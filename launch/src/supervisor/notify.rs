@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 /// Longest datagram that is read; longer ones are cut, and the cut line is dropped.
 const LONGEST: usize = 8192;
 
+/// Most datagrams that are read at a time.
+const MOST_AT_ONCE: usize = 64;
+
 /// A message of a node on its notify socket.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Notice {
@@ -43,11 +46,12 @@ impl NotifySocket {
         &self.path
     }
 
-    /// Everything that has been told since the last call.
+    /// What has been told since the last call, at most [`MOST_AT_ONCE`] datagrams: a sender without end waits.
     pub fn drain(&self) -> Vec<Notice> {
         let mut notices = Vec::new();
         let mut buffer = [0; LONGEST];
-        while let Ok(n) = self.socket.recv(&mut buffer) {
+        for _ in 0..MOST_AT_ONCE {
+            let Ok(n) = self.socket.recv(&mut buffer) else { break };
             notices.extend(parse(&String::from_utf8_lossy(&buffer[..n])));
         }
         notices

@@ -75,7 +75,7 @@ impl Process {
             }
         };
         let mut process = Self { child, pid, pidfd, notify, stdout, stderr };
-        process.feed(line.stdin.as_deref());
+        process.feed(line.stdin.as_deref())?;
         Ok(process)
     }
 
@@ -89,14 +89,15 @@ impl Process {
     }
 
     /// Hands over the text for standard input. A process that died without reading it is told of by its exit.
-    fn feed(&mut self, text: Option<&str>) {
+    fn feed(&mut self, text: Option<&str>) -> io::Result<()> {
         if let (Some(text), Some(mut stdin)) = (text, self.child.stdin.take()) {
             let text = text.to_string();
             // A text longer than the pipe would block until the child reads it.
-            std::thread::spawn(move || {
+            std::thread::Builder::new().spawn(move || {
                 let _ = stdin.write_all(text.as_bytes());
-            });
+            })?;
         }
+        Ok(())
     }
 
     /// Process number.

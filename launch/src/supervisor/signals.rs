@@ -3,14 +3,20 @@
 use std::io::{self, Read};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use signal_hook::SigId;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// Signals that end a run in order.
 const ENDING: [i32; 3] = [SIGINT, SIGTERM, SIGHUP];
+
+/// True while nobody takes the signals, after somebody did: they then end the process, as they did before. A handler, once
+/// installed, stays, and without this a run that computes its report could not be ended.
+static UNATTENDED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 /// Turns the ending signals of this process into readable bytes, until dropped.
 #[derive(Debug)]
@@ -36,7 +42,28 @@ impl Signals {
             signals.ids.push(signal_hook::low_level::pipe::register(signal, writer.try_clone()?)?);
             signals.came.push((signal, flag));
         }
+        match UNATTENDED.get() {
+            Some(unattended) => unattended.store(false, Ordering::SeqCst),
+            None => {
+                let unattended = UNATTENDED.get_or_init(Arc::default);
+                for signal in ENDING {
+                    signal_hook::flag::register_conditional_default(signal, Arc::clone(unattended))?;
+                }
+            }
+        }
         Ok(signals)
+    }
+
+    /// Waits for a signal, at most so long.
+    ///
+    /// # Errors
+    /// When the operating system refuses polling.
+    pub fn wait(&self, longest: Duration) -> io::Result<()> {
+        let timeout = Timespec { tv_sec: longest.as_secs() as i64, tv_nsec: longest.subsec_nanos().into() };
+        match poll(&mut [PollFd::new(self, PollFlags::IN)], Some(&timeout)) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
+            Err(e) => Err(e.into()),
+        }
     }
 
     /// A signal that came since the last call.
@@ -55,6 +82,13 @@ impl AsFd for Signals {
 
 impl Drop for Signals {
     fn drop(&mut self) {
+        if let Some(unattended) = UNATTENDED.get() {
+            unattended.store(true, Ordering::SeqCst);
+        }
+        // One that came too late for whoever looked is not forgotten.
+        if let Some(signal) = self.next() {
+            let _ = signal_hook::low_level::emulate_default_handler(signal);
+        }
         for id in self.ids.drain(..) {
             signal_hook::low_level::unregister(id);
         }

@@ -2,7 +2,7 @@
 
 use std::io;
 use std::os::unix::net::UnixStream;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use whirlstand_msgs::Health;
@@ -10,10 +10,15 @@ use whirlstand_msgs::Health;
 use super::signals::Signals;
 use super::{Continuation, Ending, Event, HealthSource, HealthTable, NodeFailure, Observer, Outcome, TICK};
 
+/// How long a thread that was asked to end may still compute: a step takes far less, but what comes before the first one
+/// and does not look at the flag, such as the design of a law for many states, can take any time.
+const PATIENCE: Duration = Duration::from_secs(3);
+
 /// How the thread ended: the last report of each node, or what went wrong and whether the user can mend it.
 pub(crate) type ThreadEnd = Result<Vec<Health>, (String, bool)>;
 
-/// Runs `body` in a thread of its own, calls `stop` on the first ending signal, and watches `health` meanwhile.
+/// Runs `body` in a thread of its own, calls `stop` on the first ending signal, and watches `health` meanwhile. A second
+/// signal leaves the thread alone at once, and so does its silence for some seconds: it then ends with the process.
 ///
 /// # Errors
 /// When the operating system refuses signals, threads or polling.
@@ -34,7 +39,8 @@ pub(crate) fn supervise_thread(
     })?;
     let mut table = HealthTable::default();
     let mut interrupted = None;
-    while !thread.is_finished() {
+    let mut last = None;
+    while !thread.is_finished() && last.is_none_or(|last| Instant::now() < last) {
         let mut fds = [PollFd::new(&signals, PollFlags::IN), PollFd::new(&ended, PollFlags::IN)];
         let timeout = Timespec { tv_sec: 0, tv_nsec: TICK.as_nanos() as i64 };
         match poll(&mut fds, Some(&timeout)) {
@@ -44,8 +50,11 @@ pub(crate) fn supervise_thread(
         while let Some(signal) = signals.next() {
             if interrupted.is_none() {
                 interrupted = Some(signal);
+                last = Some(Instant::now() + PATIENCE);
                 observer.event(&Event::Ending(Ending::Interrupted(signal)));
                 stop();
+            } else {
+                last = Some(Instant::now());
             }
         }
         let now = Instant::now();
@@ -59,7 +68,9 @@ pub(crate) fn supervise_thread(
     let failed = |how: String, mendable: bool| {
         Ending::Failed(NodeFailure { node: "bench".into(), how, last_lines: Vec::new(), mendable })
     };
-    let ending = match thread.join() {
+    let is_abandoned = interrupted.is_some() && !thread.is_finished();
+    let ended = if is_abandoned { Ok(Ok(Vec::new())) } else { thread.join() };
+    let ending = match ended {
         Ok(Ok(reports)) => {
             reports.into_iter().for_each(|report| table.update(report, Instant::now()));
             interrupted.map_or(Ending::Complete, Ending::Interrupted)
@@ -71,7 +82,7 @@ pub(crate) fn supervise_thread(
     Ok(Outcome {
         ending,
         restarts: Vec::new(),
-        killed_at_end: Vec::new(),
+        killed_at_end: if is_abandoned { vec!["bench".into()] } else { Vec::new() },
         health: table,
         wall: started.elapsed(),
     })

@@ -4,11 +4,8 @@ mod runner;
 
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use signal_hook::consts::{SIGINT, SIGTERM};
 use whirlstand_blind::{Case, Commands, Generator, Loops, Plan, Scored, Setting, TRIALS_PER_SEED, Tally};
 use whirlstand_vehicle::Kind;
 
@@ -18,8 +15,10 @@ use super::{INTERRUPTED, print, simulate, write, write_json};
 use crate::cli::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
 use crate::error::Failure;
 use crate::style;
+use crate::supervisor::Signals;
 
-/// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: what was done by then is told.
+/// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: what was done by then is told. On
+/// SIGINT the trials that have begun come to their end; SIGTERM and a second signal drop them.
 pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     let setting = setting(args)?;
     let all = plans(args)?;
@@ -34,11 +33,9 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     let bar = ProgressBar::new(plans.len() as u64);
     let template = ProgressStyle::with_template("{bar:24.cyan/dim} {pos}/{len} trials  {elapsed}  {msg}");
     bar.set_style(template.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::run)?;
-    }
-    let results = runner.run(&plans, &setting, jobs, &bar, &stop);
+    let mut signals = Signals::take().map_err(Failure::run)?;
+    let results = runner.run(&plans, &setting, jobs, &bar, &mut signals);
+    drop(signals);
     bar.finish_and_clear();
     let (mut trials, skipped) = results?;
     trials.extend(earlier);
@@ -47,7 +44,7 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     let tally = Tally::new(format!("{}{}", call(args), cut.as_deref().unwrap_or_default()), trials, skipped);
     let code = report(args, &tally)?;
     if cut.is_some() {
-        eprintln!("interrupted: {done} of {} trials were done, and count above", all.len());
+        crate::style::say(&format!("interrupted: {done} of {} trials were done, and count above", all.len()));
         return Ok(ExitCode::from(INTERRUPTED));
     }
     Ok(code)

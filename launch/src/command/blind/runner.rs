@@ -11,14 +11,19 @@ use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
 use sha2::{Digest, Sha256};
+use signal_hook::consts::SIGTERM;
 use wait_timeout::ChildExt;
 use whirlstand_blind::{Diagnosis, Plan, Scored, Setting, Trial};
 
 use crate::cli::BlindArgs;
 use crate::error::Failure;
+use crate::supervisor::Signals;
 
 /// Longest time that one diagnosis may take.
 const DIAGNOSIS_TIMEOUT: Duration = Duration::from_secs(300);
+
+/// How often to look whether it is time to end.
+const GLANCE: Duration = Duration::from_millis(50);
 
 /// Runs the trials.
 pub(super) struct TrialRunner {
@@ -35,6 +40,8 @@ pub(super) struct TrialRunner {
     keep_failures: bool,
     /// One thread for each diagnosis when several run at once.
     single_threaded: bool,
+    /// What has begun is dropped.
+    hurry: AtomicBool,
     /// Removed with everything in it when the runner goes.
     _temporary: Option<tempfile::TempDir>,
 }
@@ -81,21 +88,22 @@ impl TrialRunner {
             keep_all: args.keep.is_some(),
             keep_failures: args.out.is_some(),
             single_threaded: jobs > 1,
+            hurry: AtomicBool::new(false),
             _temporary: temporary,
         })
     }
 
-    /// Runs all plans, `jobs` at a time, until `stop` is set: what has begun then comes to its end. The trials, and how
-    /// many plans could not be drawn.
+    /// Runs all plans, `jobs` at a time, until a signal comes: what has begun then comes to its end, but after SIGTERM or a
+    /// second signal it is dropped. The trials, and how many plans could not be drawn.
     pub fn run(
         &self,
         plans: &[Plan],
         setting: &Setting,
         jobs: usize,
         bar: &ProgressBar,
-        stop: &AtomicBool,
+        signals: &mut Signals,
     ) -> Result<(Vec<Scored>, usize), Failure> {
-        let next = AtomicUsize::new(0);
+        let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
         let trials = Mutex::new((Vec::new(), 0usize, 0usize));
         let worker = || -> Result<(), Failure> {
             while let Some(plan) = plans.get(next.fetch_add(1, Ordering::Relaxed)) {
@@ -106,6 +114,9 @@ impl TrialRunner {
                     // The others need not go on.
                     next.store(plans.len(), Ordering::Relaxed);
                 })?;
+                if self.hurry.load(Ordering::Relaxed) {
+                    break;
+                }
                 let mut all = trials.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
                 match scored {
                     Some(scored) => {
@@ -121,6 +132,13 @@ impl TrialRunner {
         };
         std::thread::scope(|scope| {
             let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(worker)).collect();
+            while workers.iter().any(|worker| !worker.is_finished()) {
+                signals.wait(GLANCE).map_err(Failure::run)?;
+                while let Some(signal) = signals.next() {
+                    let again = stop.swap(true, Ordering::Relaxed);
+                    self.hurry.fetch_or(again || signal == SIGTERM, Ordering::Relaxed);
+                }
+            }
             workers.into_iter().try_for_each(|w| match w.join() {
                 Ok(result) => result,
                 Err(panic) => std::panic::resume_unwind(panic),
@@ -145,7 +163,7 @@ impl TrialRunner {
                 .map_err(|e| Failure::Run(format!("cannot write the list of seals: {e}")))?;
         }
         if self.aloud {
-            eprintln!("trial {}, its answer sealed with SHA-256 {seal}", plan.number);
+            crate::style::say(&format!("trial {}, its answer sealed with SHA-256 {seal}", plan.number));
         }
         let start = Instant::now();
         let diagnosis = self.diagnose(&folder)?;
@@ -183,7 +201,13 @@ impl TrialRunner {
         let mut child = command
             .spawn()
             .map_err(|e| Failure::Run(format!("{} does not start: {e}", self.program.display())))?;
-        let status = child.wait_timeout(DIAGNOSIS_TIMEOUT).map_err(Failure::run)?;
+        let until = Instant::now() + DIAGNOSIS_TIMEOUT;
+        let status = loop {
+            let status = child.wait_timeout(GLANCE).map_err(Failure::run)?;
+            if status.is_some() || self.hurry.load(Ordering::Relaxed) || Instant::now() >= until {
+                break status;
+            }
+        };
         let Some(status) = status else {
             // It may have ended by itself in between; either way it is reaped here.
             let _ = child.kill();

@@ -1,0 +1,62 @@
+//! The limits of the operating system without which no bench can run, looked at before one starts.
+
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+
+use crate::error::Failure;
+
+/// Open files that a process of a bench needs: each topic of each peer is some of shared memory, or a connection.
+const LEAST_FILES: u64 = 256;
+
+/// Open files that a process of a bench asks for, where it may.
+const ENOUGH_FILES: u64 = 4096;
+
+/// Address space that a process of a bench needs, bytes: stacks of its threads, shared memory, and its log in the report.
+const LEAST_MEMORY: u64 = 512 << 20;
+
+/// Raises the limit of open files as far as this process may, and looks whether a bench can run.
+///
+/// # Errors
+/// When it cannot, with what to change: without this it would fail in the middle, each time elsewhere.
+pub(crate) fn check_for_bench() -> Result<(), Failure> {
+    let files = getrlimit(Resource::Nofile);
+    if let (Some(current), maximum) = (files.current, files.maximum.unwrap_or(ENOUGH_FILES))
+        && current < ENOUGH_FILES.min(maximum)
+    {
+        let raised = Rlimit { current: Some(ENOUGH_FILES.min(maximum)), maximum: files.maximum };
+        // Where this is refused, what there is may still be enough.
+        let _ = setrlimit(Resource::Nofile, raised);
+    }
+    let files = getrlimit(Resource::Nofile).current;
+    verdict(files, getrlimit(Resource::As).current).map_or(Ok(()), |why| Err(Failure::Mend(why)))
+}
+
+/// Why a bench cannot run under these limits; `None` for no limit.
+fn verdict(files: Option<u64>, memory: Option<u64>) -> Option<String> {
+    if let Some(files) = files.filter(|n| *n < LEAST_FILES) {
+        return Some(format!(
+            "a process may have {files} files open here, and a bench needs {LEAST_FILES}: raise the limit (ulimit -n {LEAST_FILES})"
+        ));
+    }
+    let memory = memory.filter(|n| *n < LEAST_MEMORY)?;
+    Some(format!(
+        "a process may have {} MB of memory here, and a bench needs {}: raise the limit (ulimit -v {})",
+        memory >> 20,
+        LEAST_MEMORY >> 20,
+        LEAST_MEMORY >> 10
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_too_little_is_told_with_what_is_enough() {
+        assert_eq!(verdict(None, None), None);
+        assert_eq!(verdict(Some(LEAST_FILES), Some(LEAST_MEMORY)), None);
+        assert!(verdict(Some(32), None).unwrap().contains("32 files open here, and a bench needs 256"));
+        assert!(
+            verdict(None, Some(100 << 20)).unwrap().contains("100 MB of memory here, and a bench needs 512")
+        );
+    }
+}

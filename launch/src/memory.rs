@@ -1,0 +1,86 @@
+//! What happens where there is no memory left: one sentence and exit code 2, in the place of an abort.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+
+/// Exit code of what the user can mend.
+const MENDABLE: i32 = 2;
+
+#[global_allocator]
+static ALLOCATOR: OrSaySo = OrSaySo;
+
+/// The system's allocator. Where it has nothing, the process ends with a sentence.
+struct OrSaySo;
+
+impl OrSaySo {
+    fn checked(given: *mut u8, bytes: usize) -> *mut u8 {
+        if given.is_null() {
+            give_up(bytes);
+        }
+        given
+    }
+}
+
+// SAFETY: every call is the system allocator's with the arguments as they came; a null pointer is never returned, because
+// the process then ends.
+unsafe impl GlobalAlloc for OrSaySo {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: the caller keeps the contract of `alloc`.
+        Self::checked(unsafe { System.alloc(layout) }, layout.size())
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: the caller keeps the contract of `alloc_zeroed`.
+        Self::checked(unsafe { System.alloc_zeroed(layout) }, layout.size())
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: the caller keeps the contract of `realloc`.
+        Self::checked(unsafe { System.realloc(pointer, layout, size) }, size)
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller keeps the contract of `dealloc`.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+/// Says how much was asked for, without asking for more, and ends the process.
+#[cold]
+fn give_up(bytes: usize) -> ! {
+    let mut digits = [0; 20];
+    let number = decimal(bytes, &mut digits);
+    for part in [
+        b"error: the system has no memory left (".as_slice(),
+        number,
+        b" bytes more were asked for): give this process more (ulimit -v, or the limit of its container), or it a shorter record\n",
+    ] {
+        // SAFETY: write(2) reads the slice, which lives; what it could not write cannot be told anywhere else.
+        unsafe { libc::write(libc::STDERR_FILENO, part.as_ptr().cast(), part.len()) };
+    }
+    // SAFETY: _exit(2) ends the process without running anything that could ask for memory again.
+    unsafe { libc::_exit(MENDABLE) }
+}
+
+fn decimal(mut number: usize, digits: &mut [u8; 20]) -> &[u8] {
+    let mut at = digits.len();
+    loop {
+        at -= 1;
+        digits[at] = b'0' + (number % 10) as u8;
+        number /= 10;
+        if number == 0 {
+            return &digits[at..];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::decimal;
+
+    #[test]
+    fn numbers_are_written_without_memory() {
+        for number in [0, 7, 10, 1_600_000, usize::MAX] {
+            assert_eq!(decimal(number, &mut [0; 20]), number.to_string().as_bytes());
+        }
+    }
+}
