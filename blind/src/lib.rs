@@ -28,6 +28,7 @@ mod noise;
 mod out_of_library;
 mod out_of_library_draft;
 mod plan;
+mod poles;
 mod random;
 mod ranges;
 mod reference;

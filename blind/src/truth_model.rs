@@ -13,6 +13,7 @@ use super::commands::Commands;
 use super::error::BlindError;
 use super::hidden::{Hidden, value};
 use super::out_of_library::{OutOfLibrary, OutOfLibraryEffect};
+use super::poles::fastest;
 use super::random::RandomStream;
 use super::signal::Signal;
 use super::turbulence::turbulence;
@@ -300,8 +301,7 @@ impl TruthModel {
 
     /// A step is short against everything that moves by itself.
     fn choose_step(&mut self, a: &DMatrix<f64>) {
-        let poles = a.clone().complex_eigenvalues();
-        let own = poles.iter().map(|p| p.norm());
+        let own = std::iter::once(fastest(a));
         let filters = self.filters.iter().map(|f| match f {
             Filter::Lag { rate, .. } => *rate,
             Filter::Mode { w, .. } => *w,

@@ -10,6 +10,7 @@ use super::error::BlindError;
 use super::excitation::Excitation;
 use super::linear::model;
 use super::manoeuvres::{CommandFormat, commands};
+use super::poles::{fastest, rightmost};
 use super::random::RandomStream;
 use super::ranges::{Ranges, VehicleRanges};
 
@@ -51,8 +52,7 @@ pub(crate) fn without_noise(vehicle: &Vehicle) -> String {
 
 /// About the highest frequency that the vehicle follows, Hz.
 fn band(a: &DMatrix<f64>) -> f64 {
-    let fastest = a.clone().complex_eigenvalues().iter().map(|p| p.norm()).fold(0.0, f64::max);
-    (1.2 * fastest / std::f64::consts::TAU).clamp(0.3, 3.0)
+    (1.2 * fastest(a) / std::f64::consts::TAU).clamp(0.3, 3.0)
 }
 
 /// Draws a vehicle; `helicopter` asks for one of those.
@@ -215,8 +215,7 @@ fn dense(ranges: &VehicleRanges, stream: &mut RandomStream) -> Built {
     let n = 2 + stream.below(5);
     let m = 1 + stream.below(2);
     let mut a = DMatrix::from_fn(n, n, |_, _| 1.5 * stream.normal());
-    let rightmost = a.clone().complex_eigenvalues().iter().map(|p| p.re).fold(f64::MIN, f64::max);
-    let shift = rightmost + stream.within(ranges.stability_margin);
+    let shift = rightmost(&a) + stream.within(ranges.stability_margin);
     for i in 0..n {
         a[(i, i)] -= shift;
     }
@@ -241,7 +240,7 @@ mod tests {
             let nominal = draw(false, trial % 2 == 0, generator.ranges(), &mut stream).unwrap();
             let vehicle = &nominal.vehicle;
             assert!(!vehicle.outputs.is_empty() && !vehicle.inputs.is_empty());
-            let right = vehicle.a.clone().complex_eigenvalues().iter().map(|p| p.re).fold(f64::MIN, f64::max);
+            let right = rightmost(&vehicle.a);
             // The helicopters' positions are integrators.
             assert!(right < 1e-9, "{} {right}", vehicle.name);
             assert!(vehicle.outputs.iter().all(|o| o.noise > 0.0 && o.every == 1));

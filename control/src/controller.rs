@@ -102,13 +102,7 @@ impl Controller {
         let neutral: Vec<f64> = lower.iter().zip(&upper).map(|(l, u)| 0f64.clamp(*l, *u)).collect();
         let integral_gain = design.linear.memory_gain.columns(0, q).into_owned();
         let back_rate = (dt / TRACKING_TIME_S).min(1.0);
-        let back = match integral_gain.clone() {
-            // nalgebra refuses the pseudo-inverse of an empty matrix by panicking.
-            gain if q > 0 => gain
-                .pseudo_inverse(1e-12)
-                .map_or_else(|_| vec![0.0; q * m], |inverse| (inverse * back_rate).as_slice().to_vec()),
-            _ => Vec::new(),
-        };
+        let back = (&design.integral_tracking * back_rate).as_slice().to_vec();
         let (gain, integral_feedback, sliding) = match &design.sliding {
             None => (design.linear.gain.clone(), integral_gain, None),
             Some(law) => (

@@ -8,7 +8,6 @@ mod controller;
 pub mod design;
 pub mod kalman;
 mod kernel;
-pub mod linalg;
 pub mod lqr;
 pub mod margins;
 pub mod options;

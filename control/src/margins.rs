@@ -2,8 +2,7 @@
 
 use nalgebra::DMatrix;
 use serde::Serialize;
-
-use crate::linalg::{C64, complex};
+use whirlstand_linalg::{C64, DecompositionError, complex, singular_values};
 
 /// The return ratio of a loop opened at the plant's inputs, as a discrete state space: `L(z) = c (zI - a)^-1 b`,
 /// m x m, with the closed loop `w = -L w`.
@@ -148,16 +147,18 @@ impl ReturnRatio {
     }
 
     /// Margins against simultaneous changes at all inputs.
-    pub fn multivariable(&self) -> MultivariableMargins {
-        let difference = |w: f64| self.smallest_difference(w);
-        let (_, min_return_difference) = self.minimum(difference);
+    ///
+    /// # Errors
+    /// [`DecompositionError`] when singular values of the loop cannot be had.
+    pub fn multivariable(&self) -> Result<MultivariableMargins, DecompositionError> {
+        let (_, min_return_difference) = self.minimum(|w| self.smallest_difference(w))?;
         let least = std::cell::Cell::new(f64::INFINITY);
         let (frequency, alpha) = self.minimum(|w| {
-            let radius = self.disk_radius(w, least.get());
+            let radius = self.disk_radius(w, least.get())?;
             least.set(least.get().min(radius));
-            radius
-        });
-        MultivariableMargins {
+            Ok(radius)
+        })?;
+        Ok(MultivariableMargins {
             min_return_difference,
             max_sensitivity: 1.0 / min_return_difference,
             disk: alpha,
@@ -165,52 +166,54 @@ impl ReturnRatio {
             disk_gain_high: (alpha < 2.0).then(|| (2.0 + alpha) / (2.0 - alpha)),
             disk_phase_deg: 2.0 * (0.5 * alpha).atan().to_degrees(),
             disk_frequency_rad_s: frequency,
-        }
+        })
     }
 
-    fn smallest_difference(&self, w: f64) -> f64 {
+    fn smallest_difference(&self, w: f64) -> Result<f64, DecompositionError> {
         let m = self.inputs();
         let difference = DMatrix::<C64>::identity(m, m) + self.at(w);
-        if difference.iter().any(|v| !v.re.is_finite()) {
-            f64::INFINITY
-        } else {
-            difference.singular_values().min()
+        if difference.iter().any(|v| !v.re.is_finite() || !v.im.is_finite()) {
+            return Ok(f64::INFINITY);
         }
+        Ok(singular_values(&difference)?.min())
     }
 
     /// Inverse of the structured singular value of `(S - T) / 2`, with `S - T = (I - L)(I + L)^-1`, for independent
     /// changes at the inputs. `enough`: a radius from which on the exact value does not matter.
-    fn disk_radius(&self, w: f64, enough: f64) -> f64 {
+    fn disk_radius(&self, w: f64, enough: f64) -> Result<f64, DecompositionError> {
         let m = self.inputs();
         let identity = DMatrix::<C64>::identity(m, m);
         let l = self.at(w);
         if l.iter().any(|v| !v.re.is_finite() || !v.im.is_finite()) {
-            return f64::INFINITY;
+            return Ok(f64::INFINITY);
         }
-        let Some(s) = (&identity + &l).try_inverse() else { return 0.0 };
+        let Some(s) = (&identity + &l).try_inverse() else { return Ok(0.0) };
         let difference = (&identity - l) * s * C64::new(0.5, 0.0);
-        let unscaled = 1.0 / difference.singular_values().max();
-        if unscaled >= enough { unscaled } else { 1.0 / structured_singular_value(difference) }
+        let unscaled = 1.0 / singular_values(&difference)?.max();
+        Ok(if unscaled >= enough { unscaled } else { 1.0 / structured_singular_value(difference)? })
     }
 
     /// Place and value of the least of `f` over frequency: the grid's, refined by golden section.
-    fn minimum(&self, f: impl Fn(f64) -> f64) -> (f64, f64) {
+    fn minimum(
+        &self,
+        f: impl Fn(f64) -> Result<f64, DecompositionError>,
+    ) -> Result<(f64, f64), DecompositionError> {
         let grid = self.grid();
-        let values: Vec<f64> = grid.iter().map(|&w| f(w)).collect();
+        let values: Vec<f64> = grid.iter().map(|&w| f(w)).collect::<Result<_, _>>()?;
         let Some(k) = (0..values.len()).min_by(|&i, &j| values[i].total_cmp(&values[j])) else {
-            return (0.0, f64::NAN);
+            return Ok((0.0, f64::NAN));
         };
         let (low, high) = (grid[k.saturating_sub(1)], grid[(k + 1).min(grid.len() - 1)]);
-        let middle = golden(low, high, 40, &f);
-        let value = f(middle);
-        if value < values[k] { (middle, value) } else { (grid[k], values[k]) }
+        let middle = golden(low, high, 40, &f)?;
+        let value = f(middle)?;
+        Ok(if value < values[k] { (middle, value) } else { (grid[k], values[k]) })
     }
 }
 
 /// Upper bound of the structured singular value for diagonal complex uncertainty: the largest singular value of
 /// `D m D^-1` over positive diagonal D, by cyclic golden section in log D, which is convex. It is exact for up to
 /// three inputs (Packard and Doyle, Automatica 29, 1993).
-fn structured_singular_value(mut m: DMatrix<C64>) -> f64 {
+fn structured_singular_value(mut m: DMatrix<C64>) -> Result<f64, DecompositionError> {
     let size = m.nrows();
     let scaled = |m: &DMatrix<C64>, i: usize, log: f64| {
         let mut m = m.clone();
@@ -219,15 +222,16 @@ fn structured_singular_value(mut m: DMatrix<C64>) -> f64 {
         m.column_mut(i).iter_mut().for_each(|v| *v /= factor);
         m
     };
-    let mut best = m.singular_values().max();
+    let mut best = singular_values(&m)?.max();
     for _ in 0..20 {
         let before = best;
         // One scale of D is free.
         for i in 1..size {
-            let value = |log: f64| scaled(&m, i, log).singular_values().max();
-            let log = golden(-7.0, 7.0, 40, &value);
-            if value(log) < best {
-                best = value(log);
+            let value = |log: f64| Ok(singular_values(&scaled(&m, i, log))?.max());
+            let log = golden(-7.0, 7.0, 40, &value)?;
+            let least = value(log)?;
+            if least < best {
+                best = least;
                 m = scaled(&m, i, log);
             }
         }
@@ -235,15 +239,20 @@ fn structured_singular_value(mut m: DMatrix<C64>) -> f64 {
             break;
         }
     }
-    best
+    Ok(best)
 }
 
 /// Place of the minimum of a unimodal function, by golden section.
-fn golden(mut low: f64, mut high: f64, steps: usize, f: &impl Fn(f64) -> f64) -> f64 {
+fn golden(
+    mut low: f64,
+    mut high: f64,
+    steps: usize,
+    f: &impl Fn(f64) -> Result<f64, DecompositionError>,
+) -> Result<f64, DecompositionError> {
     let ratio = 0.5 * (5f64.sqrt() - 1.0);
     for _ in 0..steps {
         let (left, right) = (high - ratio * (high - low), low + ratio * (high - low));
-        if f(left) < f(right) { high = right } else { low = left }
+        if f(left)? < f(right)? { high = right } else { low = left }
     }
-    0.5 * (low + high)
+    Ok(0.5 * (low + high))
 }

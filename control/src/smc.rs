@@ -7,8 +7,8 @@
 
 use nalgebra::DMatrix;
 use thiserror::Error;
+use whirlstand_linalg::{C64, DecompositionError, orthogonal_completion, singular_values};
 
-use crate::linalg::{C64, orthogonal_completion};
 use crate::place::{PlaceError, place};
 use crate::riccati::{RiccatiError, dare};
 
@@ -53,6 +53,9 @@ pub enum SurfaceError {
     /// The pole-based surface failed.
     #[error("the surface by poles: {0}")]
     Poles(#[from] PlaceError),
+    /// The input matrix cannot be decomposed.
+    #[error("the directions in which the inputs act cannot be told apart: {0}")]
+    Decomposition(#[from] DecompositionError),
 }
 
 impl Surface {
@@ -67,8 +70,9 @@ impl Surface {
         shaping: &Shaping,
     ) -> Result<Self, SurfaceError> {
         let (n, m) = gamma.shape();
-        let svd = gamma.clone().svd(true, true);
-        let rank = svd.rank(svd.singular_values.max() * f64::EPSILON * n as f64);
+        let singular = singular_values(gamma)?;
+        let floor = singular.max() * f64::EPSILON * n as f64;
+        let rank = singular.iter().filter(|s| **s > floor).count();
         if rank < m {
             return Err(SurfaceError::DependentInputs { inputs: m, rank });
         }

@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use support::{VEHICLES, plant};
 use whirlstand_control::{Estimator, EstimatorKind, EstimatorOptions, SampledPlant, Sensors};
+use whirlstand_linalg::symmetric_eigen;
 
 const TRIALS: u64 = 100;
 const STEPS: usize = 400;
@@ -57,9 +58,8 @@ fn trials(
         let mut estimator = Estimator::new(plant, &sensors, options).expect("the sensors show every state");
         let model = estimator.filter().model();
         let size = model.f.nrows();
-        let noise = model.q.clone().symmetric_eigen();
-        let root =
-            &noise.eigenvectors * DMatrix::from_diagonal(&noise.eigenvalues.map(|v| v.max(0.0).sqrt()));
+        let (values, vectors) = symmetric_eigen(model.q.clone()).expect("finite");
+        let root = &vectors * DMatrix::from_diagonal(&values.map(|v| v.max(0.0).sqrt()));
         let start = estimator.filter().covariance().map(|v| v.sqrt());
         let (f, g, h) = (model.f.clone(), model.g.clone(), model.h.clone());
         let mut x = start * normal(size);

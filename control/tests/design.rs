@@ -45,7 +45,7 @@ fn figures_agree_with_python_control_on_the_four_vehicles() {
             memory: DMatrix::zeros(0, 0),
             memory_input: DMatrix::zeros(0, n),
         };
-        let poles = whirlstand_control::linalg::eigenvalues(&linear.closed_loop(&plant)).expect("finite");
+        let poles = whirlstand_linalg::eigenvalues(&linear.closed_loop(&plant)).expect("finite");
         let apart = distance(&poles, &complex(&case["poles"]));
         assert!(apart < 1e-9, "{name} {law}: poles differ by {apart}");
         let ratio = linear.return_ratio(&plant);
@@ -57,7 +57,7 @@ fn figures_agree_with_python_control_on_the_four_vehicles() {
             near(&what("phase_deg"), found.phase_deg, &wanted["phase_deg"], 1e-3);
             near(&what("delay_s"), found.delay_s, &wanted["delay_s"], 1e-3);
         }
-        let all = ratio.multivariable();
+        let all = ratio.multivariable().expect("finite");
         near("return difference", Some(all.min_return_difference), &case["min_return_difference"], 1e-4);
         near("disk margin", Some(all.disk), &case["disk"], 1e-3);
     }
@@ -118,8 +118,7 @@ fn the_delayed_loop_has_the_designed_poles() {
         for law in ["lqr", "ppc"] {
             let design = Design::new(&plant, &LawOptions::named(law).expect("known")).expect("controllable");
             let m = plant.input_count();
-            let undelayed =
-                whirlstand_control::linalg::eigenvalues(&design.linear.undelayed(&plant)).expect("finite");
+            let undelayed = whirlstand_linalg::eigenvalues(&design.linear.undelayed(&plant)).expect("finite");
             let mut wanted = undelayed.clone();
             wanted.extend(vec![nalgebra::Complex::new(0.0, 0.0); m]);
             let found: Vec<_> = design

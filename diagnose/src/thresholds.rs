@@ -124,8 +124,6 @@ pub(crate) const MEMORY_RECORD_SHARE: f64 = 0.1;
 pub(crate) const HORIZON_RECORD_SHARE: f64 = 0.1;
 /// The shortest horizon that is chosen by itself, steps. Definition.
 pub(crate) const LEAST_HORIZON_STEPS: f64 = 10.0;
-/// Rounds of the QR iteration for poles, at most; LAPACK allows 30 an eigenvalue. Cost.
-pub(crate) const SCHUR_ROUNDS: usize = 1000;
 
 // candidates: where effects are looked for
 /// Stands for no limit in a parameter that must be finite.

@@ -28,7 +28,7 @@ fn hidden(seed: u64) -> (Vehicle, Segment) {
                 value * (0.5 + stream.uniform()) + 0.2 * nominal.free_factor(&f.target) * stream.normal();
             vehicle.set_free(&f.target, drawn).unwrap();
         }
-        if vehicle.a.complex_eigenvalues().iter().all(|p| p.re < -0.05) {
+        if vehicle.poles().unwrap().iter().all(|p| p.re < -0.05) {
             break vehicle;
         }
     };

@@ -7,14 +7,15 @@ use std::path::{Path, PathBuf};
 use source_graph::SourceGraph;
 
 /// Each room, and the rooms that it may depend on besides for its tests. `launch` ties all of them together.
-const ROOMS: [(&str, &[&str]); 13] = [
+const ROOMS: [(&str, &[&str]); 14] = [
     ("msgs", &[]),
     ("bus", &["msgs"]),
-    ("vehicle", &["msgs"]),
-    ("control", &["vehicle"]),
+    ("linalg", &[]),
+    ("vehicle", &["linalg", "msgs"]),
+    ("control", &["linalg", "vehicle"]),
     ("logs", &["msgs"]),
-    ("ident", &["control", "logs", "msgs", "vehicle"]),
-    ("diagnose", &["ident", "logs", "vehicle"]),
+    ("ident", &["control", "linalg", "logs", "msgs", "vehicle"]),
+    ("diagnose", &["ident", "linalg", "logs", "vehicle"]),
     ("blind", &["vehicle"]),
     ("evaluate", &["logs", "msgs", "vehicle"]),
     ("report", &["diagnose", "evaluate", "ident", "logs", "msgs"]),

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use whirlstand_linalg::DecompositionError;
+
 /// Why a vehicle cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum VehicleError {
@@ -98,6 +100,9 @@ pub enum SimulatorError {
         /// The period.
         period_s: f64,
     },
+    /// The poles of the vehicle with its filters, which say how fine a step has to be, cannot be computed.
+    #[error("the vehicle cannot be simulated, as its poles cannot be computed: {0}")]
+    Poles(#[from] DecompositionError),
     /// An effect does not fit the vehicle.
     #[error(transparent)]
     Effect(#[from] EffectError),

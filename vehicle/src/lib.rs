@@ -18,6 +18,7 @@
 
 mod builtin;
 mod discretise;
+mod doubling;
 mod effects;
 mod error;
 mod extend;

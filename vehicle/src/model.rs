@@ -4,7 +4,8 @@ use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use nalgebra::DMatrix;
+use nalgebra::{Complex, DMatrix};
+use whirlstand_linalg::{DecompositionError, eigenvalues};
 use whirlstand_msgs::units::{Dimension, Unit, UnitError};
 
 use crate::effects::Effect;
@@ -198,6 +199,14 @@ pub struct Vehicle {
 }
 
 impl Vehicle {
+    /// Poles of the model without its effects, 1/s, by decreasing real part; the positive imaginary part of a pair first.
+    ///
+    /// # Errors
+    /// [`DecompositionError`] when A is so far from any scale that they cannot be computed.
+    pub fn poles(&self) -> Result<Vec<Complex<f64>>, DecompositionError> {
+        eigenvalues(&self.a)
+    }
+
     /// Index of the state of that name.
     pub fn state_index(&self, name: &str) -> Option<usize> {
         self.states.iter().position(|s| s.name == name)

@@ -1,9 +1,9 @@
 //! What no law can do, found before any is designed, and told by mode and state.
 
 use nalgebra::DMatrix;
+use whirlstand_linalg::{C64, Svd, complex};
 
 use super::DesignError;
-use crate::linalg::{C64, complex};
 use crate::place::uncontrollability;
 use crate::sampled_plant::SampledPlant;
 
@@ -54,9 +54,8 @@ fn lost_mode(plant: &SampledPlant, integral: &[usize]) -> Result<Option<(C64, Ve
     pencil.view_mut((0, 0), (size, size)).copy_from(&complex(&a));
     pencil.view_mut((0, size), (size, m)).copy_from(&complex(&b));
     (0..size).for_each(|i| pencil[(i, i)] -= mode);
-    let svd = pencil.svd(true, false);
-    let least = svd.singular_values.imin();
-    let shares = svd.u.map_or_else(Vec::new, |u| u.column(least).iter().take(n).map(|v| v.norm()).collect());
+    let svd = Svd::new(&pencil)?;
+    let shares = svd.u.column(svd.values.imin()).iter().take(n).map(|v| v.norm()).collect();
     Ok(Some((mode, shares)))
 }
 

@@ -1,9 +1,9 @@
 //! Why a law cannot be designed.
 
 use thiserror::Error;
+use whirlstand_linalg::{C64, DecompositionError};
 use whirlstand_vehicle::DiscretiseError;
 
-use crate::linalg::{C64, QzError};
 use crate::place::PlaceError;
 use crate::riccati::RiccatiError;
 use crate::smc::SurfaceError;
@@ -107,5 +107,5 @@ pub enum DesignError {
     Surface(#[from] SurfaceError),
     /// An eigenvalue iteration failed.
     #[error(transparent)]
-    Eigenvalues(#[from] QzError),
+    Eigenvalues(#[from] DecompositionError),
 }

@@ -17,8 +17,8 @@ pub use report::{Pole, pole};
 
 use nalgebra::DMatrix;
 use serde::Serialize;
+use whirlstand_linalg::{C64, Schur, complex, eigenvalues, pseudo_inverse, singular_values};
 
-use crate::linalg::{complex, eigenvalues};
 use crate::margins::{LoopMargins, MultivariableMargins, ReturnRatio};
 use crate::options::{AntiWindup, LawOptions};
 use crate::sampled_plant::SampledPlant;
@@ -38,6 +38,10 @@ pub struct Design {
     pub integral: Vec<usize>,
     /// The feedback; for sliding mode, the linear law within the boundary layer.
     pub linear: LinearLaw,
+    /// The integrals' gain inverted on what it reaches, q x m: from what the limits cut off an input to the integrals
+    /// that would not have asked for it.
+    #[serde(skip)]
+    pub integral_tracking: DMatrix<f64>,
     /// The sliding surface and its reaching law, for sliding mode only.
     pub sliding: Option<SlidingLaw>,
     /// Poles of the plant alone.
@@ -87,6 +91,8 @@ impl Design {
             return Err(DesignError::Unstable { pole: *unstable });
         }
         let ratio = linear.return_ratio(plant);
+        let integral_gain = linear.memory_gain.columns(0, integral.len()).into_owned();
+        let loop_margins = (0..plant.input_count()).map(|i| ratio.loop_margins(i)).collect();
         let open = eigenvalues(plant.a())?;
         Ok(Self {
             schema: "whirlstand.design.v1",
@@ -96,8 +102,9 @@ impl Design {
             open_loop_poles: open.iter().map(|p| Pole::continuous(*p, period)).collect(),
             closed_loop_poles: poles.iter().map(|p| Pole::discrete(*p, period)).collect(),
             eigenvector_condition: eigenvector_condition(&scaled(plant, &integral, linear.undelayed(plant)))?,
-            loop_margins: (0..plant.input_count()).map(|i| ratio.loop_margins(i)).collect(),
-            multivariable_margins: ratio.multivariable(),
+            loop_margins,
+            multivariable_margins: ratio.multivariable()?,
+            integral_tracking: pseudo_inverse(&integral_gain, 1e-12)?,
             integral,
             linear,
             sliding,
@@ -127,28 +134,28 @@ fn scaled(plant: &SampledPlant, integral: &[usize], mut loop_: DMatrix<f64>) -> 
 
 /// Condition number of the unit eigenvectors of `a`; infinite when they are dependent.
 fn eigenvector_condition(a: &DMatrix<f64>) -> Result<f64, DesignError> {
-    let schur = crate::linalg::Schur::new(&complex(a))?;
+    let schur = Schur::new(&complex(a))?;
     let n = a.nrows();
     // Eigenvectors of the triangular factor by back substitution; unitary factors change no condition.
     let mut v = DMatrix::zeros(n, n);
     for k in 0..n {
         let lambda = schur.s[(k, k)];
-        v[(k, k)] = crate::linalg::C64::new(1.0, 0.0);
+        v[(k, k)] = C64::new(1.0, 0.0);
         for i in (0..k).rev() {
-            let mut sum = crate::linalg::C64::new(0.0, 0.0);
+            let mut sum = C64::new(0.0, 0.0);
             for j in i + 1..=k {
                 sum += schur.s[(i, j)] * v[(j, k)];
             }
             let mut gap = lambda - schur.s[(i, i)];
             let floor = f64::EPSILON * a.norm();
             if gap.norm() < floor {
-                gap = crate::linalg::C64::new(floor, 0.0);
+                gap = C64::new(floor, 0.0);
             }
             v[(i, k)] = sum / gap;
         }
         let norm = v.column(k).norm();
         v.column_mut(k).iter_mut().for_each(|x| *x /= norm);
     }
-    let s = v.singular_values();
+    let s = singular_values(&v)?;
     Ok(s.max() / s.min())
 }

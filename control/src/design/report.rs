@@ -1,8 +1,7 @@
 //! Poles as a designer reads them.
 
 use serde::Serialize;
-
-use crate::linalg::C64;
+use whirlstand_linalg::C64;
 
 /// One pole, discrete and continuous.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -1,7 +1,8 @@
 //! Options turned into numbers: names to indices, defaults from the plant.
 
+use whirlstand_linalg::{C64, eigenvalues};
+
 use super::DesignError;
-use crate::linalg::{C64, eigenvalues};
 use crate::options::{Selector, Weights};
 use crate::place::uncontrollability;
 use crate::sampled_plant::SampledPlant;

@@ -1,8 +1,7 @@
 //! The choice of eigenvectors: spaces that feedback can give, and sweeps that raise their determinant.
 
 use nalgebra::{ComplexField, DMatrix, DVector};
-
-use crate::linalg::{C64, complex};
+use whirlstand_linalg::{C64, DecompositionError, Svd, complex, singular_values, symmetric_eigen};
 
 /// The eigenvectors that can be had and those chosen. Column j of a pair holds the real part, j + 1 the
 /// imaginary part.
@@ -14,24 +13,26 @@ pub struct Eigenvectors {
 
 impl Eigenvectors {
     /// The spaces of eigenvectors that feedback can give; none chosen yet.
-    pub fn new(a: &DMatrix<f64>, annihilator: &DMatrix<f64>, poles: &[C64]) -> Self {
+    pub fn new(
+        a: &DMatrix<f64>,
+        annihilator: &DMatrix<f64>,
+        poles: &[C64],
+    ) -> Result<Self, DecompositionError> {
         let n = a.nrows();
         let rank = n - annihilator.ncols();
         let projected = annihilator.transpose();
-        let spaces: Vec<DMatrix<C64>> = poles
-            .iter()
-            .map(|p| {
-                let mut shifted = a.clone();
-                (0..n).for_each(|i| shifted[(i, i)] -= p.re);
-                let shifted = &projected * shifted;
-                if p.im == 0.0 {
-                    return complex(&null_space(&shifted, rank));
-                }
-                let imaginary = complex(&projected) * C64::new(0.0, p.im);
-                null_space(&(complex(&shifted) - imaginary), rank)
-            })
-            .collect();
-        Self { poles: poles.to_vec(), spaces, x: DMatrix::zeros(n, n) }
+        let space = |p: &C64| {
+            let mut shifted = a.clone();
+            (0..n).for_each(|i| shifted[(i, i)] -= p.re);
+            let shifted = &projected * shifted;
+            if p.im == 0.0 {
+                return Ok(complex(&null_space(&shifted, rank)?));
+            }
+            let imaginary = complex(&projected) * C64::new(0.0, p.im);
+            null_space(&(complex(&shifted) - imaginary), rank)
+        };
+        let spaces = poles.iter().map(space).collect::<Result<_, _>>()?;
+        Ok(Self { poles: poles.to_vec(), spaces, x: DMatrix::zeros(n, n) })
     }
 
     /// Whether there is a choice: with several inputs, or at a mode that no input moves, whose eigenvector the gain
@@ -80,7 +81,7 @@ impl Eigenvectors {
     }
 
     /// Condition number of the matrix of unit eigenvectors.
-    pub fn condition(&self) -> f64 {
+    pub fn condition(&self) -> Result<f64, DecompositionError> {
         let n = self.poles.len();
         let mut x = DMatrix::<C64>::zeros(n, n);
         let mut j = 0;
@@ -96,39 +97,39 @@ impl Eigenvectors {
                 j += 2;
             }
         }
-        let s = x.singular_values();
-        s.max() / s.min()
+        let s = singular_values(&x)?;
+        Ok(s.max() / s.min())
     }
 
     /// Raises the determinant until sweeps gain nothing to speak of, at most `limit` sweeps; returns their number.
-    pub fn improve(&mut self, limit: usize) -> usize {
+    pub fn improve(&mut self, limit: usize) -> Result<usize, DecompositionError> {
         let n = self.poles.len();
         if n < 2 {
-            return 0;
+            return Ok(0);
         }
         let reals = self.poles.iter().filter(|p| p.im == 0.0).count();
         let mut before = self.log_determinant();
         for sweep in 1..=limit {
             if reals == 1 {
-                self.update_single(0);
+                self.update_single(0)?;
             }
             for i in 0..reals {
                 // Neighbours and, in turn, more distant partners.
                 let k = (i + 1 + (sweep - 1) % (reals - 1).max(1)) % reals;
                 if k != i {
-                    self.update_real_pair(i.min(k), i.max(k));
+                    self.update_real_pair(i.min(k), i.max(k))?;
                 }
             }
             for j in (reals..n).step_by(2) {
-                self.update_complex(j);
+                self.update_complex(j)?;
             }
             let after = self.log_determinant();
             if sweep >= reals.max(3) && after - before < 1e-5 {
-                return sweep;
+                return Ok(sweep);
             }
             before = after;
         }
-        limit
+        Ok(limit)
     }
 
     fn log_determinant(&self) -> f64 {
@@ -137,56 +138,54 @@ impl Eigenvectors {
     }
 
     /// Orthonormal basis of what is orthogonal to all columns but those given.
-    fn complement(&self, skip: &[usize]) -> DMatrix<f64> {
+    fn complement(&self, skip: &[usize]) -> Result<DMatrix<f64>, DecompositionError> {
         let n = self.poles.len();
         let kept: Vec<usize> = (0..n).filter(|j| !skip.contains(j)).collect();
         let others = DMatrix::from_fn(kept.len(), n, |i, k| self.x[(k, kept[i])]);
-        let basis = null_space(&others, skip.len());
-        basis.columns(basis.ncols() - skip.len(), skip.len()).into_owned()
+        let basis = null_space(&others, skip.len())?;
+        Ok(basis.columns(basis.ncols() - skip.len(), skip.len()).into_owned())
     }
 
     /// One real vector: the projection of the others' normal onto its space (method 0).
-    fn update_single(&mut self, j: usize) {
-        let normal = self.complement(&[j]);
+    fn update_single(&mut self, j: usize) -> Result<(), DecompositionError> {
+        let normal = self.complement(&[j])?;
         let space = self.real_space(j);
         let v = &space * space.tr_mul(&normal.column(0));
         if v.norm() > 1e-12 {
             self.set(j, &v);
         }
+        Ok(())
     }
 
     /// Two real vectors at once: with u1, u2 normal to the others, the determinant is bilinear in the two, and
     /// the best pair is the leading singular pair.
-    fn update_real_pair(&mut self, i: usize, k: usize) {
-        let u = self.complement(&[i, k]);
+    fn update_real_pair(&mut self, i: usize, k: usize) -> Result<(), DecompositionError> {
+        let u = self.complement(&[i, k])?;
         let skew = u.column(0) * u.column(1).transpose() - u.column(1) * u.column(0).transpose();
         let (si, sk) = (self.real_space(i), self.real_space(k));
-        let svd = (si.transpose() * skew * &sk).svd(true, true);
-        let (Some(left), Some(right)) = (svd.u.as_ref(), svd.v_t.as_ref()) else { return };
-        let best = svd.singular_values.imax();
-        if svd.singular_values[best] <= 1e-12 {
-            return;
+        let svd = Svd::new(&(si.transpose() * skew * &sk))?;
+        let best = svd.values.imax();
+        if svd.values[best] > 1e-12 {
+            self.set(i, &(si * svd.u.column(best)));
+            self.set(k, &(sk * svd.v_t.row(best).transpose()));
         }
-        let vi = si * left.column(best);
-        let vk = sk * right.row(best).transpose();
-        self.set(i, &vi);
-        self.set(k, &vk);
+        Ok(())
     }
 
     /// A complex pair: the determinant is a Hermitian form in the vector's coordinates, and the best vector
     /// belongs to its eigenvalue of largest magnitude.
-    fn update_complex(&mut self, j: usize) {
-        let u = self.complement(&[j, j + 1]);
+    fn update_complex(&mut self, j: usize) -> Result<(), DecompositionError> {
+        let u = self.complement(&[j, j + 1])?;
         let skew = u.column(0) * u.column(1).transpose() - u.column(1) * u.column(0).transpose();
         let space = &self.spaces[j];
         let form = space.adjoint() * complex(&skew) * space * C64::new(0.0, -0.5);
-        let eigen = form.symmetric_eigen();
-        let best = eigen.eigenvalues.iamax();
-        if eigen.eigenvalues[best].abs() <= 1e-12 {
-            return;
+        let (values, vectors) = symmetric_eigen(form)?;
+        let best = values.iamax();
+        if values[best].abs() > 1e-12 {
+            let v = space * vectors.column(best);
+            self.set_pair(j, &v);
         }
-        let v = &self.spaces[j] * eigen.eigenvectors.column(best);
-        self.set_pair(j, &v);
+        Ok(())
     }
 
     /// The space of a real pole, which is real.
@@ -197,17 +196,19 @@ impl Eigenvectors {
 
 /// Orthonormal basis of the null space of `a`, taken as having at least `at_least` dimensions: that many right
 /// singular vectors of the smallest singular values, more when more of these vanish.
-pub fn null_space<T: ComplexField<RealField = f64>>(a: &DMatrix<T>, at_least: usize) -> DMatrix<T> {
+///
+/// # Errors
+/// [`DecompositionError`] when the singular values of `a` cannot be had.
+pub fn null_space<T: ComplexField<RealField = f64>>(
+    a: &DMatrix<T>,
+    at_least: usize,
+) -> Result<DMatrix<T>, DecompositionError> {
     let (rows, n) = a.shape();
-    // A square matrix, for nalgebra's SVD gives only min(rows, columns) right vectors.
+    // A square matrix, as a thin decomposition has only min(rows, columns) right vectors.
     let mut square = DMatrix::<T>::zeros(n.max(rows), n);
     square.view_mut((0, 0), (rows, n)).copy_from(a);
-    let svd = square.svd(false, true);
-    let floor = svd.singular_values.max() * f64::EPSILON * n as f64 * 10.0;
-    let vanishing = svd.singular_values.iter().filter(|s| **s <= floor).count();
+    let svd = Svd::new(&square)?;
+    let vanishing = n - svd.rank(svd.values.max() * f64::EPSILON * n as f64 * 10.0);
     let count = vanishing.max(at_least).min(n);
-    match svd.v_t {
-        Some(v) => v.rows(n - count, count).adjoint(),
-        None => DMatrix::identity(n, n),
-    }
+    Ok(svd.v_t.rows(n - count, count).adjoint())
 }

@@ -9,9 +9,9 @@ mod eigenvectors;
 
 use nalgebra::DMatrix;
 use thiserror::Error;
+use whirlstand_linalg::{C64, DecompositionError, Svd, complex, eigenvalues, singular_values};
 
 use self::eigenvectors::{Eigenvectors, null_space};
-use crate::linalg::{C64, QzError, complex, eigenvalues};
 
 /// A gain that places poles.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,7 +78,7 @@ pub enum PlaceError {
     Defective,
     /// The eigenvalue iteration failed.
     #[error(transparent)]
-    Eigenvalues(#[from] QzError),
+    Eigenvalues(#[from] DecompositionError),
 }
 
 /// Gain K (m x n) such that `A - B K` has the given eigenvalues, as insensitive as the inputs allow.
@@ -110,20 +110,18 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
         return Err(PlaceError::Count { got: poles.len(), wanted: n });
     }
     let poles = conjugates_paired(poles)?;
-    let svd = b.clone().svd(true, true);
-    let (Some(u), Some(vt)) = (svd.u.as_ref(), svd.v_t.as_ref()) else { return Err(PlaceError::Defective) };
-    let sigma = &svd.singular_values;
-    let floor = sigma.max() * f64::EPSILON * n.max(m) as f64;
-    let rank = sigma.iter().filter(|s| **s > floor).count();
+    let svd = Svd::new(b)?;
+    let sigma = &svd.values;
+    let rank = svd.rank(sigma.max() * f64::EPSILON * n.max(m) as f64);
     check_multiplicity(&poles, rank)?;
     let poles = with_uncontrollable_modes(a, b, poles)?;
     if rank == 0 {
         return Err(PlaceError::Uncontrollable { mode: eigenvalues(a)?[0] });
     }
     // Singular values come sorted, so the first `rank` columns span the range of B.
-    let range = u.columns(0, rank).into_owned();
-    let annihilator = null_space(&range.transpose(), n - rank);
-    let mut vectors = Eigenvectors::new(a, &annihilator, &poles);
+    let range = svd.u.columns(0, rank).into_owned();
+    let annihilator = null_space(&range.transpose(), n - rank)?;
+    let mut vectors = Eigenvectors::new(a, &annihilator, &poles)?;
     let free = vectors.are_free();
     // The determinant has local maxima; a few starts, and the best conditioned result of them, avoid the poor ones.
     let starts = if free && rank < n { 4 } else { 1 };
@@ -131,8 +129,8 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
     let mut sweeps = 0;
     for start in 0..starts {
         vectors.start(start);
-        sweeps += vectors.improve(if free { 200 } else { 0 });
-        let condition = vectors.condition();
+        sweeps += vectors.improve(if free { 200 } else { 0 })?;
+        let condition = vectors.condition()?;
         if best.as_ref().is_none_or(|(least, _)| condition < *least) {
             best = Some((condition, vectors.matrix().clone()));
         }
@@ -142,7 +140,7 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
     // A_c X = X Lambda, solved transposed.
     let closed =
         x.transpose().lu().solve(&(&x * lambda).transpose()).ok_or(PlaceError::Defective)?.transpose();
-    let weights = DMatrix::from_fn(m, rank, |i, j| vt[(j, i)] / sigma[j]);
+    let weights = DMatrix::from_fn(m, rank, |i, j| svd.v_t[(j, i)] / sigma[j]);
     let gain = weights * range.transpose() * (a - closed);
     if gain.iter().any(|v| !v.is_finite()) {
         return Err(PlaceError::Defective);
@@ -211,8 +209,8 @@ fn with_uncontrollable_modes(
 /// the columns of B scaled alike: how far the mode is from being uncontrollable.
 ///
 /// # Errors
-/// [`QzError`] when the eigenvalues of A cannot be had.
-pub fn uncontrollability(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Result<Vec<(C64, f64)>, QzError> {
+/// [`DecompositionError`] when the eigenvalues of A cannot be had.
+pub fn uncontrollability(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Result<Vec<(C64, f64)>, DecompositionError> {
     let (n, m) = b.shape();
     let norm_a = a.norm();
     let scale = if b.norm() > 0.0 && norm_a > 0.0 { norm_a / b.norm() } else { 1.0 };
@@ -220,14 +218,12 @@ pub fn uncontrollability(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Result<Vec<(C64,
     pencil.view_mut((0, 0), (n, n)).copy_from(&complex(a));
     pencil.view_mut((0, n), (n, m)).copy_from(&complex(&(b * scale)));
     let norm = pencil.norm().max(f64::MIN_POSITIVE);
-    Ok(eigenvalues(a)?
-        .into_iter()
-        .map(|mode| {
-            let mut shifted = pencil.clone();
-            (0..n).for_each(|i| shifted[(i, i)] -= mode);
-            (mode, shifted.adjoint().singular_values().min() / norm)
-        })
-        .collect())
+    let distance = |mode: C64| {
+        let mut shifted = pencil.clone();
+        (0..n).for_each(|i| shifted[(i, i)] -= mode);
+        Ok((mode, singular_values(&shifted.adjoint())?.min() / norm))
+    };
+    eigenvalues(a)?.into_iter().map(distance).collect()
 }
 
 /// Block-diagonal real form of the poles: 1 x 1 for real ones, `[[re, im], [-im, re]]` for pairs.

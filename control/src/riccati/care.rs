@@ -1,10 +1,10 @@
 //! The continuous-time algebraic Riccati equation.
 
 use nalgebra::DMatrix;
+use whirlstand_linalg::{eigenvalues, solve_lyapunov, symmetric_part};
 
 use super::pencil::{Scaled, compress, refine, stable_graph};
 use super::{Riccati, RiccatiError, checked};
-use crate::linalg::{eigenvalues, solve_lyapunov, symmetric_part};
 
 /// Solves `A'X + XA - (XB + S) R^-1 (B'X + S') + Q = 0` for the stabilising X.
 ///

@@ -1,10 +1,10 @@
 //! The discrete-time algebraic Riccati equation.
 
 use nalgebra::DMatrix;
+use whirlstand_linalg::{eigenvalues, solve_stein, symmetric_part};
 
 use super::pencil::{Scaled, compress, refine, stable_graph};
 use super::{Riccati, RiccatiError, checked};
-use crate::linalg::{eigenvalues, solve_stein, symmetric_part};
 
 /// Solves `A'XA - X - (A'XB + S)(R + B'XB)^-1 (B'XA + S') + Q = 0` for the stabilising X.
 ///

@@ -15,8 +15,7 @@ pub use dare::{dare, dare_residual};
 
 use nalgebra::DMatrix;
 use thiserror::Error;
-
-use crate::linalg::{C64, QzError};
+use whirlstand_linalg::{C64, DecompositionError};
 
 /// The stabilising solution of a Riccati equation.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,7 +75,7 @@ pub enum RiccatiError {
     },
     /// The eigenvalue iteration failed.
     #[error(transparent)]
-    Eigenvalues(#[from] QzError),
+    Eigenvalues(#[from] DecompositionError),
 }
 
 /// Checks shapes, finiteness and symmetry; returns the cross term, zero when there is none.

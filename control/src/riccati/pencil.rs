@@ -1,11 +1,11 @@
 //! What both equations share: scaling, compression of the extended pencil, and the graph of its stable subspace.
 
 use nalgebra::DMatrix;
-
-use super::RiccatiError;
-use crate::linalg::{
+use whirlstand_linalg::{
     C64, GeneralizedSchur, balancing_exponents, complex, orthogonal_completion, symmetric_part,
 };
+
+use super::RiccatiError;
 
 /// The data of a Riccati equation, scaled: `A = D^-1 A0 D`, `B = D^-1 B0 E`, `Q = D Q0 D`, `R = E R0 E`,
 /// `S = D S0 E`, hence `X = D X0 D`.

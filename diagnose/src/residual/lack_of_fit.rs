@@ -9,6 +9,7 @@ use crate::thresholds::{
     TESTED_SAMPLES, TESTED_STATES,
 };
 use nalgebra::{DMatrix, DVector};
+use whirlstand_linalg::symmetric_eigen;
 
 use super::basis::{Signals, product, scale, slowly, smooth, switched};
 use crate::candidates::library::Sizes;
@@ -122,34 +123,34 @@ pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usi
     groups.sort_unstable();
     groups.dedup();
     let looks = groups.len() as f64;
-    let one = groups.into_iter().map(|group| {
+    let one = groups.into_iter().filter_map(|group| {
         let own: Vec<usize> = (0..n).filter(|i| of[*i] == group).collect();
         explained(gram.select_rows(&own).select_columns(&own), &right.select_rows(&own))
     });
     let one = one.min_by(|a, b| a.chance.total_cmp(&b.chance))?;
     Some(LackOfFit {
-        all: explained(gram, &right),
+        all: explained(gram, &right)?,
         one: Excess { chance: (looks * one.chance).min(1.0), ..one },
     })
 }
 
-/// What columns explain, given by their products with each other and with the residual.
-fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Excess {
+/// What columns explain, given by their products with each other and with the residual; none when those are not finite.
+fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Option<Excess> {
     // Directions that repeat others carry rounding only.
-    let eigen = gram.symmetric_eigen();
-    let strongest = eigen.eigenvalues.max();
+    let (values, vectors) = symmetric_eigen(gram).ok()?;
+    let strongest = values.max();
     let (mut energy, mut degrees) = (0.0, 0.0);
-    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+    for (value, vector) in values.iter().zip(vectors.column_iter()) {
         if *value > 1e-6 * strongest {
             energy += vector.dot(right).powi(2) / value;
             degrees += 1.0;
         }
     }
-    Excess {
+    Some(Excess {
         energy: energy - degrees,
         sigmas: (energy - degrees) / (2.0f64 * degrees).sqrt(),
         chance: chi_square_tail(energy, degrees),
-    }
+    })
 }
 
 /// What a force could follow.

@@ -10,6 +10,7 @@ use crate::thresholds::{
 };
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
+use whirlstand_linalg::spectral_radius;
 use whirlstand_vehicle::{Kind, Vehicle, Vibration};
 
 use crate::data::record::Data;
@@ -43,8 +44,8 @@ pub struct NarrowBand {
 pub fn narrow_band(model: &Model<'_, '_>, residual: &[f64]) -> Vec<NarrowBand> {
     let data = model.free_run.data;
     let vehicle = &model.free_run.vehicle;
-    let poles = vehicle.a.clone().complex_eigenvalues();
-    let fastest = poles.iter().map(|p| p.norm()).fold(0.0, f64::max) / std::f64::consts::TAU;
+    // Where the poles cannot be computed, their bound says from where on a line is none of theirs.
+    let fastest = spectral_radius(&vehicle.a).unwrap_or_else(|_| vehicle.a.norm()) / std::f64::consts::TAU;
     let channels = data.channels.iter().zip(data.ranges()).enumerate();
     let lines: Vec<NarrowBand> = channels
         .filter(|(_, (channel, _))| vehicle.outputs[channel.output].vibration.is_none())

@@ -1,6 +1,7 @@
 //! Free run and short predictions of a vehicle against a record.
 
 use nalgebra::{DMatrix, DVector};
+use whirlstand_linalg::symmetric_eigen;
 use whirlstand_vehicle::{Simulator, Vehicle};
 
 use super::comparison::CompareError;
@@ -159,10 +160,10 @@ fn solve(mut normal: DMatrix<f64>, mut right: DVector<f64>) -> Option<DVector<f6
     if normal.iter().chain(right.iter()).any(|v| !v.is_finite()) {
         return None;
     }
-    let eigen = normal.symmetric_eigen();
-    let strongest = eigen.eigenvalues.max();
+    let (values, vectors) = symmetric_eigen(normal).ok()?;
+    let strongest = values.max();
     let mut solution = DVector::zeros(n);
-    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+    for (value, vector) in values.iter().zip(vectors.column_iter()) {
         if *value > 1e-9 * strongest {
             solution.axpy(vector.dot(&right) / value, &vector, 1.0);
         }

@@ -1,5 +1,6 @@
 //! Why an identification cannot be made.
 
+use whirlstand_linalg::DecompositionError;
 use whirlstand_vehicle::SimulatorError;
 
 use crate::compare::CompareError;
@@ -66,6 +67,11 @@ pub enum IdentifyError {
         /// How many starts were tried.
         tried: usize,
     },
+    /// The fitted model's poles cannot be computed.
+    #[error(
+        "the poles of the fitted model cannot be computed: {0}; give narrower bounds in the vehicle file"
+    )]
+    Poles(#[from] DecompositionError),
     /// Levels were to be taken off although an effect depends on them.
     #[error(
         "--detrend is for models that are linear about a level, but '{vehicle}' has {effect}, which depends on where zero is: use --offsets instead"

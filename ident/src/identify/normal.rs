@@ -2,6 +2,7 @@
 
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
+use whirlstand_linalg::symmetric_eigen;
 
 /// Sums of products of the columns of a least-squares problem, the last column being the residual.
 ///
@@ -125,7 +126,8 @@ pub fn solve(information: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector
     Some(inverse * right)
 }
 
-/// The inverse of a symmetric matrix on the directions that it shows, after scaling its diagonal to one.
+/// The inverse of a symmetric matrix on the directions that it shows, after scaling its diagonal to one; none when an entry
+/// is not finite or its eigenvalues cannot be computed.
 pub fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = information.nrows();
     if n == 0 {
@@ -146,10 +148,10 @@ pub fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let inverse = factor.inverse();
         return Some(DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * scale[i] * scale[j]));
     }
-    let eigen = scaled.symmetric_eigen();
-    let strongest = eigen.eigenvalues.max();
+    let (values, vectors) = symmetric_eigen(scaled).ok()?;
+    let strongest = values.max();
     let mut inverse = DMatrix::zeros(n, n);
-    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+    for (value, vector) in values.iter().zip(vectors.column_iter()) {
         if *value > 1e-11 * strongest {
             inverse.ger(1.0 / value, &vector, &vector, 1.0);
         }

@@ -84,12 +84,12 @@ fn search(
         if options.method == Method::Ga {
             let fit = ga::as_fit(&problem, &segments, &found)
                 .ok_or(IdentifyError::UnstableStart { tried: found.evaluations })?;
-            return Ok(answer(fit, fitted, control, options, Noise::White, evaluations, begun));
+            return answer(fit, fitted, control, options, Noise::White, evaluations, begun);
         }
         starts.push(found.theta);
     }
     let fit = pem::fit(&problem, &segments, noise, &starts, observe)?;
-    Ok(answer(fit, fitted, control, options, noise, evaluations, begun))
+    answer(fit, fitted, control, options, noise, evaluations, begun)
 }
 
 /// Is there anything to learn from?
@@ -131,7 +131,7 @@ fn answer(
     noise: Noise,
     evaluations: usize,
     begun: std::time::Instant,
-) -> Identification {
+) -> Result<Identification, IdentifyError> {
     let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
     let held: Vec<Segment> = control.iter().map(|s| s.segment.clone()).collect();
     let own = quality::identification_runs(&fit, &segments);
@@ -162,7 +162,7 @@ fn answer(
         parameters: parameters(&fit, options.method != Method::Ga),
         correlations: correlations(&fit),
         fixed: fixed(&fit),
-        poles: poles(&vehicle),
+        poles: poles(&vehicle)?,
         outputs: outputs(&fit, &segments, &own, &held, &other),
         standard_errors_hold: true,
         disturbed: disturbed(problem, &segments, &own.one_step),
@@ -175,7 +175,7 @@ fn answer(
     answer.standard_errors_hold = text::standard_errors_hold(&answer);
     answer.remarks = text::remarks(&answer);
     answer.verdict = text::verdict(&answer);
-    answer
+    Ok(answer)
 }
 
 fn provenance(options: &Options, noise: Noise, fitted: &[Source]) -> Vec<(String, String)> {
@@ -253,10 +253,9 @@ fn fixed(fit: &Fit) -> Vec<FixedAnswer> {
         .collect()
 }
 
-fn poles(vehicle: &Vehicle) -> Vec<Pole> {
+fn poles(vehicle: &Vehicle) -> Result<Vec<Pole>, IdentifyError> {
     let mut poles: Vec<Pole> = vehicle
-        .a
-        .complex_eigenvalues()
+        .poles()?
         .iter()
         .map(|p| {
             let size = p.norm();
@@ -269,7 +268,7 @@ fn poles(vehicle: &Vehicle) -> Vec<Pole> {
         })
         .collect();
     poles.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz).then(b.im.total_cmp(&a.im)));
-    poles
+    Ok(poles)
 }
 
 fn outputs(

@@ -2,6 +2,7 @@
 
 use super::sweep::simulation;
 use nalgebra::DMatrix;
+use whirlstand_linalg::symmetric_eigen;
 
 use super::ar::{Ar, RowFilter};
 use super::data::Segment;
@@ -117,10 +118,19 @@ pub fn undetermined(
         return Some(Undetermined { index, why: "the fitted outputs do not depend on it".into() });
     }
     let scaled = DMatrix::from_fn(n, n, |i, j| information[(i, j)] / (scale[i] * scale[j]));
-    let eigen = scaled.symmetric_eigen();
-    let weakest = eigen.eigenvalues.imin();
-    if eigen.eigenvalues[weakest] < SINGULAR * eigen.eigenvalues.max() {
-        let vector = eigen.eigenvectors.column(weakest);
+    let (values, vectors) = match symmetric_eigen(scaled) {
+        Ok(eigen) => eigen,
+        Err(e) => {
+            let index = (0..n).min_by(|a, b| size(*a).total_cmp(&size(*b)))?;
+            return Some(Undetermined {
+                index,
+                why: format!("what the data say of it cannot be computed: {e}"),
+            });
+        }
+    };
+    let weakest = values.imin();
+    if values[weakest] < SINGULAR * values.max() {
+        let vector = vectors.column(weakest);
         let index = vector.iamax();
         let with: Vec<&str> = (0..n)
             .filter(|i| *i != index && vector[*i].abs() > 0.1 * vector[index].abs())

@@ -56,14 +56,20 @@ fn list(json: bool) -> Result<(), Failure> {
 }
 
 /// Poles of the model, slowest first.
-fn poles(vehicle: &Vehicle) -> Vec<(f64, f64)> {
-    let mut poles: Vec<_> = vehicle.a.complex_eigenvalues().iter().map(|p| (p.re, p.im)).collect();
+fn poles(vehicle: &Vehicle) -> Result<Vec<(f64, f64)>, Failure> {
+    let poles = vehicle.poles().map_err(|e| {
+        Failure::Mend(format!(
+            "{}: A: its poles cannot be computed: {e}; give the states other units",
+            vehicle.name
+        ))
+    })?;
+    let mut poles: Vec<_> = poles.iter().map(|p| (p.re, p.im)).collect();
     poles.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
-    poles
+    Ok(poles)
 }
 
 fn check(v: &Vehicle, json: bool) -> Result<(), Failure> {
-    let poles = poles(v);
+    let poles = poles(v)?;
     if json {
         return print_json(&description(v, &poles));
     }

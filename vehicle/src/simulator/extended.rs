@@ -1,5 +1,7 @@
 //! A vehicle with effects on its motion: chains on the inputs, substeps of a period, nonlinear parts.
 
+use whirlstand_linalg::spectral_radius;
+
 use super::compile::{Rest, System};
 use super::disturbances::Disturbances;
 use super::inputs::{Chain, Delay};
@@ -46,11 +48,10 @@ impl Extended {
         let cuts: Vec<f64> =
             delays.iter().map(|d| d.fraction_s).filter(|f| *f > 0.0).chain(sensors.cuts_s()).collect();
         let padded = Kernel::padded(system.size());
-        let poles = system
-            .stages
-            .iter()
-            .flat_map(|(a, _)| a.complex_eigenvalues().iter().map(|p| p.norm()).collect::<Vec<_>>());
-        let fastest = poles.fold(0.0, f64::max);
+        let mut fastest: f64 = 0.0;
+        for (a, _) in &system.stages {
+            fastest = fastest.max(spectral_radius(a)?);
+        }
         let nonlinear = Nonlinear::new(effects, system.n, neutral.len(), padded, fastest);
         let levels = if nonlinear.is_some() { nonlinear::LEVELS } else { 1 };
         let schedule = Schedule::new(system, period_s, &cuts, &disturbances.events(), levels)?;

@@ -2,6 +2,9 @@
 
 use nalgebra::DMatrix;
 
+/// Largest exponent, so that the ratio of two such powers of two is a number.
+const LARGEST: i32 = 500;
+
 /// Exponents e such that `D^-1 a D` with `D = diag(2^e)` has rows and columns of about equal 1-norm
 /// (Parlett and Reinsch, Numer. Math. 13, 1969, without permutation). `a` is n x n; n exponents return.
 pub fn balancing_exponents(a: &DMatrix<f64>) -> Vec<i32> {
@@ -16,8 +19,9 @@ pub fn balancing_exponents(a: &DMatrix<f64>) -> Vec<i32> {
             if column == 0.0 || row == 0.0 || !column.is_finite() || !row.is_finite() {
                 continue;
             }
-            let step = (0.5 * (row / column).log2()).round() as i32;
-            if step == 0 {
+            // The quotient may overflow; the cast ends at the largest integer.
+            let step = ((0.5 * (row / column).log2()).round() as i32).clamp(-LARGEST, LARGEST);
+            if step == 0 || (exponents[i] + step).abs() > LARGEST {
                 continue;
             }
             let scale = f64::powi(2.0, step);
@@ -33,4 +37,11 @@ pub fn balancing_exponents(a: &DMatrix<f64>) -> Vec<i32> {
         }
     }
     exponents
+}
+
+/// `D^-1 a D` with `D = diag(2^e)` of [`balancing_exponents`]: the n x n matrix `a`, finite, in the units in which its
+/// eigenvalues are less sensitive. No entry loses a digit.
+pub fn balance(a: &DMatrix<f64>) -> DMatrix<f64> {
+    let e = balancing_exponents(a);
+    DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * f64::powi(2.0, e[j] - e[i]))
 }

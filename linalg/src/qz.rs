@@ -6,20 +6,15 @@
 //! swap is a pair of plane rotations, hence unconditionally backward stable, which 2 x 2 real blocks are not.
 
 use nalgebra::DMatrix;
-use thiserror::Error;
 
-use super::C64;
+use super::scale::{is_finite, scale, unit_exponent};
+use super::{C64, DecompositionError};
 
-/// Why a pencil has no generalised Schur form here.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-pub enum QzError {
-    /// An entry is NaN or infinite.
-    #[error("the matrix pencil has an entry that is not finite")]
-    NotFinite,
-    /// The iteration did not converge.
-    #[error("the QZ iteration did not converge; the pencil is badly scaled or singular")]
-    NoConvergence,
-}
+/// Sweeps for each eigenvalue on the average, as in LAPACK; two or three are usual.
+const SWEEPS: usize = 30;
+
+/// Every so many sweeps without an eigenvalue, another shift breaks what may be a circle: a permutation is one.
+const EXCEPTIONAL: usize = 10;
 
 /// `A = Q S Z^H` and `B = Q T Z^H` with `Q`, `Z` unitary and `S`, `T` upper triangular.
 #[derive(Debug, Clone)]
@@ -79,17 +74,26 @@ impl GeneralizedSchur {
     /// Factorises the square pencil `(a, b)`, both n x n.
     ///
     /// # Errors
-    /// [`QzError`] when an entry is not finite or the iteration (30 n sweeps) does not converge.
-    pub fn new(a: &DMatrix<C64>, b: &DMatrix<C64>) -> Result<Self, QzError> {
-        if a.iter().chain(b.iter()).any(|v| !v.re.is_finite() || !v.im.is_finite()) {
-            return Err(QzError::NotFinite);
+    /// [`DecompositionError`] when an entry is not finite or the iteration (30 n sweeps) does not converge.
+    pub fn new(a: &DMatrix<C64>, b: &DMatrix<C64>) -> Result<Self, DecompositionError> {
+        if !is_finite(a) || !is_finite(b) {
+            return Err(DecompositionError::NotFinite);
         }
         let n = a.nrows();
         let identity = DMatrix::<C64>::identity(n, n);
         let mut f = Self { s: a.clone(), t: b.clone(), q: identity.clone(), z: identity };
+        let sizes = (unit_exponent(a), unit_exponent(b));
+        scale(&mut f.s, -sizes.0);
+        scale(&mut f.t, -sizes.1);
         f.reduce();
         f.iterate()?;
-        Ok(f)
+        scale(&mut f.s, sizes.0);
+        scale(&mut f.t, sizes.1);
+        if [&f.s, &f.t, &f.q, &f.z].into_iter().all(is_finite) {
+            Ok(f)
+        } else {
+            Err(DecompositionError::NotFinite)
+        }
     }
 
     /// Left rotation on rows `i`, `k` of both factors, gathered in `q`.
@@ -143,12 +147,12 @@ impl GeneralizedSchur {
         }
     }
 
-    fn iterate(&mut self) -> Result<(), QzError> {
+    fn iterate(&mut self) -> Result<(), DecompositionError> {
         let n = self.s.nrows();
         let zero = C64::new(0.0, 0.0);
         let (s_floor, t_floor) = (f64::EPSILON * self.s.norm(), f64::EPSILON * self.t.norm());
         let mut last = n.saturating_sub(1);
-        let mut sweeps = 0;
+        let (mut total, mut sweeps) = (0, 0);
         let mut exceptional = zero;
         while last > 0 {
             if self.s[(last, last - 1)].norm() <= s_floor {
@@ -179,11 +183,11 @@ impl GeneralizedSchur {
                 self.chase_infinite(k, first, last);
                 continue;
             }
-            sweeps += 1;
-            if sweeps > 30 * n.max(10) {
-                return Err(QzError::NoConvergence);
+            (total, sweeps) = (total + 1, sweeps + 1);
+            if total > SWEEPS * n.max(10) {
+                return Err(DecompositionError::NoConvergence { what: "eigenvalues" });
             }
-            let shift = if sweeps % 10 == 0 {
+            let shift = if sweeps % EXCEPTIONAL == 0 {
                 exceptional += self.s[(last, last - 1)] / self.t[(last - 1, last - 1)];
                 exceptional
             } else {

@@ -2,8 +2,8 @@
 
 use nalgebra::DMatrix;
 
-use super::qz::{GeneralizedSchur, QzError};
-use super::{C64, balancing_exponents, complex};
+use super::qz::GeneralizedSchur;
+use super::{C64, DecompositionError, balance, complex};
 
 /// `A = U S U^H`, `U` unitary and `S` upper triangular.
 #[derive(Debug, Clone)]
@@ -18,8 +18,8 @@ impl Schur {
     /// Factorises the square matrix `a`.
     ///
     /// # Errors
-    /// [`QzError`] when an entry is not finite or the iteration does not converge.
-    pub fn new(a: &DMatrix<C64>) -> Result<Self, QzError> {
+    /// [`DecompositionError`] when an entry is not finite or the iteration does not converge.
+    pub fn new(a: &DMatrix<C64>) -> Result<Self, DecompositionError> {
         let n = a.nrows();
         let f = GeneralizedSchur::new(a, &DMatrix::identity(n, n))?;
         // I = Q T Z^H with T triangular and unitary is diagonal, so A = Q (S T^-1) Q^H.
@@ -36,17 +36,13 @@ impl Schur {
 /// neighbours, positive imaginary part first.
 ///
 /// # Errors
-/// [`QzError`] when an entry is not finite or the iteration does not converge.
-pub fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<C64>, QzError> {
+/// [`DecompositionError`] when an entry is not finite or the iteration does not converge.
+pub fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<C64>, DecompositionError> {
     let n = a.nrows();
-    let mut balanced = a.clone();
-    if a.iter().all(|v| v.is_finite()) {
-        let e = balancing_exponents(a);
-        for (j, exponent) in e.iter().enumerate() {
-            balanced.column_mut(j).scale_mut(f64::powi(2.0, *exponent));
-            balanced.row_mut(j).scale_mut(f64::powi(2.0, -exponent));
-        }
+    if a.iter().any(|v| !v.is_finite()) {
+        return Err(DecompositionError::NotFinite);
     }
+    let balanced = balance(a);
     let schur = Schur::new(&complex(&balanced))?;
     let mut values: Vec<C64> = (0..n).map(|k| schur.s[(k, k)]).collect();
     pair_conjugates(&mut values, balanced.norm());
@@ -90,7 +86,7 @@ fn pair_conjugates(values: &mut [C64], norm: f64) {
 ///
 /// # Errors
 /// As [`eigenvalues`].
-pub fn spectral_abscissa(a: &DMatrix<f64>) -> Result<f64, QzError> {
+pub fn spectral_abscissa(a: &DMatrix<f64>) -> Result<f64, DecompositionError> {
     Ok(eigenvalues(a)?.iter().map(|v| v.re).fold(f64::NEG_INFINITY, f64::max))
 }
 
@@ -98,6 +94,6 @@ pub fn spectral_abscissa(a: &DMatrix<f64>) -> Result<f64, QzError> {
 ///
 /// # Errors
 /// As [`eigenvalues`].
-pub fn spectral_radius(a: &DMatrix<f64>) -> Result<f64, QzError> {
+pub fn spectral_radius(a: &DMatrix<f64>) -> Result<f64, DecompositionError> {
     Ok(eigenvalues(a)?.iter().map(|v| v.norm()).fold(0.0, f64::max))
 }

@@ -3,15 +3,14 @@
 use nalgebra::DMatrix;
 
 use super::eigen::Schur;
-use super::qz::QzError;
-use super::{C64, complex, symmetric_part};
+use super::{C64, DecompositionError, complex, symmetric_part};
 
 /// X of `a' X + X a + q = 0` (all n x n, q symmetric), by Bartels and Stewart (Comm. ACM 15, 1972) in complex
 /// arithmetic. Defined when no two eigenvalues of `a` sum to zero; otherwise the result is not finite.
 ///
 /// # Errors
-/// [`QzError`] when the Schur form of `a` cannot be had.
-pub fn solve_lyapunov(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, QzError> {
+/// [`DecompositionError`] when the Schur form of `a` cannot be had.
+pub fn solve_lyapunov(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, DecompositionError> {
     let Schur { u, s } = Schur::new(&complex(a))?;
     let n = a.nrows();
     // S^H Y + Y S = -C with Y = U^H X U: column by column, each a lower triangular system.
@@ -39,8 +38,8 @@ pub fn solve_lyapunov(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>
 /// is not finite.
 ///
 /// # Errors
-/// [`QzError`] when the Schur form of `a` cannot be had.
-pub fn solve_stein(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, QzError> {
+/// [`DecompositionError`] when the Schur form of `a` cannot be had.
+pub fn solve_stein(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, DecompositionError> {
     let Schur { u, s } = Schur::new(&complex(a))?;
     let n = a.nrows();
     // S^H Y S - Y = -C. Column j: (s_jj S^H - I) y_j = -c_j - S^H sum_{k<j} s_kj y_k.

@@ -1,15 +1,26 @@
-//! The dense linear algebra that control needs beyond what nalgebra has: the ordered generalised Schur form,
-//! Lyapunov and Stein equations. The matrix exponential is the vehicle's.
+//! What is computed with: decompositions of dense matrices, each with a limit on its iterations and a failure that is an
+//! error, and the equations that are solved by them.
+//!
+//! nalgebra's own `svd`, `symmetric_eigen` and `complex_eigenvalues` iterate until they converge, and there are matrices,
+//! a permutation among them, for which that is never. No other room calls them (`clippy.toml`). The matrix exponential
+//! is the vehicle's.
 
 mod balance;
 mod eigen;
+mod error;
 mod lyapunov;
 mod qz;
+mod scale;
+mod svd;
+mod symmetric;
 
-pub use balance::balancing_exponents;
+pub use balance::{balance, balancing_exponents};
 pub use eigen::{Schur, eigenvalues, spectral_abscissa, spectral_radius};
+pub use error::DecompositionError;
 pub use lyapunov::{solve_lyapunov, solve_stein};
-pub use qz::{GeneralizedSchur, QzError};
+pub use qz::GeneralizedSchur;
+pub use svd::{Svd, pseudo_inverse, singular_values};
+pub use symmetric::symmetric_eigen;
 
 use nalgebra::{Complex, DMatrix};
 

@@ -1,0 +1,109 @@
+//! Vehicle files on which unbounded iterations never ended, and stiff ones: every command answers within seconds, by
+//! numbers or by a sentence.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use support::{Finished, json, spawn, whirlstand};
+
+/// Some hundred times what the largest of these takes on a quiet machine.
+const ANSWER: Duration = Duration::from_secs(60);
+
+fn ask(args: &[&str]) -> Finished {
+    spawn(whirlstand(args)).finish_within(ANSWER)
+}
+
+/// A vehicle with these rows of A, the last state moved by the input and all states measured.
+fn vehicle(dir: &Path, name: &str, a: &[Vec<f64>]) -> PathBuf {
+    let n = a.len();
+    let rows = a.iter().map(|row| format!("    {row:?},\n")).collect::<String>();
+    let b = (0..n).map(|i| if i + 1 == n { "[1.0]" } else { "[0.0]" }).collect::<Vec<_>>().join(", ");
+    let states = (1..=n).map(|i| format!("{{ name = \"x{i}\" }}")).collect::<Vec<_>>().join(", ");
+    let outputs =
+        (1..=n).map(|i| format!("[[outputs]]\nname = \"x{i}\"\nnoise = 0.001\n")).collect::<String>();
+    let text = format!(
+        "A = [\n{rows}]\nB = [{b}]\nstates = [{states}]\ninputs = [{{ name = \"u\", lower = -1.0, upper = 1.0 }}]\n{outputs}"
+    );
+    let path = dir.join(format!("{name}.toml"));
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn square(n: usize, entry: impl Fn(usize, usize) -> f64) -> Vec<Vec<f64>> {
+    (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
+}
+
+fn next(i: usize, j: usize, n: usize) -> f64 {
+    f64::from(u8::from(j == (i + 1) % n))
+}
+
+fn hard() -> Vec<(&'static str, Vec<Vec<f64>>)> {
+    let above = |i: usize, j: usize| f64::from(u8::from(j == i + 1));
+    let companion = |last: [f64; 5]| square(5, move |i, j| if i == 4 { last[j] } else { above(i, j) });
+    vec![
+        ("cyclic", square(6, |i, j| next(i, j, 6))),
+        ("chain-of-integrators", square(4, above)),
+        ("jordan", square(4, |i, j| if i == j { -1.0 } else { above(i, j) })),
+        ("unstable-jordan", square(4, |i, j| if i == j { 2.0 } else { above(i, j) })),
+        ("identity", square(4, |i, j| f64::from(u8::from(i == j)))),
+        ("companion", companion([-1.0, 0.0, 0.0, 0.0, 0.0])),
+        ("large-companion", companion([-1e12, -1e9, -1e6, -1e3, -1e2])),
+        ("huge", square(4, |i, j| 1e300 * (next(i, j, 4) - f64::from(u8::from(i == j))))),
+        ("tiny", square(3, |i, j| 1e-300 * next(i, j, 3))),
+        ("graded", square(4, |i, j| 10f64.powi(70 * (i as i32 - j as i32)))),
+        ("stiff", square(3, |i, j| if i == j { [-1e-6, -1.0, -1e6][i] } else { above(i, j) })),
+    ]
+}
+
+#[test]
+fn every_vehicle_is_checked_and_designed_for_within_seconds() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut answered = 0;
+    for (name, a) in hard() {
+        let path = vehicle(dir.path(), name, &a);
+        let path = path.to_str().unwrap();
+        for format in [&[][..], &["--json"]] {
+            let end = ask(&[&["vehicle", "check", path], format].concat());
+            assert!([0, 2].contains(&end.code()), "{name}: {end:?}");
+            assert!(end.code() == 0 || end.stderr.contains("poles"), "{name}: {end:?}");
+        }
+        for law in ["lqr", "ppc", "smc"] {
+            let end = ask(&["design", path, "--law", law, "--json"]);
+            assert!([0, 2].contains(&end.code()), "{name} {law}: {end:?}");
+            assert!(!end.stderr.contains("NaN") && !end.stderr.contains("panicked"), "{name} {law}: {end:?}");
+            if end.code() == 0 {
+                let design: serde_json::Value = serde_json::from_str(&end.stdout).unwrap();
+                let gain = design["linear"]["gain"].as_array().unwrap().iter();
+                let mut entries = gain.flat_map(|row| row.as_array().unwrap());
+                // NaN is null in JSON.
+                assert!(entries.all(serde_json::Value::is_number), "{name} {law}: {}", end.stdout);
+                answered += 1;
+            } else {
+                println!("{name} {law}: {}", end.stderr.trim());
+            }
+        }
+    }
+    assert!(answered >= 15, "{answered} designs");
+}
+
+/// Poles at -1e-6, -0.5 and -2e6 1/s at 200 Hz: the fast one decays by ten thousand powers of e within a period.
+#[test]
+fn a_stiff_vehicle_flies_without_a_refused_command() {
+    let dir = tempfile::tempdir().unwrap();
+    let a = vec![vec![-1e-6, 1.0, 0.0], vec![0.0, -0.5, 2.0], vec![0.0, 0.0, -2e6]];
+    let path = vehicle(dir.path(), "stiff-flight", &a);
+    let text = std::fs::read_to_string(&path).unwrap().replace("[1.0]]", "[2e6]]");
+    std::fs::write(&path, text).unwrap();
+    let launch = dir.path().join("stiff.toml");
+    let text = "vehicle = \"stiff-flight.toml\"\nmode = \"lockstep\"\nrate_hz = 200.0\nduration_s = 4.0\n\
+                [controller]\nlaw = \"lqr\"\n[[setpoint]]\nat_s = 0.5\nx1 = 0.5\n";
+    std::fs::write(&launch, text).unwrap();
+    let out = dir.path().join("out");
+    let end =
+        ask(&["run", launch.to_str().unwrap(), "--transport", "inproc", "--out", out.to_str().unwrap()]);
+    assert_eq!(end.code(), 0, "{end:?}");
+    let summary = json(out.join("summary.json"));
+    assert_eq!(summary["timing"]["failsafe_steps"], 0, "{summary}");
+}

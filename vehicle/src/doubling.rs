@@ -1,0 +1,87 @@
+//! One sample period by a short step, doubled until it is the whole: exact for slow and fast modes at once.
+//!
+//! The short step is told by power series, in which nothing cancels, and a doubled step adds what the first half has
+//! gathered, carried on over the second, to what that gathers. exp(-A t), which overflows for a mode that decays within
+//! the period, appears nowhere. What is doubled is exp(A t) - I, which keeps the digits of modes that hardly move.
+
+use nalgebra::DMatrix;
+use whirlstand_linalg::balancing_exponents;
+
+/// 1-norm of A over the short step, at most.
+const SHORT: f64 = 0.5;
+
+/// Terms of the series of the transition; the next is 4e-17 of the first at [`SHORT`].
+const TRANSITION_TERMS: u32 = 13;
+
+/// Terms of the series of the Gramian, whose operator has twice the norm.
+const GRAMIAN_TERMS: u32 = 17;
+
+/// A model over a step, in units in which the rows and columns of A are of one size.
+pub struct Balanced {
+    /// A over the short step, n x n.
+    x: DMatrix<f64>,
+    /// The short step, s.
+    short_s: f64,
+    doublings: u32,
+    units: Vec<f64>,
+}
+
+impl Balanced {
+    /// Prepares `a`, n x n, over `length_s`; the 1-norm of their product is a number.
+    pub fn new(a: &DMatrix<f64>, length_s: f64) -> Self {
+        let units: Vec<f64> = balancing_exponents(a).iter().map(|e| f64::powi(2.0, *e)).collect();
+        let x = DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * length_s * (units[j] / units[i]));
+        let norm = x.column_iter().map(|c| c.lp_norm(1)).fold(0.0, f64::max);
+        let doublings = (norm / SHORT).log2().ceil().max(0.0) as u32;
+        let share = f64::powi(0.5, doublings as i32);
+        Self { x: x * share, short_s: length_s * share, doublings, units }
+    }
+
+    /// The mean of exp(A t) over the short step: I + X/2! + X^2/3! + ...
+    fn mean_transition(&self) -> DMatrix<f64> {
+        let identity = DMatrix::identity(self.x.nrows(), self.x.ncols());
+        let mut sum = identity.clone();
+        for k in (1..=TRANSITION_TERMS).rev() {
+            sum = &identity + &self.x * sum / f64::from(k + 1);
+        }
+        sum
+    }
+
+    /// exp(A t) at the end, n x n, and the integral of exp(A t) B, n x m for `b` of that size.
+    pub fn transition_and_input(&self, b: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+        let mean = self.mean_transition();
+        let mut moved = &self.x * &mean;
+        let mut gamma =
+            mean * DMatrix::from_fn(b.nrows(), b.ncols(), |i, j| b[(i, j)] / self.units[i]) * self.short_s;
+        for _ in 0..self.doublings {
+            gamma = &gamma * 2.0 + &moved * &gamma;
+            moved = &moved * 2.0 + &moved * &moved;
+        }
+        let n = moved.nrows();
+        let phi = DMatrix::from_fn(n, n, |i, j| {
+            f64::from(u8::from(i == j)) + moved[(i, j)] * (self.units[i] / self.units[j])
+        });
+        (phi, DMatrix::from_fn(n, b.ncols(), |i, j| gamma[(i, j)] * self.units[i]))
+    }
+
+    /// The integral of exp(A t) W exp(A' t), n x n and symmetric, for `w` of that size.
+    pub fn gramian(&self, w: &DMatrix<f64>) -> DMatrix<f64> {
+        let units = |i: usize, j: usize| self.units[i] * self.units[j];
+        let n = w.nrows();
+        let w = DMatrix::from_fn(n, n, |i, j| w[(i, j)] * self.short_s / units(i, j));
+        // W + L(W)/2! + L^2(W)/3! + ... with L(W) = X W + W X'.
+        let mut sum = w.clone();
+        for k in (1..=GRAMIAN_TERMS).rev() {
+            let half = &self.x * sum;
+            sum = &w + (&half + half.transpose()) / f64::from(k + 1);
+        }
+        let mut moved = &self.x * self.mean_transition();
+        for _ in 0..self.doublings {
+            let carried = &sum + &moved * &sum;
+            sum += &carried + &carried * moved.transpose();
+            sum = (&sum + sum.transpose()) * 0.5;
+            moved = &moved * 2.0 + &moved * &moved;
+        }
+        DMatrix::from_fn(n, n, |i, j| sum[(i, j)] * units(i, j))
+    }
+}
