@@ -202,6 +202,10 @@ fn signed_links_work_and_strangers_are_not_believed() -> Outcome {
     end(stranger);
     assert_ne!(ended.code(), 0);
     assert!(ended.stderr.contains("no attitude came from the vehicle"), "{}", ended.stderr);
+    // A wrong key is told as what it is.
+    assert!(ended.stderr.contains("messages had a wrong signature"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("signing_key is the key that the vehicle signs with"), "{}", ended.stderr);
+    assert!(!ended.stderr.contains("baud rate"), "{}", ended.stderr);
     Ok(())
 }
 

@@ -14,6 +14,7 @@ pub mod crsf;
 pub mod limit;
 pub mod mavlink;
 pub mod mixer;
+pub mod peer;
 pub mod pilot;
 mod quantity;
 pub mod sbus;

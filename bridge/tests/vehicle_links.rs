@@ -7,7 +7,8 @@ use std::time::Duration;
 use support::{Pair, config};
 use whirlstand_bridge::arming::Mode;
 use whirlstand_bridge::config::BridgeKind;
-use whirlstand_bridge::vehicle::{Group, Port, Vehicle};
+use whirlstand_bridge::mavlink::{Encoder, Key, MavMessage, Signing};
+use whirlstand_bridge::vehicle::{Bench, Group, Port, Vehicle};
 
 /// What a line at half the baud rate gives: each byte is read as two others.
 fn at_half_the_rate(bytes: &[u8]) -> Vec<u8> {
@@ -75,4 +76,77 @@ fn half_a_message_of_a_lost_line_does_not_spoil_the_next_line() {
     };
     assert!(pair.heard.iter().any(asked), "its messages are asked for again");
     assert_eq!(pair.channels(), Some([1500, 1500]), "and nobody is in charge until it is armed again");
+}
+
+fn signed(key: &str) -> Signing {
+    Signing::new(Key::from_passphrase(key), 0, Duration::from_secs(1_700_000_000))
+}
+
+#[test]
+fn a_wrong_signing_key_is_told_as_such_and_not_as_a_baud_rate() {
+    for is_datagram in [true, false] {
+        let bench = || Bench { signing: Some(signed("ours")), ..support::bench() };
+        let mut vehicle = Vehicle::new(&config(), bench()).unwrap();
+        let pair = Pair::new(&config());
+        let mut theirs = Encoder::new(1, 1).with_signing(signed("theirs"));
+        for _ in 0..40 {
+            let mut bytes = Vec::new();
+            theirs.encode(&pair.heartbeat(), pair.now, &mut bytes);
+            if is_datagram {
+                assert!(!vehicle.recognises(Port::Link, &bytes, pair.now));
+            } else {
+                assert!(!vehicle.receive(Port::Link, &bytes, false, pair.now).valid);
+            }
+        }
+        let told: Vec<_> = std::iter::from_fn(|| vehicle.note()).map(|n| n.text).collect();
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(told[0].contains("5 messages had a wrong signature"), "{told:?}");
+        assert_eq!(vehicle.figures().signature, 40);
+    }
+}
+
+#[test]
+fn a_stranger_is_recognised_by_a_signed_heartbeat_of_the_autopilot_and_by_nothing_less() {
+    let bench = Bench { signing: Some(signed("ours")), ..support::bench() };
+    let mut vehicle = Vehicle::new(&config(), bench).unwrap();
+    let pair = Pair::new(&config());
+    let now = pair.now;
+    let frame = |encoder: &mut Encoder, message: &MavMessage| {
+        let mut bytes = Vec::new();
+        encoder.encode(message, now, &mut bytes);
+        bytes
+    };
+    let mut ours = Encoder::new(1, 1).with_signing(signed("ours"));
+    let (beat, attitude) = (pair.heartbeat(), pair.attitude(0.5));
+    let unsigned = frame(&mut Encoder::new(1, 1), &beat);
+    let of_another = frame(&mut ours, &attitude);
+    let good = frame(&mut ours, &beat);
+    for bad in [&[][..], &[0xFD], &[1], &unsigned, &of_another, &good[..good.len() - 1]] {
+        assert!(!vehicle.recognises(Port::Link, bad, now), "{bad:?}");
+    }
+    assert!(vehicle.recognises(Port::Link, &good, now));
+    // The look at it has not used the signature up; the message counts once.
+    assert!(vehicle.receive(Port::Link, &good, true, now).valid);
+    assert!(
+        !vehicle.recognises(Port::Link, &good, now) && !vehicle.receive(Port::Link, &good, true, now).valid
+    );
+}
+
+#[test]
+fn another_peer_is_another_vehicle_and_nobody_is_in_charge_of_it() {
+    let mut pair = Pair::flying(&config());
+    assert_eq!(pair.vehicle.mode(), Mode::Automatic);
+    pair.vehicle.peer_changed(Port::Link);
+    assert!(matches!(pair.vehicle.mode(), Mode::Failed(_)));
+    assert!(pair.vehicle.telemetry().values(Group::Attitude).is_none() && !pair.vehicle.is_armed());
+    // It speaks as another system, with a clock of its own.
+    pair.autopilot = Encoder::new(7, 1);
+    pair.boot = Duration::ZERO;
+    pair.heard.clear();
+    pair.armed = true;
+    for _ in 0..20 {
+        pair.step([10.0, -4.0]);
+    }
+    assert_eq!(pair.channels(), Some([1500, 1500]), "armed already is not armed again");
+    assert!(pair.vehicle.telemetry().values(Group::Attitude).is_some());
 }

@@ -1,5 +1,7 @@
 //! Why a node ends before its time.
 
+use whirlstand_bridge::vehicle::Figures;
+
 use crate::config::Role;
 use crate::os::RealtimeError;
 
@@ -94,8 +96,8 @@ pub enum NodeError {
     },
     /// The vehicle behind a bridge was never heard.
     #[error(
-        "no attitude came from the vehicle within {waited_s} s ({bytes} bytes and {messages} messages did): see whether \
-         it is powered, whether the link, its baud rate and its direction are right, and whether it sends its attitude"
+        "no attitude came from the vehicle within {waited_s} s ({bytes} bytes and {messages} messages did, {signature} \
+         more were refused for their signature): {}", advice(*messages, *signature)
     )]
     NoVehicle {
         /// How long the bridge waited, s.
@@ -104,6 +106,8 @@ pub enum NodeError {
         bytes: u64,
         /// Messages that came.
         messages: u64,
+        /// Messages that were refused for their signature.
+        signature: u64,
     },
     /// The autopilot behind a bridge was never heard.
     #[error(
@@ -135,6 +139,12 @@ pub enum NodeError {
 }
 
 impl NodeError {
+    /// A vehicle whose attitude never came.
+    pub(crate) fn no_vehicle(waited_s: f64, figures: &Figures) -> Self {
+        let Figures { bytes, messages, signature, .. } = *figures;
+        Self::NoVehicle { waited_s, bytes, messages, signature }
+    }
+
     /// Whether the user can mend it by other input: a launch file, a vehicle file, an option, a system setting.
     pub fn is_mendable(&self) -> bool {
         matches!(
@@ -146,5 +156,15 @@ impl NodeError {
                 | Self::Open(_)
                 | Self::Realtime(_)
         )
+    }
+}
+
+/// What to look at when no attitude came.
+fn advice(messages: u64, signature: u64) -> &'static str {
+    if signature > messages {
+        "see whether bridge.mavlink.signing_key is the key that the vehicle signs with"
+    } else {
+        "see whether it is powered, whether the link, its baud rate and its direction are right, and whether it sends its \
+         attitude"
     }
 }

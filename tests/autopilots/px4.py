@@ -1,9 +1,12 @@
 """A stand-in for PX4: connects to the simulator with pymavlink and flies by its sensors.
 
     px4.py PORT REPORT [--free] [--reconnect-after STEPS] [--pty NAME] [--disarmed] [--telemetry PORT] [--turned AXIS]
+           [--wait-for FILE] [--replay-after STEPS] [--beyond]
 
 `--free`: without lockstep, as hardware in the loop is; `--pty`: over a serial line of that name, as it is as well.
 `--telemetry`: tells its attitude to a ground station; `--turned`: with the wrong sign of one axis.
+`--wait-for`: connects once that file is there; `--replay-after`: says the same outputs again and again from then on; `--beyond`:
+with outputs that go beyond their range.
 """
 
 import argparse
@@ -82,12 +85,17 @@ def main():
     parser.add_argument("--disarmed", action="store_true")
     parser.add_argument("--telemetry", type=int)
     parser.add_argument("--turned")
+    parser.add_argument("--wait-for")
+    parser.add_argument("--replay-after", type=int)
+    parser.add_argument("--beyond", action="store_true")
     args = parser.parse_args()
     report = flight.Report(args.report)
     flight.end_in_order(report)
     report["seen"] = seen = {}
     report["connections"] = 0
     steps = 0
+    while args.wait_for and not os.path.exists(args.wait_for):
+        time.sleep(0.01)
     while True:
         try:
             link = Line(args.pty) if args.pty else connect(args.port)
@@ -144,8 +152,12 @@ def converse(link, args, report, seen, steps):
                 telemetry.attitude(last // 1000, attitude.told(args.turned))
             controls = flight.quad_x(*flight.level(attitude, gyro)) if armed else [0.0] * 4
             controls += [math.nan] * 12
-            send(mav.hil_actuator_controls_encode(last, controls, 129 if armed else 1, 0 if args.free else 1))
+            if args.beyond and steps % 100 == 99:
+                controls[2] = 1.5
             steps += 1
+            if not args.replay_after or steps <= args.replay_after:
+                said = mav.hil_actuator_controls_encode(last, controls, 129 if armed else 1, 0 if args.free else 1)
+            send(said)
             report["steps"] = steps
             if args.reconnect_after == steps:
                 return steps

@@ -32,7 +32,14 @@ fn drive(
         now += Duration::from_millis(1) + Duration::from_millis(200) * piece.pause();
         let port = ports[piece.choice() % ports.len()];
         let wire = piece.wire(|content| frame(content, now));
+        // A look at what a stranger sent changes nothing.
+        let before = autopilot.counts();
+        autopilot.recognises(port, &wire, now);
+        assert_eq!(autopilot.counts(), before);
         autopilot.receive(port, &wire, now, &mut |_, _| {});
+        if piece.pause() == 1 {
+            autopilot.end_of_datagram();
+        }
         received += 1;
         bytes += wire.len() as u64;
         while let Some(event) = autopilot.next() {

@@ -97,7 +97,11 @@ fn fuzz_vehicle() {
                 _ => (Port::Ground, mavlink_frame),
             };
             let content = piece.content;
-            vehicle.receive(port, &piece.wire(frame), content.len() % 2 == 0, now);
+            let wire = piece.wire(frame);
+            if vehicle.recognises(port, &wire, now) && content.len() % 5 == 0 {
+                vehicle.peer_changed(port);
+            }
+            vehicle.receive(port, &wire, content.len() % 2 == 0, now);
             let asked = content.first().map_or(f64::NAN, |b| f64::from(*b) / 64.0 - 2.0);
             vehicle.command(&[asked, 2.0], now);
             vehicle.poll(now);

@@ -66,13 +66,38 @@ impl AttitudeReceiver {
         Self { conversation, attitude: None, next_ask: Duration::ZERO }
     }
 
-    /// Takes in what the autopilot said.
-    pub fn receive(&mut self, bytes: &[u8], now: Duration) {
+    /// Whether a datagram of somebody unknown is an autopilot's, by itself: it holds its heartbeat, or an answer.
+    pub fn recognises(&mut self, datagram: &[u8], now: Duration) -> bool {
+        match &mut self.conversation {
+            Conversation::Mavlink(station) => station.deframer.recognises(datagram, now, |_, message| {
+                matches!(message, MavMessage::HEARTBEAT(beat)
+                    if beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID)
+            }),
+            Conversation::Msp(_) => {
+                let mut parser = Parser::default();
+                parser.push(datagram);
+                parser.next_attitude().is_some()
+            }
+        }
+    }
+
+    /// Somebody else speaks now: what the one before said counts no more.
+    pub fn forget(&mut self) {
+        self.attitude = None;
+        if let Conversation::Mavlink(station) = &mut self.conversation {
+            station.target = None;
+        }
+    }
+
+    /// Takes in what the autopilot said; returns whether something of it was valid.
+    pub fn receive(&mut self, bytes: &[u8], now: Duration) -> bool {
+        let mut valid = false;
         match &mut self.conversation {
             Conversation::Mavlink(station) => {
                 let target = &mut station.target;
                 station.deframer.push(bytes);
                 while let Some(event) = station.deframer.next(now) {
+                    valid |= matches!(event, Event::Message(..));
                     match event {
                         Event::Message(header, MavMessage::HEARTBEAT(beat))
                             if beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID =>
@@ -92,10 +117,12 @@ impl AttitudeReceiver {
                 parser.push(bytes);
                 while let Some(Attitude { angles }) = parser.next_attitude() {
                     self.attitude = Some((angles, now));
+                    valid = true;
                 }
             }
         }
         self.attitude = self.attitude.filter(|(angles, _)| angles.iter().all(|a| a.is_finite()));
+        valid
     }
 
     /// Appends what is to be said to the autopilot, to be called every few milliseconds.

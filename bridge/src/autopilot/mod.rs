@@ -34,6 +34,8 @@ pub struct Outputs {
     /// Each output: 0 to 1 for a motor, -1 to 1 for a servo. Outputs that the autopilot does not have are zero; one that
     /// it leaves undefined is not a number.
     pub values: [f64; MAX_OUTPUTS],
+    /// One bit for each output, from bit 0, that was beyond its range and is held at its limit.
+    pub beyond: u32,
     /// Whether the autopilot is armed, when the protocol says so.
     pub armed: Option<bool>,
 }
@@ -62,7 +64,7 @@ pub struct Counts {
     pub repeated: u64,
     /// Packets or bytes that are not what the protocol says: length, magic number, checksum, impossible value.
     pub malformed: u64,
-    /// Packets that were overtaken on their way, or delayed.
+    /// Packets that were overtaken on their way, delayed, or played again.
     pub stale: u64,
     /// Packets that never came, from gaps in their numbers.
     pub lost: u64,
@@ -79,8 +81,15 @@ impl Counts {
 
 /// The protocol of one autopilot.
 pub trait Autopilot {
-    /// Takes in a datagram, or the next bytes of a stream, that came through `port`; may answer at once.
-    fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>);
+    /// Whether a datagram that came through `port` from somebody unknown is one of this protocol, by itself.
+    fn recognises(&mut self, port: usize, datagram: &[u8], now: Duration) -> bool;
+
+    /// Takes in a datagram, or the next bytes of a stream, that came through `port`; may answer at once. Returns whether
+    /// something in it was valid: not damaged, and not older than what came before.
+    fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) -> bool;
+
+    /// What was received last was a datagram: nothing goes on behind it.
+    fn end_of_datagram(&mut self) {}
 
     /// The next event from the received bytes; `None` until more bytes come.
     fn next(&mut self) -> Option<Event>;

@@ -2,12 +2,17 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::peer::Pin;
+
 /// `[bridge.mavlink]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MavlinkConfig {
     /// Where the autopilot is, for example `serial:///dev/ttyACM0:921600` or `udpin://0.0.0.0:14550`.
     pub link: String,
+    /// The only address that is believed on `udpin` and `tcpin`; absent: the first that speaks validly.
+    #[serde(default)]
+    pub peer: Option<Pin>,
     /// Kind of message that carries the outputs.
     #[serde(default)]
     pub output: Output,

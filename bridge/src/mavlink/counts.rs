@@ -37,8 +37,12 @@ pub struct Counts {
     pub flags: u64,
     /// Frames whose content cannot be read.
     pub malformed: u64,
-    /// Frames refused for their signature.
-    pub signature: u64,
+    /// Frames without a signature, where one is asked for.
+    pub unsigned: u64,
+    /// Frames that were signed with another key, or changed on the way.
+    pub wrong_signature: u64,
+    /// Frames that were rightly signed at a time that is past: played again, or the sender's clock is wrong.
+    pub replayed: u64,
     /// Frames that were lost on the way, from gaps in the sequence numbers of each sender.
     pub lost: u64,
     /// Frames whose sequence number was behind: repeated, overtaken on the way, or the sender began anew.
@@ -46,9 +50,30 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Number of discarded frames; each run of noise counts as one.
+    /// Number of discarded frames.
     pub fn dropped(&self) -> u64 {
-        self.checksum + self.unknown + self.flags + self.malformed + self.signature
+        self.checksum + self.unknown + self.flags + self.malformed + self.signature()
+    }
+
+    /// Number of frames that were refused for their signature.
+    pub fn signature(&self) -> u64 {
+        self.unsigned + self.wrong_signature + self.replayed
+    }
+
+    /// Adds what was counted elsewhere.
+    pub(super) fn add(&mut self, other: &Self) {
+        self.bytes += other.bytes;
+        self.messages += other.messages;
+        self.noise_bytes += other.noise_bytes;
+        self.checksum += other.checksum;
+        self.unknown += other.unknown;
+        self.flags += other.flags;
+        self.malformed += other.malformed;
+        self.unsigned += other.unsigned;
+        self.wrong_signature += other.wrong_signature;
+        self.replayed += other.replayed;
+        self.lost += other.lost;
+        self.late += other.late;
     }
 
     pub(super) fn count(&mut self, drop: DropReason) {
@@ -58,7 +83,9 @@ impl Counts {
             DropReason::Unknown(_) => self.unknown += 1,
             DropReason::Flags(_) => self.flags += 1,
             DropReason::Malformed(_) => self.malformed += 1,
-            DropReason::Signature(_) => self.signature += 1,
+            DropReason::Signature(SignatureFault::Missing) => self.unsigned += 1,
+            DropReason::Signature(SignatureFault::Wrong) => self.wrong_signature += 1,
+            DropReason::Signature(SignatureFault::Replayed | SignatureFault::Old) => self.replayed += 1,
         }
     }
 }

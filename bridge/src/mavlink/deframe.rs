@@ -49,6 +49,8 @@ pub struct Deframer {
     signing: Option<Signing>,
     senders: BTreeMap<(u8, u8), u8>,
     counts: Counts,
+    /// What came in datagrams that were not recognised.
+    strangers: Counts,
 }
 
 /// What stands at the front of the buffer.
@@ -79,6 +81,35 @@ impl Deframer {
     /// Counts of everything received so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
+    }
+
+    /// Counts of everything received so far, and of what came in datagrams that were not recognised.
+    pub fn counts_with_strangers(&self) -> Counts {
+        let mut counts = self.counts;
+        counts.add(&self.strangers);
+        counts
+    }
+
+    /// Whether a datagram of somebody who is not believed yet holds, by itself, a message that `is_wanted`, rightly signed
+    /// where that is asked for. Nothing that is half received changes, and no signature is used up; the datagram is
+    /// still to be taken in.
+    pub fn recognises(
+        &mut self,
+        datagram: &[u8],
+        now: Duration,
+        is_wanted: impl Fn(&Header, &MavMessage) -> bool,
+    ) -> bool {
+        let mut scout = Self { signing: self.signing.clone(), ..Self::default() };
+        scout.push(datagram);
+        let mut found = false;
+        while let Some(event) = scout.next(now) {
+            found |= matches!(event, Event::Message(header, message) if is_wanted(&header, &message));
+        }
+        scout.end();
+        if !found {
+            self.strangers.add(&scout.counts);
+        }
+        found
     }
 
     /// Takes bytes in. Call [`Deframer::next`] until it returns `None` before the next bytes.

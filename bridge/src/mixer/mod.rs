@@ -157,6 +157,11 @@ impl Mixer {
         self.outputs.iter().filter_map(|o| outputs.get(o - 1).copied())
     }
 
+    /// The first of the outputs that it uses, from 1, among those whose bit is set.
+    pub fn first_used(&self, bits: u32) -> Option<usize> {
+        self.outputs.iter().copied().filter(|output| bits >> (output - 1) & 1 == 1).min()
+    }
+
     /// The demand that the outputs make about an axis, as a share of the greatest possible one.
     pub fn demand(&self, demand: Demand, outputs: &[f64]) -> f64 {
         let value = |i: usize| {

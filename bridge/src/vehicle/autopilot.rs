@@ -5,11 +5,12 @@ use std::time::Duration;
 use super::clock::ns;
 use super::note::Notes;
 use super::output::euler;
+use super::receivers::{Receivers, rc_channels};
 use super::requests::{Answer, Requests};
-use super::telemetry::{Group, Telemetry};
+use super::telemetry::Group;
+use super::warnings::Warnings;
 use crate::config::{AttitudeMessage, MavlinkConfig, RatesMessage};
 use crate::mavlink::{Counts, Deframer, Encoder, Event, Header, MavMessage, Signing, dialect};
-use crate::pilot::Pilot;
 
 /// Between two of our heartbeats.
 const HEARTBEAT: Duration = Duration::from_secs(1);
@@ -19,8 +20,6 @@ const TIMESYNC: Duration = Duration::from_secs(1);
 const TIMESYNC_FIRST: Duration = Duration::from_millis(100);
 /// How many come first.
 const FIRST_EXCHANGES: u32 = 16;
-/// After so many bytes without a message the baud rate is said to be wrong.
-const BAUD_WARNING_BYTES: u64 = 600;
 /// Message numbers.
 const HIGHRES_IMU: u32 = 105;
 const SCALED_IMU: u32 = 26;
@@ -45,7 +44,9 @@ pub(super) struct Autopilot {
     next_heartbeat: Duration,
     next_timesync: Duration,
     exchanges: u32,
-    warned: bool,
+    warnings: Warnings,
+    /// Messages of the vehicle.
+    spoken: u64,
 }
 
 impl Autopilot {
@@ -92,12 +93,23 @@ impl Autopilot {
             next_heartbeat: Duration::ZERO,
             next_timesync: Duration::ZERO,
             exchanges: 0,
-            warned: false,
+            warnings: Warnings::default(),
+            spoken: 0,
         }
     }
 
     pub(super) fn counts(&self) -> &Counts {
         self.deframer.counts()
+    }
+
+    /// With what came from senders who were not recognised.
+    pub(super) fn counts_with_strangers(&self) -> Counts {
+        self.deframer.counts_with_strangers()
+    }
+
+    /// Messages that the vehicle has said.
+    pub(super) fn spoken(&self) -> u64 {
+        self.spoken
     }
 
     /// The vehicle's system and component; before it was heard, all.
@@ -142,6 +154,27 @@ impl Autopilot {
         let _ = self.deframer.end();
     }
 
+    /// Another address is the vehicle now: which system it is, and what the old one said of itself, is forgotten.
+    pub(super) fn forget(&mut self) {
+        (self.target, self.heartbeat_at, self.sent_rc) = (None, None, None);
+        (self.armed, self.well) = (false, true);
+        self.begin_anew();
+    }
+
+    /// Whether a datagram of an unknown sender is the vehicle's: it holds the heartbeat of the autopilot that is awaited.
+    pub(super) fn recognises(&mut self, datagram: &[u8], now: Duration, notes: &mut Notes) -> bool {
+        let wanted = self.config.target_system;
+        let found = self.deframer.recognises(
+            datagram,
+            now,
+            |header, message| matches!(message, MavMessage::HEARTBEAT(beat) if is_vehicle(wanted, header, beat)),
+        );
+        if !found {
+            self.warnings.look(&self.deframer.counts_with_strangers(), &self.config.link, notes);
+        }
+        found
+    }
+
     /// Takes in bytes; `end` says that no frame goes on behind them.
     pub(super) fn receive(&mut self, bytes: &[u8], end: bool, now: Duration, receivers: &mut Receivers<'_>) {
         self.deframer.push(bytes);
@@ -153,15 +186,7 @@ impl Autopilot {
         if end {
             let _ = self.deframer.end();
         }
-        let counts = self.deframer.counts();
-        if !self.warned && counts.messages == 0 && counts.bytes > BAUD_WARNING_BYTES {
-            self.warned = true;
-            receivers.notes.warn(format!(
-                "{} bytes came in on {}, and none of them is MAVLink: is the baud rate right, and is this the telemetry \
-                 port?",
-                counts.bytes, self.config.link
-            ));
-        }
+        self.warnings.look(&self.deframer.counts_with_strangers(), &self.config.link, receivers.notes);
     }
 
     fn message(
@@ -177,6 +202,7 @@ impl Autopilot {
         if self.target != Some((header.system, header.component)) {
             return;
         }
+        self.spoken += 1;
         match message {
             MavMessage::ATTITUDE(m) if self.config.attitude == AttitudeMessage::Euler => {
                 let stamp = Some(i64::from(m.time_boot_ms) * 1_000_000);
@@ -235,10 +261,7 @@ impl Autopilot {
         now: Duration,
         notes: &mut Notes,
     ) {
-        let is_autopilot = beat.autopilot != dialect::MavAutopilot::MAV_AUTOPILOT_INVALID
-            && beat.mavtype != dialect::MavType::MAV_TYPE_GCS;
-        let wanted = self.config.target_system.is_none_or(|s| s == header.system);
-        if self.target.is_none() && is_autopilot && wanted {
+        if self.target.is_none() && is_vehicle(self.config.target_system, &header, beat) {
             self.target = Some((header.system, header.component));
             notes.info(format!(
                 "heard the autopilot: system {}, component {}, MAVLink {}",
@@ -348,39 +371,9 @@ impl Autopilot {
     }
 }
 
-/// Where the contents of a received message go.
-pub(super) struct Receivers<'a> {
-    pub(super) telemetry: &'a mut Telemetry,
-    pub(super) pilot: Option<&'a mut Pilot>,
-    pub(super) notes: &'a mut Notes,
-    pub(super) reply: &'a mut Vec<u8>,
-}
-
-impl Receivers<'_> {
-    fn take(&mut self, group: Group, values: [f32; 3], stamp: Option<i64>, now: Duration) -> bool {
-        self.telemetry.take(group, values.map(f64::from), stamp, now).is_ok()
-    }
-}
-
-fn rc_channels(m: &dialect::RC_CHANNELS_DATA) -> Vec<f64> {
-    let all = [
-        m.chan1_raw,
-        m.chan2_raw,
-        m.chan3_raw,
-        m.chan4_raw,
-        m.chan5_raw,
-        m.chan6_raw,
-        m.chan7_raw,
-        m.chan8_raw,
-        m.chan9_raw,
-        m.chan10_raw,
-        m.chan11_raw,
-        m.chan12_raw,
-        m.chan13_raw,
-        m.chan14_raw,
-        m.chan15_raw,
-        m.chan16_raw,
-    ];
-    let count = usize::from(m.chancount).min(all.len());
-    all[..count].iter().map(|us| f64::from(*us)).collect()
+/// Whether a heartbeat is that of an autopilot, and of the system that is asked for.
+fn is_vehicle(wanted: Option<u8>, header: &Header, beat: &dialect::HEARTBEAT_DATA) -> bool {
+    beat.autopilot != dialect::MavAutopilot::MAV_AUTOPILOT_INVALID
+        && beat.mavtype != dialect::MavType::MAV_TYPE_GCS
+        && wanted.is_none_or(|system| system == header.system)
 }

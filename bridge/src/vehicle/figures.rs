@@ -13,6 +13,8 @@ pub struct Figures {
     pub dropped: u64,
     /// Bytes outside of messages, of the vehicle or the pilot's receiver.
     pub noise_bytes: u64,
+    /// Messages from the vehicle's link that were refused for their signature.
+    pub signature: u64,
     /// Messages that never came, from gaps in their numbers.
     pub lost: u64,
     /// Measurements refused: repeated, overtaken, or not finite.
@@ -39,8 +41,11 @@ impl Vehicle {
         };
         match &self.source {
             Source::Mavlink(autopilot) => {
-                let c = autopilot.counts();
-                (figures.bytes, figures.messages, figures.lost) = (c.bytes, c.messages, c.lost);
+                // What strangers said is a refused datagram of its own, and here only what it was.
+                let (c, all) = (autopilot.counts(), autopilot.counts_with_strangers());
+                (figures.bytes, figures.messages, figures.signature) =
+                    (all.bytes, all.messages, all.signature());
+                figures.lost = c.lost;
                 (figures.dropped, figures.noise_bytes) = (c.dropped(), c.noise_bytes);
             }
             Source::Crsf { parser, .. } => {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::autopilot::Receivers;
+use super::receivers::Receivers;
 use super::{Group, Port, SBUS_PAUSE, Source, Vehicle};
 use crate::config::PilotSource;
 use crate::crsf;
@@ -12,7 +12,106 @@ use crate::sbus;
 /// After so many bytes without a frame of CRSF the baud rate is said to be wrong.
 const BAUD_WARNING_BYTES: u64 = 300;
 
+/// What bytes from a port were.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Received {
+    /// Something in them was valid, and from the one who belongs there.
+    pub valid: bool,
+    /// An attitude came that no measurement has yet.
+    pub attitude: bool,
+}
+
 impl Vehicle {
+    /// Whether a datagram from somebody who is not the peer of a port makes him one: by itself it is a valid message,
+    /// signed where that is asked for, and on the vehicle's link the heartbeat of the autopilot that is awaited.
+    pub fn recognises(&mut self, port: Port, datagram: &[u8], now: Duration) -> bool {
+        match (port, &mut self.source) {
+            (Port::Link, Source::Mavlink(autopilot)) => autopilot.recognises(datagram, now, &mut self.notes),
+            (Port::Link, Source::Crsf { .. }) => is_crsf(datagram),
+            (Port::Pilot, _) if self.pilot_source == Some(PilotSource::Sbus) => {
+                let mut parser = sbus::Parser::new();
+                parser.push(datagram);
+                parser.next_frame().is_some()
+            }
+            (Port::Pilot, _) => is_crsf(datagram),
+            (Port::Ground, _) => self.ground.recognises(datagram, now, |_, _| true),
+            (Port::Output, _) => false,
+        }
+    }
+
+    /// Another peer has taken the place of the one that a port had.
+    pub fn peer_changed(&mut self, port: Port) {
+        self.connected(port);
+        if let (Port::Link, Source::Mavlink(autopilot)) = (port, &mut self.source) {
+            autopilot.forget();
+        }
+        if port == Port::Link {
+            self.telemetry.restart();
+            let _ = self.telemetry.take_restart();
+            if !self.has_failed()
+                && let Some(mode) = self.arming.restarted()
+            {
+                self.announce(mode);
+            }
+        }
+    }
+
+    /// Takes in bytes from a port; `end` says that no frame goes on behind them, as in a datagram.
+    pub fn receive(&mut self, port: Port, bytes: &[u8], end: bool, now: Duration) -> Received {
+        let before = self.spoken(port);
+        match port {
+            Port::Link => self.receive_link(bytes, end, now),
+            Port::Pilot => self.receive_pilot(bytes, now),
+            Port::Ground => self.receive_ground(bytes, now),
+            Port::Output => {}
+        }
+        let received = Received {
+            valid: self.spoken(port) > before,
+            attitude: self.telemetry.is_fresh(Group::Attitude),
+        };
+        if self.telemetry.take_restart() {
+            self.notes.warn("the vehicle's clock went back: it restarted");
+            if let Source::Mavlink(autopilot) = &mut self.source {
+                autopilot.begin_anew();
+            }
+            if let Some(mode) = self.arming.restarted() {
+                self.announce(mode);
+            }
+        }
+        received
+    }
+
+    /// Valid messages that a port has had from the one who belongs there.
+    fn spoken(&self, port: Port) -> u64 {
+        match (port, &self.source) {
+            (Port::Link, Source::Mavlink(autopilot)) => autopilot.spoken(),
+            (Port::Link, Source::Crsf { parser, .. }) => parser.counts().frames,
+            (Port::Pilot, _) => self.pilot_crsf.counts().frames + self.pilot_sbus.counts().frames,
+            (Port::Ground, _) => self.ground.counts().messages,
+            (Port::Output, _) => 0,
+        }
+    }
+
+    /// Takes in the sticks of a gamepad, us.
+    pub fn stick(&mut self, us: &[f64], now: Duration) {
+        if let Some(pilot) = &mut self.pilot {
+            pilot.update(us, false, now);
+        }
+    }
+
+    /// Discards what was half received, because a port was connected anew.
+    pub fn connected(&mut self, port: Port) {
+        match (port, &mut self.source) {
+            (Port::Link, Source::Mavlink(autopilot)) => autopilot.begin_anew(),
+            (Port::Link, Source::Crsf { parser, .. }) => parser.reset(),
+            (Port::Pilot, _) => {
+                self.pilot_crsf.reset();
+                self.pilot_sbus.reset();
+            }
+            (Port::Output | Port::Ground, _) => {}
+        }
+    }
+
     /// A ground station may ask and set, but not steer: what moves the vehicle passes the gate of the bridge alone.
     pub(super) fn receive_ground(&mut self, bytes: &[u8], now: Duration) {
         self.ground.push(bytes);
@@ -103,6 +202,14 @@ impl Vehicle {
             _ => {}
         }
     }
+}
+
+/// Whether a datagram holds a whole frame of CRSF.
+fn is_crsf(datagram: &[u8]) -> bool {
+    let mut parser = crsf::Parser::new();
+    parser.push(datagram);
+    while parser.next_event().is_some() {}
+    parser.counts().frames > 0
 }
 
 /// Whether a message moves the vehicle.

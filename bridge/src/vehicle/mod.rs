@@ -12,8 +12,10 @@ mod note;
 mod options;
 mod outbound;
 mod output;
+mod receivers;
 mod requests;
 mod telemetry;
+mod warnings;
 
 use std::time::Duration;
 
@@ -31,6 +33,7 @@ use crate::sbus;
 use crate::watch::EstimateWatch;
 use autopilot::Autopilot;
 pub use figures::Figures;
+pub use inbound::Received;
 pub use note::Note;
 use note::Notes;
 use options::{check_mavlink, check_safety, missing};
@@ -191,48 +194,6 @@ impl Vehicle {
             outputs: 0,
             notes: Notes::default(),
         })
-    }
-
-    /// Takes in bytes from a port; `end` says that no frame goes on behind them, as in a datagram. Returns whether a
-    /// new attitude came.
-    pub fn receive(&mut self, port: Port, bytes: &[u8], end: bool, now: Duration) -> bool {
-        match port {
-            Port::Link => self.receive_link(bytes, end, now),
-            Port::Pilot => self.receive_pilot(bytes, now),
-            Port::Ground => self.receive_ground(bytes, now),
-            Port::Output => {}
-        }
-        let fresh = self.telemetry.is_fresh(Group::Attitude);
-        if self.telemetry.take_restart() {
-            self.notes.warn("the vehicle's clock went back: it restarted");
-            if let Source::Mavlink(autopilot) = &mut self.source {
-                autopilot.begin_anew();
-            }
-            if let Some(mode) = self.arming.restarted() {
-                self.announce(mode);
-            }
-        }
-        fresh
-    }
-
-    /// Takes in the sticks of a gamepad, us.
-    pub fn stick(&mut self, us: &[f64], now: Duration) {
-        if let Some(pilot) = &mut self.pilot {
-            pilot.update(us, false, now);
-        }
-    }
-
-    /// Discards what was half received, because a port was connected anew.
-    pub fn connected(&mut self, port: Port) {
-        match (port, &mut self.source) {
-            (Port::Link, Source::Mavlink(autopilot)) => autopilot.begin_anew(),
-            (Port::Link, Source::Crsf { parser, .. }) => parser.reset(),
-            (Port::Pilot, _) => {
-                self.pilot_crsf.reset();
-                self.pilot_sbus.reset();
-            }
-            (Port::Output | Port::Ground, _) => {}
-        }
     }
 
     /// Takes in a command that answers the newest measurement, and sends what comes of it.

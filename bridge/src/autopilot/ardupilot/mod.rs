@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::mixer::MAX_OUTPUTS;
+use crate::peer::Pin;
 use crate::sensors::Sensors;
 
 pub use packet::{PacketError, ServoPacket};
@@ -36,6 +37,8 @@ const SILENCE: Duration = Duration::from_millis(500);
 pub struct ArdupilotOptions {
     /// Where ArduPilot's packets come in, `udpin://ADDRESS:PORT`; they are answered to their sender.
     pub link: String,
+    /// The only address that is believed; absent: the first that speaks validly.
+    pub peer: Option<Pin>,
     /// Pulse of a motor that stands still, or of a servo at -1, us.
     pub pwm_min: u16,
     /// Pulse of a motor at full thrust, or of a servo at 1, us.
@@ -44,7 +47,7 @@ pub struct ArdupilotOptions {
 
 impl Default for ArdupilotOptions {
     fn default() -> Self {
-        Self { link: format!("udpin://127.0.0.1:{PORT}"), pwm_min: 1000, pwm_max: 2000 }
+        Self { link: format!("udpin://127.0.0.1:{PORT}"), peer: None, pwm_min: 1000, pwm_max: 2000 }
     }
 }
 
@@ -90,16 +93,17 @@ impl Ardupilot {
 
     fn outputs(&self, packet: &ServoPacket) -> Outputs {
         let (low, high) = (f64::from(self.options.pwm_min), f64::from(self.options.pwm_max));
-        let mut values = [0.0; MAX_OUTPUTS];
-        for (value, &pwm) in values.iter_mut().zip(packet.pulses()) {
+        let (mut values, mut beyond) = ([0.0; MAX_OUTPUTS], 0);
+        for (i, (value, &pwm)) in values.iter_mut().zip(packet.pulses()).enumerate() {
             // No pulse at all: the output is not in use.
             if pwm != 0 {
                 let share = (f64::from(pwm) - low) / (high - low);
                 *value =
                     if self.motors { share.clamp(0.0, 1.0) } else { (2.0 * share - 1.0).clamp(-1.0, 1.0) };
+                beyond |= u32::from(!(0.0..=1.0).contains(&share)) << i;
             }
         }
-        Outputs { values, armed: None }
+        Outputs { values, beyond, armed: None }
     }
 
     fn take(&mut self, packet: &ServoPacket, now: Duration) {
@@ -118,14 +122,18 @@ impl Ardupilot {
 }
 
 impl Autopilot for Ardupilot {
-    fn receive(&mut self, _port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) {
+    fn recognises(&mut self, _port: usize, datagram: &[u8], _now: Duration) -> bool {
+        ServoPacket::parse(datagram).is_ok()
+    }
+
+    fn receive(&mut self, _port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) -> bool {
         let Ok(packet) = ServoPacket::parse(bytes) else {
             self.counts.malformed += 1;
-            return;
+            return false;
         };
         let Some(last) = self.last else {
             self.take(&packet, now);
-            return;
+            return true;
         };
         match packet.number.checked_sub(last.number) {
             Some(0) => {
@@ -141,13 +149,20 @@ impl Autopilot for Ardupilot {
                 self.counts.lost += u64::from(ahead - 1);
                 self.take(&packet, now);
             }
-            Some(_) => self.counts.malformed += 1,
+            Some(_) => {
+                self.counts.malformed += 1;
+                return false;
+            }
             None if now.saturating_sub(last.at) >= SILENCE => {
                 self.restart();
                 self.take(&packet, now);
             }
-            None => self.counts.stale += 1,
+            None => {
+                self.counts.stale += 1;
+                return false;
+            }
         }
+        true
     }
 
     fn next(&mut self) -> Option<Event> {

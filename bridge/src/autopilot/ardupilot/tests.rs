@@ -136,6 +136,31 @@ fn a_repeated_number_is_a_lost_answer_and_a_reset_is_a_restart() {
 }
 
 #[test]
+fn pulses_beyond_the_range_are_held_and_told_by_number() {
+    let autopilot = Ardupilot::new(ArdupilotOptions::default(), true);
+    for (pulse, value, beyond) in [(2000, 1.0, 0), (1000, 0.0, 0), (2001, 1.0, 1), (900, 0.0, 1), (0, 0.0, 0)]
+    {
+        let outputs = autopilot.outputs(&ServoPacket::parse(&packet(0, pulses(pulse))).unwrap());
+        assert_eq!((outputs.values[0], outputs.beyond), (value, beyond), "{pulse}");
+    }
+}
+
+#[test]
+fn only_what_counts_is_a_sign_of_life() {
+    let mut bench = Bench::new();
+    let mut says = |bytes: &[u8]| {
+        let known = bench.autopilot.recognises(0, bytes, bench.now);
+        let valid = bench.autopilot.receive(0, bytes, bench.now, &mut |_, _| {});
+        (known, valid)
+    };
+    assert_eq!(says(&[1]), (false, false));
+    assert_eq!(says(&packet(5, pulses(1500))), (true, true));
+    assert_eq!(says(&packet(5, pulses(1500))), (true, true), "it asks again");
+    assert_eq!(says(&packet(4, pulses(1500))), (true, false), "old");
+    assert_eq!(says(&packet(9, pulses(1500))), (true, false), "ahead of every answer");
+}
+
+#[test]
 fn what_is_no_packet_is_refused_in_words() {
     let good = packet(3, pulses(1500));
     for (bytes, words) in [

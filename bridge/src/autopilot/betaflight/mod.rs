@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::mixer::MAX_OUTPUTS;
+use crate::peer::Pin;
 use crate::sensors::Sensors;
 
 pub use packet::{FDM_BYTES, Flavour, PacketError, RC_BYTES, parse_motors, parse_raw, raw_bytes};
@@ -66,6 +67,8 @@ pub struct BetaflightOptions {
     pub host: String,
     /// Address of this computer on which Betaflight's packets are awaited.
     pub bind: String,
+    /// The only address whose packets are believed; absent: the first that speaks validly on each port.
+    pub peer: Option<Pin>,
     /// The four ports, as Betaflight was compiled.
     pub ports: [u16; 4],
     /// Format in which Betaflight reads state packets.
@@ -79,6 +82,7 @@ impl Default for BetaflightOptions {
         Self {
             host: "127.0.0.1".into(),
             bind: "127.0.0.1".into(),
+            peer: None,
             ports: PORTS,
             flavour: Flavour::default(),
             packets: Packets::default(),
@@ -117,10 +121,11 @@ impl Betaflight {
     }
 
     fn outputs(&self, port: usize, bytes: &[u8]) -> Result<Outputs, PacketError> {
-        let mut values = [0.0; MAX_OUTPUTS];
+        let (mut values, mut beyond) = ([0.0; MAX_OUTPUTS], 0);
         if port == RAW {
             let pulses = parse_raw(bytes)?;
-            for (value, &pulse) in values.iter_mut().zip(pulses.values()) {
+            for (i, (value, &pulse)) in values.iter_mut().zip(pulses.values()).enumerate() {
+                beyond |= u32::from(pulse != 0.0 && !(1000.0..=2000.0).contains(&pulse)) << i;
                 *value = match (pulse, self.motors) {
                     // No pulse at all: the output is not in use.
                     (0.0, _) => 0.0,
@@ -128,25 +133,32 @@ impl Betaflight {
                     (pulse, false) => ((pulse - 1500.0) / 500.0).clamp(-1.0, 1.0),
                 };
             }
-        } else {
+        } else if port == MOTORS {
             values[..4].copy_from_slice(&parse_motors(bytes)?);
+        } else {
+            return Err(PacketError::Port);
         }
-        Ok(Outputs { values, armed: None })
+        Ok(Outputs { values, beyond, armed: None })
     }
 }
 
 impl Autopilot for Betaflight {
-    fn receive(&mut self, port: usize, bytes: &[u8], _now: Duration, _send: &mut Send<'_>) {
-        match self.outputs(port, bytes) {
-            Err(_) => self.counts.malformed += 1,
-            // The other packet says the same in another way.
-            Ok(_) if (port == RAW) != (self.options.packets == Packets::Raw) => {}
-            Ok(outputs) => {
-                self.counts.outputs += 1;
-                self.answered = true;
-                self.event = Some(Event::Outputs(outputs));
-            }
+    fn recognises(&mut self, port: usize, datagram: &[u8], _now: Duration) -> bool {
+        self.outputs(port, datagram).is_ok()
+    }
+
+    fn receive(&mut self, port: usize, bytes: &[u8], _now: Duration, _send: &mut Send<'_>) -> bool {
+        let Ok(outputs) = self.outputs(port, bytes) else {
+            self.counts.malformed += 1;
+            return false;
+        };
+        // The other packet says the same in another way.
+        if (port == RAW) == (self.options.packets == Packets::Raw) {
+            self.counts.outputs += 1;
+            self.answered = true;
+            self.event = Some(Event::Outputs(outputs));
         }
+        true
     }
 
     fn next(&mut self) -> Option<Event> {

@@ -39,6 +39,9 @@ pub enum Flavour {
 /// Why bytes are not a packet of Betaflight.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PacketError {
+    /// Betaflight only listens on this port.
+    #[error("a packet came to a port to which Betaflight sends nothing")]
+    Port,
     /// Another length.
     #[error("{found} bytes came where {expected} are expected")]
     Length {

@@ -102,6 +102,20 @@ fn outputs_are_read_from_either_packet_and_no_other() {
 }
 
 #[test]
+fn pulses_beyond_the_range_are_held_and_told_by_number_and_nothing_comes_to_other_ports() {
+    let mut betaflight = Betaflight::new(BetaflightOptions::default(), true, PERIOD);
+    let mut pulses = [0.0; 16];
+    pulses[..4].copy_from_slice(&[1000.0, 2000.0, 2100.0, 900.0]);
+    let outputs = betaflight.outputs(RAW, &raw(pulses)).unwrap();
+    assert_eq!((&outputs.values[..4], outputs.beyond), (&[0.0, 1.0, 1.0, 0.0][..], 0b1100));
+    assert!(betaflight.recognises(RAW, &raw(pulses), PERIOD) && !betaflight.recognises(RAW, &[1], PERIOD));
+    for port in [STATE, CHANNELS] {
+        assert!(!betaflight.recognises(port, &motors([0.5; 4]), PERIOD));
+        assert_eq!(received(&mut betaflight, port, &motors([0.5; 4])), None);
+    }
+}
+
+#[test]
 fn each_axis_alone_arrives_in_betaflight_with_its_sign() {
     for flavour in [Flavour::Gazebo, Flavour::Legacy] {
         let level = state_of(flavour, Motion::default());

@@ -14,9 +14,10 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
-use crate::mavlink::dialect::{HilActuatorControlsFlags, MavCmd, MavModeFlag};
-use crate::mavlink::{Deframer, Encoder, MavMessage};
+use crate::mavlink::dialect::{HilActuatorControlsFlags, MavAutopilot, MavCmd, MavModeFlag};
+use crate::mavlink::{Deframer, Encoder, Header, MavMessage};
 use crate::mixer::MAX_OUTPUTS;
+use crate::peer::Pin;
 use crate::sensors::Sensors;
 
 /// The TCP port of PX4's first instance.
@@ -31,6 +32,9 @@ const SYSTEM: u8 = 142;
 const COMPONENT: u8 = 142;
 /// Message number of HIL_STATE_QUATERNION.
 const STATE_QUATERNION: f32 = 115.0;
+
+/// Outputs go from -1 to 1; a little room for rounding.
+const LARGEST_CONTROL: f64 = 1.001;
 
 /// Time between two messages of a kind.
 const MAG_PERIOD_NS: u64 = 10_000_000;
@@ -47,6 +51,8 @@ pub struct Px4Options {
     /// Where PX4 is: `tcpin://ADDRESS:PORT` where PX4 connects, or `serial://DEVICE:BAUD` or `udpin://ADDRESS:PORT` for
     /// hardware.
     pub link: String,
+    /// The only address that is believed on `udpin` and `tcpin`; absent: the first that speaks validly.
+    pub peer: Option<Pin>,
     /// Send the pitot's differential pressure.
     pub airspeed: bool,
     /// Send the pilot's channels; without them PX4 listens to its ground station alone.
@@ -55,7 +61,7 @@ pub struct Px4Options {
 
 impl Default for Px4Options {
     fn default() -> Self {
-        Self { link: format!("tcpin://127.0.0.1:{PORT}"), airspeed: false, rc: false }
+        Self { link: format!("tcpin://127.0.0.1:{PORT}"), peer: None, airspeed: false, rc: false }
     }
 }
 
@@ -125,36 +131,41 @@ impl Px4 {
         }
     }
 
-    fn controls(&mut self, controls: &crate::mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA) {
+    /// Takes outputs in; returns whether they count.
+    fn controls(&mut self, controls: &crate::mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA) -> bool {
         // In lockstep the clock is ours, so that outputs of a time that was never sensed cannot be meant for us.
         let lockstep =
             controls.flags.contains(HilActuatorControlsFlags::HIL_ACTUATOR_CONTROLS_FLAGS_LOCKSTEP);
         if lockstep && self.sensed.is_none_or(|sensed| controls.time_usec > sensed) {
             self.counts.malformed += 1;
-            return;
+            return false;
         }
-        if self.controlled.is_some_and(|last| controls.time_usec < last) {
+        // A time that does not go on is that of an autopilot that stands still, or of a message that was played again.
+        if self.controlled.is_some_and(|last| controls.time_usec <= last) {
             self.counts.stale += 1;
-            return;
+            return false;
         }
         let range = if self.motors { 0.0..=1.0 } else { -1.0..=1.0 };
-        let mut values = [0.0; MAX_OUTPUTS];
-        for (value, &control) in values.iter_mut().zip(&controls.controls) {
+        let (mut values, mut beyond) = ([0.0; MAX_OUTPUTS], 0);
+        for (i, (value, &control)) in values.iter_mut().zip(&controls.controls).enumerate() {
             let control = f64::from(control);
             // PX4 leaves outputs that it does not use undefined.
             *value = if control.is_finite() { control.clamp(*range.start(), *range.end()) } else { f64::NAN };
+            beyond |= u32::from(control.is_finite() && control.abs() > LARGEST_CONTROL) << i;
         }
         self.lockstep = lockstep;
         self.controlled = Some(controls.time_usec);
         self.answered |= !lockstep || self.sensed.is_some_and(|sensed| controls.time_usec >= sensed);
         self.counts.outputs += 1;
         let armed = controls.mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
-        self.event = Some(Event::Outputs(Outputs { values, armed: Some(armed) }));
+        self.event = Some(Event::Outputs(Outputs { values, beyond, armed: Some(armed) }));
+        true
     }
 
-    fn take(&mut self, message: &MavMessage) {
+    /// Takes a message in; returns whether it counts.
+    fn take(&mut self, message: &MavMessage) -> bool {
         match message {
-            MavMessage::HIL_ACTUATOR_CONTROLS(controls) => self.controls(controls),
+            MavMessage::HIL_ACTUATOR_CONTROLS(controls) => return self.controls(controls),
             MavMessage::COMMAND_LONG(command)
                 if command.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
                     && command.param1 == STATE_QUATERNION =>
@@ -168,17 +179,33 @@ impl Px4 {
             }
             _ => {}
         }
+        true
     }
 }
 
 impl Autopilot for Px4 {
-    fn receive(&mut self, _port: usize, bytes: &[u8], now: Duration, _send: &mut Send<'_>) {
+    fn recognises(&mut self, _port: usize, datagram: &[u8], now: Duration) -> bool {
+        let is_autopilots = |_: &Header, message: &MavMessage| match message {
+            MavMessage::HEARTBEAT(beat) => beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID,
+            message => matches!(message, MavMessage::HIL_ACTUATOR_CONTROLS(_)),
+        };
+        self.deframer.recognises(datagram, now, is_autopilots)
+    }
+
+    fn receive(&mut self, _port: usize, bytes: &[u8], now: Duration, _send: &mut Send<'_>) -> bool {
         self.deframer.push(bytes);
+        let mut valid = false;
         while let Some(event) = self.deframer.next(now) {
             if let crate::mavlink::Event::Message(_, message) = event {
-                self.take(&message);
+                valid |= self.take(&message);
             }
         }
+        valid
+    }
+
+    fn end_of_datagram(&mut self) {
+        // What is left of it is counted there.
+        let _ = self.deframer.end();
     }
 
     fn next(&mut self) -> Option<Event> {

@@ -141,7 +141,7 @@ fn lockstep_waits_for_the_outputs_of_its_time() {
     assert!(bench.px4.is_lockstep() && bench.px4.is_answered());
     let next = sensor(&bench.sense());
     assert!(!bench.px4.is_answered());
-    let late = bench.bytes(&controls(s.time_usec, 0.3, true, true));
+    let late = bench.bytes(&controls(s.time_usec + 1, 0.3, true, true));
     assert!(bench.receive(&late).is_some() && !bench.px4.is_answered(), "still of the step before");
     let early = bench.bytes(&controls(next.time_usec + 1, 0.3, true, true));
     assert!(bench.receive(&early).is_none(), "a time that was never sensed");
@@ -156,6 +156,57 @@ fn lockstep_waits_for_the_outputs_of_its_time() {
     bench.px4.disconnected(0);
     assert_eq!(bench.px4.counts(), counts, "what was counted stays counted");
     assert!(bench.px4.is_answered(), "a new conversation");
+}
+
+#[test]
+fn a_time_that_does_not_go_on_is_stale() {
+    let mut bench = Bench::new(Px4Options::default());
+    let s = sensor(&bench.sense());
+    let played = bench.bytes(&controls(s.time_usec, 0.25, true, false));
+    assert!(bench.receive(&played).is_some());
+    for n in 1..=10 {
+        bench.sense();
+        let older = bench.bytes(&controls(s.time_usec - n, 0.9, true, false));
+        for again in [&played, &older] {
+            assert!(!bench.px4.receive(0, again, bench.now, &mut |_, _| {}), "it is no sign of life");
+            assert!(bench.px4.next().is_none() && !bench.px4.is_answered());
+        }
+    }
+    assert_eq!((bench.px4.counts().outputs, bench.px4.counts().stale), (1, 20));
+}
+
+#[test]
+fn outputs_beyond_their_range_are_held_and_told_by_number() {
+    let mut bench = Bench::new(Px4Options::default());
+    for (control, value, beyond) in
+        [(1.0005, 1.0, 0), (-0.5, 0.0, 0), (1.5, 1.0, 1), (-2.0, 0.0, 1), (3e38, 1.0, 1)]
+    {
+        let s = sensor(&bench.sense());
+        let bytes = bench.bytes(&controls(s.time_usec, control, true, false));
+        let outputs = bench.receive(&bytes).unwrap();
+        assert_eq!((outputs.values[0], outputs.beyond), (value, beyond), "{control}");
+    }
+    let s = sensor(&bench.sense());
+    let bytes = bench.bytes(&controls(s.time_usec, f32::INFINITY, true, false));
+    let outputs = bench.receive(&bytes).unwrap();
+    assert!(outputs.values[0].is_nan() && outputs.beyond == 0, "no number has no range");
+}
+
+#[test]
+fn a_datagram_of_somebody_unknown_is_px4s_only_by_itself() {
+    let mut bench = Bench::new(Px4Options::default());
+    let good = bench.bytes(&controls(1, 0.5, true, false));
+    let now = bench.now;
+    assert!(bench.px4.recognises(0, &good, now));
+    let station = bench.bytes(&messages::heartbeat());
+    for bad in [&good[..good.len() - 1], &good[1..], &[0xFD], &[], &station] {
+        assert!(!bench.px4.recognises(0, bad, now), "{bad:?}");
+    }
+    assert_eq!(bench.px4.counts(), Counts::default(), "whose it is, is counted where it came in");
+    // Half a frame in a datagram goes on nowhere.
+    bench.px4.receive(0, &good[..20], now, &mut |_, _| {});
+    bench.px4.end_of_datagram();
+    assert!(bench.receive(&good).is_some());
 }
 
 #[test]

@@ -16,7 +16,7 @@ use whirlstand_bridge::sensors::{Errors, Motion, SensorModel};
 
 use super::super::hil::links::Links;
 use super::super::hil::state::Flight;
-use super::super::link::{Address, Link, Received, wait_for_bytes};
+use super::super::link::{Address, BUFFER, Decoder, Link, wait_for_bytes};
 use super::reaction::{self, Demands};
 use super::tilt::{self, AXES, RAMP, TILT};
 use super::{CheckOptions, Finding};
@@ -225,12 +225,8 @@ impl Check<'_> {
     fn receive(&mut self, now: Duration) {
         // One that is not there yet is tried again; that it never came is told by what was not heard.
         let _ = self.telemetry.maintain(Instant::now());
-        let mut buffer = [0; 4096];
-        while let Ok(Received::Stream(length) | Received::Datagram(length)) =
-            self.telemetry.receive(&mut buffer)
-        {
-            self.attitude_receiver.receive(&buffer[..length], now);
-        }
+        let mut protocol = Telemetry { receiver: &mut self.attitude_receiver, now };
+        let _ = self.telemetry.drain(&mut [0; BUFFER], Instant::now(), &mut protocol);
         let mut ask = Vec::new();
         self.attitude_receiver.ask(now, &mut ask);
         if !ask.is_empty() {
@@ -243,7 +239,7 @@ impl Check<'_> {
         came.ok_or(NodeError::NoAutopilot {
             name: self.name,
             waited_s: options.timeout.as_secs_f64(),
-            malformed: self.autopilot.counts().malformed,
+            malformed: self.autopilot.counts().malformed + self.links.refused().invalid,
         })
     }
 
@@ -335,5 +331,25 @@ impl Check<'_> {
             self.flight.forget();
             let _: Option<()> = self.until(Duration::from_millis(200), |_| None);
         }
+    }
+}
+
+/// What the autopilot says to its ground station.
+struct Telemetry<'a> {
+    receiver: &'a mut AttitudeReceiver,
+    now: Duration,
+}
+
+impl Decoder for Telemetry<'_> {
+    fn recognises(&mut self, datagram: &[u8]) -> bool {
+        self.receiver.recognises(datagram, self.now)
+    }
+
+    fn peer_changed(&mut self) {
+        self.receiver.forget();
+    }
+
+    fn decode(&mut self, bytes: &[u8], _is_datagram: bool) -> bool {
+        self.receiver.receive(bytes, self.now)
     }
 }

@@ -110,9 +110,7 @@ impl Check<'_> {
         if report.is_some() {
             return Ok(());
         }
-        let figures = lock(&self.shared).vehicle.figures();
-        let (waited_s, bytes, messages) = (self.timeout.as_secs_f64(), figures.bytes, figures.messages);
-        Err(NodeError::NoVehicle { waited_s, bytes, messages })
+        Err(NodeError::no_vehicle(self.timeout.as_secs_f64(), &lock(&self.shared).vehicle.figures()))
     }
 
     /// Rate, losses and the clock.

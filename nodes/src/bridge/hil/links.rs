@@ -1,15 +1,14 @@
 //! The links of an autopilot's protocol, by the protocol's own port numbers.
 
+use std::ops::Add;
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
 use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, AutopilotKind};
+use whirlstand_bridge::peer::{PeerCounts, SILENCE};
 
-use crate::bridge::link::{Link, LinkEvent, LinkSender, Received, wait_for_bytes};
+use crate::bridge::link::{BUFFER, Decoder, Link, LinkEvent, LinkSender, configured, wait_for_bytes};
 use crate::error::NodeError;
-
-/// Longest datagram, and the most that is read from a stream at once.
-const BUFFER: usize = 65_536;
 
 /// All links to the autopilot.
 pub(in crate::bridge) struct Links {
@@ -26,58 +25,59 @@ impl Links {
     /// # Errors
     /// [`NodeError::Config`] for an address that is none.
     pub(in crate::bridge) fn new(options: &AutopilotConfig) -> Result<Self, NodeError> {
-        let b = &options.betaflight;
-        let addresses = match options.kind {
-            AutopilotKind::Px4Hil => vec![("bridge.px4.link", options.px4.link.clone())],
-            AutopilotKind::ArdupilotJson => vec![("bridge.ardupilot.link", options.ardupilot.link.clone())],
+        let (px4, ardupilot, b) = (&options.px4, &options.ardupilot, &options.betaflight);
+        let links = match options.kind {
+            AutopilotKind::Px4Hil => vec![configured("px4", "link", &px4.link, px4.peer, SILENCE)?],
+            AutopilotKind::ArdupilotJson => {
+                vec![configured("ardupilot", "link", &ardupilot.link, ardupilot.peer, SILENCE)?]
+            }
             AutopilotKind::BetaflightSitl => {
-                let from = |port: u16| ("bridge.betaflight.bind", format!("udpin://{}:{port}", b.bind));
-                let to = |port: u16| ("bridge.betaflight.host", format!("udpout://{}:{port}", b.host));
+                let from = |port: u16| {
+                    configured("betaflight", "bind", &format!("udpin://{}:{port}", b.bind), b.peer, SILENCE)
+                };
+                let to = |port: u16| {
+                    configured("betaflight", "host", &format!("udpout://{}:{port}", b.host), None, SILENCE)
+                };
                 let [raw, motors, state, channels] = b.ports;
-                vec![from(raw), from(motors), to(state), to(channels)]
+                vec![from(raw)?, from(motors)?, to(state)?, to(channels)?]
             }
         };
-        let open =
-            |(field, address): (&str, String)| {
-                address.parse().map(Link::new).map_err(|e: crate::bridge::link::AddressError| {
-                    NodeError::Config { field: field.into(), value: address, reason: e.to_string() }
-                })
-            };
-        let links = addresses.into_iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let senders = links.iter().map(Link::sender).collect();
         Ok(Self { links, senders, lost: None, buffer: vec![0; BUFFER] })
     }
 
-    /// Opens what is closed, and hands everything that waits to the autopilot's protocol.
+    /// Opens what is closed, and hands what waits, up to a limit, to the autopilot's protocol.
     pub(in crate::bridge) fn receive(&mut self, autopilot: &mut dyn Autopilot, now: Duration) {
         let Self { links, senders, lost, buffer } = self;
+        let instant = Instant::now();
         for (port, link) in links.iter_mut().enumerate() {
-            if !link.is_up() {
-                match link.maintain(Instant::now()) {
-                    Some(LinkEvent::Up) => tracing::info!("{} is open", link.address()),
-                    Some(LinkEvent::Down(why)) => tracing::warn!("{why}"),
-                    None => {}
+            match link.maintain(instant) {
+                Some(LinkEvent::Up) => tracing::info!("{} is open", link.address()),
+                Some(LinkEvent::Down(why)) => tracing::warn!("{why}"),
+                Some(LinkEvent::Replaced(why)) => {
+                    autopilot.disconnected(port);
+                    *lost = Some(why);
                 }
+                None => {}
             }
-            loop {
-                match link.receive(buffer) {
-                    Ok(Received::Nothing) => break,
-                    Ok(Received::Stream(length) | Received::Datagram(length)) => {
-                        autopilot.receive(port, &buffer[..length], now, &mut |to, bytes| {
-                            if let Some(sender) = senders.get(to) {
-                                sender.send(bytes);
-                            }
-                        });
-                    }
-                    Err(LinkEvent::Down(why)) => {
-                        autopilot.disconnected(port);
-                        *lost = Some(why);
-                        break;
-                    }
-                    Err(LinkEvent::Up) => break,
+            let mut protocol = Protocol { autopilot: &mut *autopilot, senders, port, now, lost: &mut *lost };
+            if let Err(LinkEvent::Down(why)) = link.drain(buffer, instant, &mut protocol) {
+                autopilot.disconnected(port);
+                *lost = Some(why);
+            }
+            while let Some((warn, text)) = link.take_note() {
+                if warn {
+                    tracing::warn!("{text}");
+                } else {
+                    tracing::info!("{text}");
                 }
             }
         }
+    }
+
+    /// What was refused because of who sent it.
+    pub(in crate::bridge) fn refused(&self) -> PeerCounts {
+        self.links.iter().map(Link::refused).fold(PeerCounts::default(), PeerCounts::add)
     }
 
     /// Why a link was lost since the last call, if one was.
@@ -105,5 +105,38 @@ impl Links {
     /// Waits until something comes, or until `until`, awake for `look`; false when nothing came.
     pub(in crate::bridge) fn wait(&self, until: Instant, look: Duration) -> bool {
         wait_for_bytes(self.fds(), until, look)
+    }
+}
+
+/// The autopilot's protocol behind one of its ports.
+struct Protocol<'a> {
+    autopilot: &'a mut dyn Autopilot,
+    senders: &'a [LinkSender],
+    port: usize,
+    now: Duration,
+    lost: &'a mut Option<String>,
+}
+
+impl Decoder for Protocol<'_> {
+    fn recognises(&mut self, datagram: &[u8]) -> bool {
+        self.autopilot.recognises(self.port, datagram, self.now)
+    }
+
+    fn peer_changed(&mut self) {
+        self.autopilot.disconnected(self.port);
+        *self.lost = Some("it began anew at another address, or is another".into());
+    }
+
+    fn decode(&mut self, bytes: &[u8], is_datagram: bool) -> bool {
+        let senders = self.senders;
+        let valid = self.autopilot.receive(self.port, bytes, self.now, &mut |to, bytes| {
+            if let Some(sender) = senders.get(to) {
+                sender.send(bytes);
+            }
+        });
+        if is_datagram {
+            self.autopilot.end_of_datagram();
+        }
+        valid
     }
 }

@@ -15,10 +15,11 @@ mod errors;
 mod inbox;
 pub(super) mod links;
 pub(super) mod state;
+mod tally;
 
 use std::time::{Duration, Instant};
 
-use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Begin, Counts, Event, Parts, Rc, Stage};
+use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Begin, Event, Parts, Rc, Stage};
 use whirlstand_bridge::mixer::Mixer;
 use whirlstand_bridge::sensors::{SensorModel, Sensors, StateMap};
 use whirlstand_bus::{Bus, Publisher};
@@ -34,9 +35,7 @@ use crate::setup::Setup;
 use inbox::{Inbox, VehicleSample};
 use links::Links;
 use state::{Fault, Flight};
-
-/// So much of nothing but what cannot be read is reported as a wrong link.
-const UNREADABLE_BYTES: u64 = 200;
+use tally::Tally;
 
 /// How long the pilot's channels say at the end that they are disarmed: some of their periods.
 const DISARM_TIME: Duration = Duration::from_millis(100);
@@ -74,7 +73,7 @@ pub struct Hil {
     last: Option<Command>,
     origin: Instant,
     steps: u64,
-    reported: Counts,
+    tally: Tally,
 }
 
 impl Hil {
@@ -122,7 +121,7 @@ impl Hil {
             last: None,
             origin: Instant::now(),
             steps: 0,
-            reported: Counts::default(),
+            tally: Tally::new(options.kind.autopilot()),
         })
     }
 
@@ -136,7 +135,10 @@ impl Hil {
         self.links.receive(self.autopilot.as_mut(), now);
         while let Some(event) = self.autopilot.next() {
             match event {
-                Event::Outputs(outputs) => self.flight.take(outputs, now),
+                Event::Outputs(outputs) => {
+                    self.tally.outputs(&outputs, &self.mixer);
+                    self.flight.take(outputs, now);
+                }
                 Event::Restarted => {
                     tracing::warn!("{} began anew: neutral until it is armed again", self.name);
                     self.flight.forget();
@@ -310,24 +312,17 @@ impl Hil {
     }
 
     fn count(&mut self) {
-        let counts = self.autopilot.counts();
+        let (counts, strangers) = (self.autopilot.counts(), self.links.refused());
         let report = &mut self.peers.report;
         report.head.step = self.last.map_or(0, |l| l.head.step);
         report.steps = self.steps;
         report.lost = self.inbox.lost() + counts.lost + counts.skipped;
-        report.rejected = self.inbox.refused() + counts.dropped() + self.flight.refused();
-        if counts.dropped() > 0 && self.reported.dropped() == 0 {
-            tracing::warn!("{} sent what its protocol does not know: {counts:?}", self.name);
-        }
-        let nothing_else = |c: &Counts| c.outputs == 0 && c.malformed > UNREADABLE_BYTES;
-        if nothing_else(&counts) && !nothing_else(&self.reported) {
-            tracing::warn!(
-                "{} bytes or packets came, and none is of {}: on a serial line, is the baud rate right?",
-                counts.malformed,
-                self.name
-            );
-        }
-        self.reported = counts;
+        report.rejected = self.inbox.refused()
+            + counts.dropped()
+            + self.flight.refused()
+            + self.tally.beyond()
+            + strangers.sum();
+        self.tally.look(counts, strangers);
     }
 }
 
@@ -361,13 +356,8 @@ impl Follower for Hil {
         if self.rc.stage() != Stage::Off {
             self.disarm();
         }
-        tracing::info!(
-            unsent = self.links.unsent(),
-            "the conversation with {} ends: {:?}",
-            self.name,
-            self.autopilot.counts()
-        );
         self.count();
+        self.tally.end(self.links.unsent(), self.links.refused());
         self.peers.set_state(NodeState::Stopping);
         self.peers.publish(Instant::now())?;
         Ok(self.peers.report)

@@ -173,7 +173,7 @@ mod tests {
     fn outputs(motors: [f64; 4], armed: Option<bool>) -> Outputs {
         let mut values = [0.0; MAX_OUTPUTS];
         values[..4].copy_from_slice(&motors);
-        Outputs { values, armed }
+        Outputs { values, beyond: 0, armed }
     }
 
     #[test]

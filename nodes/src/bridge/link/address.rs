@@ -16,11 +16,11 @@ pub enum Address {
         /// 8E2 as SBUS has it; otherwise 8N1.
         even_two: bool,
     },
-    /// Bound here; answers go to whoever was heard last.
+    /// Bound here; the first who says something valid is the other end.
     UdpIn(SocketAddr),
     /// Sent there; answers come back.
     UdpOut(SocketAddr),
-    /// Waits for one peer at a time.
+    /// Waits for one client at a time.
     TcpIn(SocketAddr),
     /// Connects there.
     TcpOut(SocketAddr),
@@ -70,6 +70,13 @@ fn serial(rest: &str) -> Result<Address, String> {
         return Err(format!("'{path}' is no absolute path"));
     }
     Ok(Address::Serial { path: path.into(), baud, even_two })
+}
+
+impl Address {
+    /// Whether anybody can come here, so that a peer may be pinned.
+    pub fn is_open(&self) -> bool {
+        matches!(self, Self::UdpIn(_) | Self::TcpIn(_))
+    }
 }
 
 impl std::fmt::Display for Address {

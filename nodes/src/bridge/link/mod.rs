@@ -2,19 +2,33 @@
 //!
 //! Nothing here blocks but the caller's own `poll` on [`Link::fd`]. A link that is down is tried again every
 //! [`RETRY`]; its sender drops, and counts, what cannot go out at once, because an old command is worth nothing.
+//!
+//! Who is believed on a port that anybody can reach is decided by one [`PeerKeeper`] for each link: on UDP an address is
+//! adopted by a valid message, on TCP a client that is silent gives way to one that waits.
 
 mod address;
+mod configured;
+mod drain;
+mod own_socket;
 mod serial;
+mod server;
 mod wait;
 
+use std::collections::VecDeque;
 use std::io::{self, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use whirlstand_bridge::peer::{PeerCounts, PeerKeeper, Pin, SILENCE};
+
 pub use address::{Address, AddressError};
+pub use configured::configured;
+pub use drain::{BUFFER, Decoder};
+use own_socket::own_socket;
+use server::TcpServer;
 pub use wait::wait_for_bytes;
 
 /// Between two attempts to open a link.
@@ -22,6 +36,9 @@ pub const RETRY: Duration = Duration::from_millis(200);
 
 /// Longest wait for a TCP peer; the loop stands still meanwhile, but without a link there is nothing to do.
 const CONNECT: Duration = Duration::from_millis(300);
+
+/// Between two looks at who waits for a TCP port that is taken.
+const LOOK: Duration = Duration::from_millis(100);
 
 const CLOSED: &str = "the other end closed it";
 
@@ -32,43 +49,59 @@ pub enum LinkEvent {
     Up,
     /// It is closed, and why.
     Down(String),
+    /// It is open with another client, and why.
+    Replaced(String),
 }
 
 /// What a look at the link gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Received {
+enum Received {
     /// Nothing waits.
     Nothing,
     /// So many bytes of a stream.
     Stream(usize),
-    /// A datagram of so many bytes.
-    Datagram(usize),
+    /// A datagram.
+    Datagram { length: usize, from: SocketAddr },
 }
 
 enum Wire {
     Serial(OwnedFd),
     Tcp(TcpStream),
-    Udp { socket: UdpSocket, peer: Option<SocketAddr> },
+    Udp { socket: UdpSocket, to: Option<SocketAddr> },
 }
 
 /// What both halves of a link share.
 #[derive(Default)]
 struct Shared {
     wire: Mutex<Option<Arc<Wire>>>,
-    /// The peer of a bound UDP socket, learned from what it sent.
-    sender: Mutex<Option<SocketAddr>>,
+    /// The peer of a bound UDP socket, adopted by what it said.
+    peer: Mutex<Option<SocketAddr>>,
     dropped: AtomicU64,
 }
 
 /// The receiving half; it opens the link.
 pub struct Link {
     address: Address,
-    listener: Option<TcpListener>,
+    server: Option<TcpServer>,
     wire: Option<Arc<Wire>>,
+    /// What the peer sends to a UDP port comes in here.
+    own: Option<UdpSocket>,
     shared: Arc<Shared>,
     retry_at: Instant,
     /// Why the last attempt failed, so that it is reported once.
     reported: Option<String>,
+    peers: PeerKeeper,
+    /// Zero of the keeper's time.
+    origin: Instant,
+    look_at: Instant,
+    /// Looks in a row that left something waiting.
+    full_looks: u32,
+    /// That was told.
+    flooded: bool,
+    /// What is to be told beside what the keeper tells.
+    notes: VecDeque<String>,
+    /// The client, or the one who waits, of whom was told last.
+    told: Option<SocketAddr>,
 }
 
 /// The sending half; any thread may have one.
@@ -78,13 +111,32 @@ pub struct LinkSender(Arc<Shared>);
 impl Link {
     /// A link that is not open yet; [`Link::maintain`] opens it.
     pub fn new(address: Address) -> Self {
+        Self::with_peer(address, None, SILENCE)
+    }
+
+    /// One that believes `pin` alone, and keeps a peer until it has been silent for `silence`.
+    pub fn with_peer(address: Address, pin: Option<Pin>, silence: Duration) -> Self {
+        let pin = match &address {
+            // Who is spoken to is who may answer.
+            Address::UdpOut(to) => Some(Pin::Host(to.ip())),
+            _ => pin,
+        };
+        let now = Instant::now();
         Self {
             address,
-            listener: None,
+            server: None,
             wire: None,
+            own: None,
             shared: Arc::default(),
-            retry_at: Instant::now(),
+            retry_at: now,
             reported: None,
+            peers: PeerKeeper::new(pin, silence),
+            origin: now,
+            look_at: now,
+            full_looks: 0,
+            flooded: false,
+            notes: VecDeque::new(),
+            told: None,
         }
     }
 
@@ -103,13 +155,17 @@ impl Link {
         self.wire.is_some()
     }
 
-    /// What to poll for input; `None` while it is down and nothing is listened to.
+    /// What to poll for input; `None` while it is down and nothing is listened to. Who is not the peer wakes nobody, and
+    /// is looked at when the caller looks anyway.
     pub fn fd(&self) -> Option<BorrowedFd<'_>> {
-        match (self.wire.as_deref(), &self.listener) {
+        if let Some(own) = &self.own {
+            return Some(own.as_fd());
+        }
+        match (self.wire.as_deref(), &self.server) {
             (Some(Wire::Serial(fd)), _) => Some(fd.as_fd()),
             (Some(Wire::Tcp(stream)), _) => Some(stream.as_fd()),
             (Some(Wire::Udp { socket, .. }), _) => Some(socket.as_fd()),
-            (None, Some(listener)) => Some(listener.as_fd()),
+            (None, Some(server)) => Some(server.fd()),
             (None, None) => None,
         }
     }
@@ -119,19 +175,31 @@ impl Link {
         (!self.is_up()).then_some(self.retry_at)
     }
 
-    /// Opens the link when it is down and an attempt is due.
+    /// What was refused because of who sent it.
+    pub fn refused(&self) -> PeerCounts {
+        self.peers.counts()
+    }
+
+    /// The oldest thing that the user is to know of the link, and whether it is a warning.
+    pub fn take_note(&mut self) -> Option<(bool, String)> {
+        let note = self.peers.note().map(|note| (note.is_warning(), note.to_string()));
+        let (warn, text) = note.or_else(|| self.notes.pop_front().map(|text| (true, text)))?;
+        Some((warn, format!("{}: {text}", self.address)))
+    }
+
+    /// Opens the link when it is down and an attempt is due, and lets a TCP client in that waits for one who is silent.
     pub fn maintain(&mut self, now: Instant) -> Option<LinkEvent> {
-        let listened = self.listener.is_some();
-        if self.is_up() || (now < self.retry_at && !listened) {
+        if self.is_up() {
+            return self.look(now);
+        }
+        if now < self.retry_at && self.server.is_none() {
             return None;
         }
         self.retry_at = now + RETRY;
-        match self.open() {
+        match self.open(now) {
             Ok(Some(wire)) => {
                 self.reported = None;
-                let wire = Arc::new(wire);
-                *lock(&self.shared.wire) = Some(wire.clone());
-                self.wire = Some(wire);
+                self.install(wire);
                 Some(LinkEvent::Up)
             }
             Ok(None) => None,
@@ -139,22 +207,78 @@ impl Link {
         }
     }
 
+    fn install(&mut self, wire: Wire) {
+        let wire = Arc::new(wire);
+        *lock(&self.shared.wire) = Some(wire.clone());
+        self.wire = Some(wire);
+    }
+
+    /// Looks at who waits for a TCP port that is taken.
+    fn look(&mut self, now: Instant) -> Option<LinkEvent> {
+        let server = self.server.as_mut()?;
+        if now < self.look_at {
+            return None;
+        }
+        self.look_at = now + LOOK;
+        let at = now.saturating_duration_since(self.origin);
+        let holder = self.peers.peer()?;
+        let is_free = self.peers.is_free(at);
+        let silence = self.peers.silence().as_secs_f64();
+        // A port that fails is told when it is needed.
+        let waiting = server.waiting(&mut self.peers).ok().flatten();
+        let (about, text) = match waiting {
+            Some(next) if is_free => {
+                let (client, _) = server.take()?;
+                self.peers.hold(next, at);
+                self.install(Wire::Tcp(client));
+                let why = "has said nothing valid for";
+                let text = format!("{}: {holder} {why} {silence} s, and {next} has its place", self.address);
+                return Some(LinkEvent::Replaced(text));
+            }
+            Some(next) => (next, format!("{next} waits: {holder} holds the port, and speaks")),
+            None if is_free && !self.peers.has_spoken() => {
+                let next = "the next client takes its place";
+                (
+                    holder,
+                    format!("{holder} holds the port, and has said nothing valid for {silence} s: {next}"),
+                )
+            }
+            None => return None,
+        };
+        if self.told.replace(about) != Some(about) {
+            self.notes.push_back(text);
+        }
+        None
+    }
+
+    /// Makes the sender of a valid datagram the peer; whether there was another before.
+    fn adopt(&mut self, from: SocketAddr, at: Duration) -> bool {
+        *lock(&self.shared.peer) = Some(from);
+        if let Some(Wire::Udp { socket, .. }) = self.wire.as_deref() {
+            // The one before has the port until then. Without one of its own the peer shares the queue of all.
+            self.own = None;
+            self.own = own_socket(socket, from).ok();
+        }
+        self.peers.adopt(from, at).is_some()
+    }
+
+    /// Takes what the peer sent to a socket of its own.
+    fn receive_own(&mut self, buffer: &mut [u8]) -> Received {
+        // What is wrong with it is wrong with the open socket as well, and told there.
+        match self.own.as_ref().map(|own| own.recv_from(buffer)) {
+            Some(Ok((length, from))) => Received::Datagram { length, from },
+            Some(Err(_)) | None => Received::Nothing,
+        }
+    }
+
     /// Takes what waits, at most as much as `buffer` holds.
-    ///
-    /// # Errors
-    /// The link went down; it is opened again by [`Link::maintain`].
-    pub fn receive(&mut self, buffer: &mut [u8]) -> Result<Received, LinkEvent> {
+    fn receive(&mut self, buffer: &mut [u8]) -> Result<Received, LinkEvent> {
         let Some(wire) = self.wire.as_deref() else { return Ok(Received::Nothing) };
         let read = match wire {
             Wire::Serial(port) => rustix::io::read(port, &mut *buffer).map_err(io::Error::from),
             Wire::Tcp(stream) => (&*stream).read(buffer),
-            Wire::Udp { socket, peer } => match socket.recv_from(buffer) {
-                Ok((length, from)) => {
-                    if peer.is_none() {
-                        *lock(&self.shared.sender) = Some(from);
-                    }
-                    return Ok(Received::Datagram(length));
-                }
+            Wire::Udp { socket, .. } => match socket.recv_from(buffer) {
+                Ok((length, from)) => return Ok(Received::Datagram { length, from }),
                 // The peer is not there yet, or was restarted: a datagram of ours bounced.
                 Err(e) if e.kind() == io::ErrorKind::ConnectionRefused => return Ok(Received::Nothing),
                 Err(e) => Err(e),
@@ -174,7 +298,10 @@ impl Link {
 
     fn close(&mut self, why: &str) -> LinkEvent {
         *lock(&self.shared.wire) = None;
-        self.wire = None;
+        (self.wire, self.own) = (None, None);
+        if self.server.is_some() {
+            self.peers.release();
+        }
         self.retry_at = Instant::now() + RETRY;
         LinkEvent::Down(format!("{} is down: {why}", self.address))
     }
@@ -185,7 +312,7 @@ impl Link {
         news.then_some(LinkEvent::Down(why))
     }
 
-    fn open(&mut self) -> io::Result<Option<Wire>> {
+    fn open(&mut self, now: Instant) -> io::Result<Option<Wire>> {
         match &self.address {
             Address::Serial { path, baud, even_two } => {
                 serial::open_port(path, *baud, *even_two).map(|port| Some(Wire::Serial(port)))
@@ -193,31 +320,23 @@ impl Link {
             Address::UdpIn(at) => {
                 let socket = UdpSocket::bind(at)?;
                 socket.set_nonblocking(true)?;
-                Ok(Some(Wire::Udp { socket, peer: None }))
+                Ok(Some(Wire::Udp { socket, to: None }))
             }
             Address::UdpOut(to) => {
                 let any: SocketAddr = if to.is_ipv4() { ([0; 4], 0).into() } else { ([0u16; 8], 0).into() };
                 let socket = UdpSocket::bind(any)?;
                 socket.set_nonblocking(true)?;
-                Ok(Some(Wire::Udp { socket, peer: Some(*to) }))
+                Ok(Some(Wire::Udp { socket, to: Some(*to) }))
             }
             Address::TcpOut(to) => TcpStream::connect_timeout(to, CONNECT).and_then(tcp).map(Some),
             Address::TcpIn(at) => {
-                let listener = match self.listener.take() {
-                    Some(listener) => listener,
-                    None => {
-                        let listener = TcpListener::bind(at)?;
-                        listener.set_nonblocking(true)?;
-                        listener
-                    }
+                let server = match &mut self.server {
+                    Some(server) => server,
+                    closed => closed.insert(TcpServer::bind(*at)?),
                 };
-                let accepted = listener.accept();
-                self.listener = Some(listener);
-                match accepted {
-                    Ok((stream, _)) => tcp(stream).map(Some),
-                    Err(e) if e.kind() == io::ErrorKind::WouldBlock => Ok(None),
-                    Err(e) => Err(e),
-                }
+                let Some(address) = server.waiting(&mut self.peers)? else { return Ok(None) };
+                self.peers.hold(address, now.saturating_duration_since(self.origin));
+                Ok(server.take().map(|(client, _)| Wire::Tcp(client)))
             }
         }
     }
@@ -231,7 +350,7 @@ impl LinkSender {
             None => false,
             Some(Wire::Serial(port)) => rustix::io::write(port, bytes).is_ok_and(|n| n == bytes.len()),
             Some(Wire::Tcp(stream)) => (&*stream).write(bytes).is_ok_and(|n| n == bytes.len()),
-            Some(Wire::Udp { socket, peer }) => match peer.or_else(|| *lock(&self.0.sender)) {
+            Some(Wire::Udp { socket, to }) => match to.or_else(|| *lock(&self.0.peer)) {
                 Some(to) => socket.send_to(bytes, to).is_ok(),
                 None => false,
             },

@@ -6,16 +6,10 @@ use std::time::{Duration, Instant};
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, PilotSource};
 use whirlstand_bridge::vehicle::{Port, Vehicle};
 
-use super::super::link::{Address, Link, LinkEvent, Received, wait_for_bytes};
+use super::super::link::{BUFFER, Decoder, Link, LinkEvent, configured, wait_for_bytes};
 use super::shared_vehicle::{SharedVehicle, lock};
 use crate::error::NodeError;
 use crate::gate::Gate;
-
-/// Longest datagram, and most of a stream taken at once.
-const BUFFER: usize = 4096;
-
-/// Pieces taken from one link before the others and the steps have their turn: a flood must not hold them up.
-const AT_ONCE: usize = 64;
 
 /// The links, on the thread that receives.
 pub(in crate::bridge) struct VehicleLinks {
@@ -31,33 +25,29 @@ impl VehicleLinks {
     pub fn new(config: &BridgeConfig) -> Result<Self, NodeError> {
         let options = &config.options;
         let mut links = Vec::new();
-        let mut add = |port, key: &str, text: &str| match text.parse::<Address>() {
-            Ok(address) => {
-                links.push((port, Link::new(address)));
-                Ok(())
-            }
-            Err(e) => Err(NodeError::Config {
-                field: format!("bridge.{key}"),
-                value: text.into(),
-                reason: e.to_string(),
-            }),
+        // A heartbeat comes once a second: one that is lost is no reason to believe somebody else.
+        let silence = Duration::from_secs_f64(options.safety.link_timeout_s);
+        let mut add = |port, table: &str, key: &str, text: &str, pin| {
+            configured(table, key, text, pin, silence).map(|link| links.push((port, link)))
         };
         match (config.kind, &options.mavlink, &options.crsf) {
             (BridgeKind::Mavlink, Some(own), _) => {
-                add(Port::Link, "mavlink.link", &own.link)?;
+                add(Port::Link, "mavlink", "link", &own.link, own.peer)?;
                 if let Some(link) = &own.output_link {
-                    add(Port::Output, "mavlink.output_link", link)?;
+                    add(Port::Output, "mavlink", "output_link", link, None)?;
                 }
                 if let Some(link) = &own.forward {
-                    add(Port::Ground, "mavlink.forward", link)?;
+                    add(Port::Ground, "mavlink", "forward", link, None)?;
                 }
             }
-            (BridgeKind::Crsf, _, Some(own)) => add(Port::Link, "crsf.link", &own.link)?,
+            (BridgeKind::Crsf, _, Some(own)) => add(Port::Link, "crsf", "link", &own.link, None)?,
             _ => {}
         }
         if let Some(pilot) = &options.pilot {
             match (pilot.source, &pilot.link) {
-                (PilotSource::Sbus | PilotSource::Crsf, Some(link)) => add(Port::Pilot, "pilot.link", link)?,
+                (PilotSource::Sbus | PilotSource::Crsf, Some(link)) => {
+                    add(Port::Pilot, "pilot", "link", link, None)?;
+                }
                 (PilotSource::Sbus | PilotSource::Crsf, None) => {
                     return Err(NodeError::Config {
                         field: "bridge.pilot.link".into(),
@@ -86,45 +76,80 @@ impl VehicleLinks {
         wait_for_bytes(self.links.iter().filter_map(|(_, link)| link.fd()), now + left, Duration::ZERO);
     }
 
-    /// Opens what is down, and takes in what came. Returns whether a new attitude came.
+    /// Opens what is down, and takes in what came, up to a limit. Returns whether a new attitude came.
     pub fn turn(&mut self, shared: &Mutex<SharedVehicle>) -> bool {
         let mut fresh = false;
+        let now = Instant::now();
         for (port, link) in &mut self.links {
-            if let Some(event) = link.maintain(Instant::now()) {
-                log_event(*port, &event);
-                if event == LinkEvent::Up {
-                    lock(shared).vehicle.connected(*port);
+            let port = *port;
+            match link.maintain(now) {
+                Some(LinkEvent::Up) => {
+                    tracing::info!("{} is open", name(port));
+                    lock(shared).vehicle.connected(port);
                 }
+                Some(LinkEvent::Down(why)) => tracing::warn!("{}: {why}", name(port)),
+                Some(LinkEvent::Replaced(why)) => {
+                    tracing::warn!("{}: {why}", name(port));
+                    lock(shared).vehicle.peer_changed(port);
+                }
+                None => {}
             }
-            for _ in 0..AT_ONCE {
-                let (bytes, end) = match link.receive(&mut self.buffer) {
-                    Ok(Received::Nothing) => break,
-                    Ok(Received::Stream(length)) => (&self.buffer[..length], false),
-                    Ok(Received::Datagram(length)) => (&self.buffer[..length], true),
-                    Err(event) => {
-                        log_event(*port, &event);
-                        break;
-                    }
-                };
-                let mut shared = lock(shared);
-                let now = shared.now();
-                fresh |= shared.vehicle.receive(*port, bytes, end, now);
-                shared.flush();
+            let mut protocol = Protocol { shared, port, fresh: false };
+            if let Err(LinkEvent::Down(why)) = link.drain(&mut self.buffer, now, &mut protocol) {
+                tracing::warn!("{}: {why}", name(port));
+            }
+            fresh |= protocol.fresh;
+            while let Some((warn, text)) = link.take_note() {
+                if warn {
+                    tracing::warn!("{}: {text}", name(port));
+                } else {
+                    tracing::info!("{}: {text}", name(port));
+                }
             }
         }
         fresh
     }
+
+    /// Datagrams and clients that were refused because of who sent them.
+    pub fn refused(&self) -> u64 {
+        self.links.iter().map(|(_, link)| link.refused().sum()).sum()
+    }
 }
 
-fn log_event(port: Port, event: &LinkEvent) {
-    let what = match port {
+/// The vehicle behind one of its ports.
+struct Protocol<'a> {
+    shared: &'a Mutex<SharedVehicle>,
+    port: Port,
+    /// A new attitude came.
+    fresh: bool,
+}
+
+impl Decoder for Protocol<'_> {
+    fn recognises(&mut self, datagram: &[u8]) -> bool {
+        let mut shared = lock(self.shared);
+        let now = shared.now();
+        shared.vehicle.recognises(self.port, datagram, now)
+    }
+
+    fn peer_changed(&mut self) {
+        lock(self.shared).vehicle.peer_changed(self.port);
+    }
+
+    fn decode(&mut self, bytes: &[u8], is_datagram: bool) -> bool {
+        let mut shared = lock(self.shared);
+        let now = shared.now();
+        let received = shared.vehicle.receive(self.port, bytes, is_datagram, now);
+        shared.flush();
+        self.fresh |= received.attitude;
+        received.valid
+    }
+}
+
+fn name(port: Port) -> &'static str {
+    match port {
         Port::Link => "the vehicle's link",
         Port::Output => "the line of the channels",
         Port::Pilot => "the pilot's line",
         Port::Ground => "the ground station's link",
-    };
-    match event {
-        LinkEvent::Up => tracing::info!("{what} is open"),
-        LinkEvent::Down(why) => tracing::warn!("{what}: {why}"),
     }
 }

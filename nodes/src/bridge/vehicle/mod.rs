@@ -221,8 +221,7 @@ impl VehicleNode {
         if !peers_run {
             return Err(NodeError::PeersAbsent { missing: self.peers.not_running().collect(), waited_s });
         }
-        let figures = lock(&self.shared).vehicle.figures();
-        Err(NodeError::NoVehicle { waited_s, bytes: figures.bytes, messages: figures.messages })
+        Err(NodeError::no_vehicle(waited_s, &lock(&self.shared).vehicle.figures()))
     }
 
     fn await_answer(&mut self, now: Instant, until: Instant, repeat: Instant) -> Result<(), NodeError> {
@@ -328,7 +327,12 @@ impl VehicleNode {
         report.steps = self.step;
         report.deadline_misses = misses + self.overruns;
         report.lost = figures.lost + self.commands.lost();
-        report.rejected = rejected + figures.dropped + figures.refused + self.commands.refused() + dropped;
+        report.rejected = rejected
+            + figures.dropped
+            + figures.refused
+            + self.links.refused()
+            + self.commands.refused()
+            + dropped;
         self.peers.turn(now)
     }
 
@@ -339,6 +343,7 @@ impl VehicleNode {
         shared.vehicle.end(now);
         shared.flush();
         tell_figures(&shared.vehicle.figures(), shared.dropped());
+        tell_strangers(self.links.refused());
     }
 }
 
@@ -346,6 +351,7 @@ fn tell_figures(f: &Figures, dropped: u64) {
     tracing::info!(
         messages = f.messages,
         dropped = f.dropped,
+        signature = f.signature,
         noise_bytes = f.noise_bytes,
         lost = f.lost,
         refused = f.refused,
@@ -356,6 +362,13 @@ fn tell_figures(f: &Figures, dropped: u64) {
         round_trip_us = f.round_trip_ns.map(|ns| ns / 1000),
         "the bridge ends"
     );
+}
+
+/// What is refused is a warning beside what is counted.
+fn tell_strangers(strangers: u64) {
+    if strangers > 0 {
+        tracing::warn!("{strangers} datagrams or clients that were not the other end's were refused");
+    }
 }
 
 fn pace(bridge: &BridgeConfig) -> Pace {

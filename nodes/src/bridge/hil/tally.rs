@@ -1,0 +1,82 @@
+//! What is told of an autopilot's outputs and of what was refused: each kind once, and the sums at the end.
+
+use whirlstand_bridge::autopilot::{Counts, Outputs};
+use whirlstand_bridge::mixer::Mixer;
+use whirlstand_bridge::peer::PeerCounts;
+
+/// So much of nothing but what cannot be read is reported as a wrong link.
+const UNREADABLE_BYTES: u64 = 200;
+
+/// Counts, and what was told of them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tally {
+    name: &'static str,
+    counts: Counts,
+    unreadable: bool,
+    beyond: u64,
+}
+
+impl Tally {
+    /// Of the autopilot with this name.
+    pub(super) fn new(name: &'static str) -> Self {
+        Self { name, counts: Counts::default(), unreadable: false, beyond: 0 }
+    }
+
+    /// Counts outputs that the mixer uses and that are beyond their range.
+    pub(super) fn outputs(&mut self, outputs: &Outputs, mixer: &Mixer) {
+        let Some(first) = mixer.first_used(outputs.beyond) else { return };
+        self.beyond += 1;
+        if self.beyond == 1 {
+            tracing::warn!("{}: output {first} is beyond its range, and is held at its limit", self.name);
+        }
+    }
+
+    /// Outputs that were held at a limit.
+    pub(super) fn beyond(&self) -> u64 {
+        self.beyond
+    }
+
+    /// Tells what happened for the first time.
+    pub(super) fn look(&mut self, counts: Counts, refused: PeerCounts) {
+        if counts.malformed > 0 && self.counts.malformed == 0 {
+            tracing::warn!("{} sent what its protocol does not know: {counts:?}", self.name);
+        }
+        if counts.stale > 0 && self.counts.stale == 0 {
+            tracing::warn!(
+                "{} sent outputs whose time or number does not go on, repeated or old: they are not obeyed",
+                self.name
+            );
+        }
+        let unreadable = counts.malformed + refused.invalid;
+        if !self.unreadable && counts.outputs == 0 && unreadable > UNREADABLE_BYTES {
+            self.unreadable = true;
+            tracing::warn!(
+                "{unreadable} bytes or packets came, and none is of {}: on a serial line, is the baud rate right?",
+                self.name
+            );
+        }
+        self.counts = counts;
+    }
+
+    /// Tells the sums.
+    pub(super) fn end(&self, unsent: u64, refused: PeerCounts) {
+        tracing::info!(
+            unsent,
+            strangers = refused.sum(),
+            beyond = self.beyond,
+            "the conversation with {} ends: {:?}",
+            self.name,
+            self.counts
+        );
+        if self.beyond > 0 {
+            tracing::warn!("{}: {} outputs were beyond their range", self.name, self.beyond);
+        }
+        if refused.sum() > 0 {
+            tracing::warn!(
+                "{} datagrams or clients that were not {}'s were refused: {refused:?}",
+                refused.sum(),
+                self.name
+            );
+        }
+    }
+}

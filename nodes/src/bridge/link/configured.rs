@@ -1,0 +1,34 @@
+//! A link as the launch file describes it.
+
+use std::time::Duration;
+
+use whirlstand_bridge::peer::Pin;
+
+use super::{Address, Link};
+use crate::error::NodeError;
+
+/// The link at the address in `bridge.TABLE.KEY`, which believes the one in `bridge.TABLE.peer`.
+///
+/// # Errors
+/// [`NodeError::Config`] for an address that is none, and for a pin where nobody else could come.
+pub fn configured(
+    table: &str,
+    key: &str,
+    text: &str,
+    pin: Option<Pin>,
+    silence: Duration,
+) -> Result<Link, NodeError> {
+    let wrong = |key: &str, value: String, reason: String| NodeError::Config {
+        field: format!("bridge.{table}.{key}"),
+        value,
+        reason,
+    };
+    let address: Address =
+        text.parse().map_err(|e: super::AddressError| wrong(key, text.into(), e.to_string()))?;
+    if let Some(pin) = pin.filter(|_| !address.is_open()) {
+        let reason =
+            format!("it says who may come to udpin:// or tcpin://, and {address} is neither: leave it out");
+        return Err(wrong("peer", pin.to_string(), reason));
+    }
+    Ok(Link::with_peer(address, pin, silence))
+}

@@ -1,0 +1,102 @@
+//! Taking in what waits on a link, so much at a look, from the peer alone.
+
+use std::time::Instant;
+
+use whirlstand_bridge::peer::Verdict;
+
+use super::{Link, LinkEvent, Received};
+
+/// Longest datagram, and most that is read of a stream at once: none of the protocols has one half as long.
+pub const BUFFER: usize = 4096;
+
+/// Pieces, and bytes, that are taken in at a look, before the other links and the steps have their turn. A refused piece
+/// counts as any other: it costs a call to the system.
+const MOST_PIECES: usize = 64;
+const MOST_BYTES: usize = 16_384;
+
+/// So many looks in a row that leave something are no pause of this node after which it catches up.
+const FLOOD_LOOKS: u32 = 16;
+
+/// Who understands what comes over a link.
+pub trait Decoder {
+    /// Whether a datagram of somebody who is not the peer makes him one, by itself.
+    fn recognises(&mut self, datagram: &[u8]) -> bool;
+
+    /// Another peer takes the place of the one before.
+    fn peer_changed(&mut self);
+
+    /// Takes in a datagram, behind which nothing goes on, or the next bytes of a stream. Returns whether something in
+    /// it was valid.
+    fn decode(&mut self, bytes: &[u8], is_datagram: bool) -> bool;
+}
+
+impl Link {
+    /// Takes in what waits, up to a limit; the rest stays for the next look.
+    ///
+    /// # Errors
+    /// The link went down; it is opened again by [`Link::maintain`].
+    pub fn drain(
+        &mut self,
+        buffer: &mut [u8],
+        now: Instant,
+        decoder: &mut impl Decoder,
+    ) -> Result<(), LinkEvent> {
+        let refused_before = self.peers.counts().sum();
+        let at = now.saturating_duration_since(self.origin);
+        let mut bytes = 0;
+        // The peer's own first: it waits behind nobody.
+        let mut own = self.own.is_some();
+        for _ in 0..MOST_PIECES {
+            let received = if own { self.receive_own(buffer) } else { self.receive(buffer)? };
+            bytes += match received {
+                Received::Nothing if own => {
+                    own = false;
+                    0
+                }
+                Received::Nothing => {
+                    self.full_looks = 0;
+                    return Ok(());
+                }
+                Received::Stream(length) => {
+                    if decoder.decode(&buffer[..length], false) {
+                        self.peers.keep(at);
+                    }
+                    length
+                }
+                Received::Datagram { length, from } => {
+                    let datagram = &buffer[..length];
+                    let is_peer = match self.peers.judge(from, at) {
+                        Verdict::Peer => true,
+                        Verdict::Refused => false,
+                        Verdict::Candidate => {
+                            let adopted = decoder.recognises(datagram);
+                            if !adopted {
+                                self.peers.refuse(from, length);
+                            } else if self.adopt(from, at) {
+                                decoder.peer_changed();
+                            }
+                            adopted
+                        }
+                    };
+                    if is_peer && decoder.decode(datagram, true) {
+                        self.peers.keep(at);
+                    }
+                    length
+                }
+            };
+            if bytes >= MOST_BYTES {
+                break;
+            }
+        }
+        self.full_looks += 1;
+        let refused = self.peers.counts().sum() - refused_before;
+        if !self.flooded && (refused > 0 || self.full_looks == FLOOD_LOOKS) {
+            self.flooded = true;
+            self.notes.push_back(format!(
+                "so much comes in that the rest waits for the next look: {bytes} bytes at once, {refused} datagrams of \
+                 them refused"
+            ));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,116 @@
+//! A flight of the quadrotor under a stand-in for an autopilot, which is a further node of the bench.
+
+use std::net::{TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use whirlstand_test_harness::{Missing, python};
+
+use super::{FAULTS_ALLOWED, Finished, Running, json, spawn, whirlstand};
+
+/// Roll may be pushed so far by the gust, rad, and is back after so long, s.
+const PEAK: f64 = 0.35;
+
+/// A flight that is over.
+pub struct Flight {
+    pub summary: Value,
+    pub report: Value,
+    pub stderr: String,
+}
+
+impl Flight {
+    pub fn roll(&self) -> &Value {
+        &self.summary["runs"][0]["outputs"]["roll"]
+    }
+
+    /// The vehicle came back from the gust, nobody was lost, and the stand-in saw nothing wrong.
+    #[track_caller]
+    pub fn well(self) -> Self {
+        assert_eq!(self.report["faults"], serde_json::json!([]), "{}", self.stderr);
+        let run = &self.summary["runs"][0];
+        assert_eq!(run["ended"]["how"], "complete", "{}", self.stderr);
+        let roll = self.roll();
+        assert_eq!(roll["recovered"], true, "{roll}\n{}", self.stderr);
+        let peak = roll["peak"].as_f64().unwrap();
+        assert!((0.02..PEAK).contains(&peak), "the gust was felt and held: {roll}\n{}", self.stderr);
+        self
+    }
+
+    /// What the bridge refused.
+    pub fn rejected(&self) -> u64 {
+        self.summary["runs"][0]["timing"]["nodes"]["controller"]["rejected"].as_u64().unwrap_or(0)
+    }
+}
+
+/// A flight under way.
+pub struct Flying {
+    bench: Running,
+    dir: tempfile::TempDir,
+    report: PathBuf,
+}
+
+impl Flying {
+    /// Waits until the bench says something.
+    #[track_caller]
+    pub fn wait_for(&mut self, words: &str) {
+        self.bench.wait_for_stderr(words);
+    }
+
+    /// Waits for the end.
+    #[track_caller]
+    pub fn finish(self) -> Flight {
+        let Finished { stderr, .. } = self.bench.finish().success();
+        let summary = json(self.dir.path().join("out/summary.json"));
+        Flight { summary, report: json(&self.report), stderr }
+    }
+}
+
+pub fn free_tcp() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+pub fn free_udp() -> u16 {
+    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// Lets the quadrotor take off with a stand-in; `changes` end the command line.
+pub fn take_off(
+    bridge: &str,
+    program: &str,
+    arguments: &[String],
+    options: &[String],
+    rest: &[&str],
+) -> Result<Flying, Missing> {
+    let python = python()?;
+    let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots").join(program);
+    let dir = tempfile::tempdir().unwrap();
+    let report: PathBuf = dir.path().join("report.json");
+    let mut exec = vec![python.display().to_string(), program.display().to_string()];
+    exec.extend(
+        arguments.iter().map(|a| if a == "REPORT" { report.display().to_string() } else { a.clone() }),
+    );
+    let mut args: Vec<String> = ["run", "quadrotor", "--duration", "10"].map(Into::into).to_vec();
+    let mut set = |assignment: String| args.extend(["--set".to_string(), assignment]);
+    set(format!("nodes.controller.bridge={bridge}"));
+    set(format!("nodes.autopilot.exec={exec:?}"));
+    set("nodes.autopilot.ready=start".into());
+    set("setpoint=[]".into());
+    // Deadlines of a busy test machine are not what is tested, nor is a stand-in that starts again on purpose.
+    set(if rest.contains(&"lockstep") { "expect={}" } else { FAULTS_ALLOWED }.into());
+    options.iter().cloned().for_each(&mut set);
+    args.extend(rest.iter().map(ToString::to_string));
+    args.extend(["--out".into(), dir.path().join("out").display().to_string()]);
+    Ok(Flying { bench: spawn(whirlstand(&args)), dir, report })
+}
+
+/// The whole flight.
+#[track_caller]
+pub fn fly(
+    bridge: &str,
+    program: &str,
+    arguments: &[String],
+    options: &[String],
+    rest: &[&str],
+) -> Result<Flight, Missing> {
+    take_off(bridge, program, arguments, options, rest).map(Flying::finish)
+}
