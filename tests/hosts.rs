@@ -100,7 +100,11 @@ struct Link<'a> {
 
 impl<'a> Link<'a> {
     fn between(hosts: &'a TwoHosts) -> Self {
-        let endpoint = format!("tcp/{}:7447", hosts.address(1));
+        Self::over("tcp", hosts)
+    }
+
+    fn over(protocol: &str, hosts: &'a TwoHosts) -> Self {
+        let endpoint = format!("{protocol}/{}:7447", hosts.address(1));
         Self { hosts: Some(hosts), listen: endpoint.clone(), connect: [(); 3].map(|()| endpoint.clone()) }
     }
 
@@ -116,10 +120,17 @@ impl<'a> Link<'a> {
 fn fly(link: &Link, bench: &str, out: &Path, mode: &str, more: &[&str]) -> Finished {
     let bench = format!("{bench}-{}", std::process::id());
     let same = ["--transport", "zenoh", "--mode", mode, "--duration", "8", "--bench", &bench];
+    // What travels between hosts without keys travels open, and has to be asked for.
+    let open = ["--set", "security.mode=open"];
+    let more: Vec<&str> = if more.iter().any(|m| m.starts_with("security.")) {
+        more.to_vec()
+    } else {
+        open.iter().chain(more).copied().collect()
+    };
     let there = ["node", "controller", "--launch", "quadrotor", "--listen", &link.listen];
     let there = whirlstand(there.into_iter().chain(same).chain(more.iter().copied()));
     let mut here = whirlstand(["run", "quadrotor", "--set", "nodes.controller.external=true", "--out"]);
-    here.arg(out).args(same).args(more);
+    here.arg(out).args(same).args(&more);
     for (node, endpoint) in ["plant", "estimator", "recorder"].iter().zip(&link.connect) {
         here.args(["--set", &format!("nodes.{node}.connect=[\"{endpoint}\"]")]);
     }
@@ -153,6 +164,20 @@ fn controller_on_another_host_flies_the_same_flight() -> Outcome {
         together.join("log.mcap").to_str().unwrap(),
     ]);
     assert_eq!(diff.code(), 0, "{}", diff.stdout);
+    Ok(())
+}
+
+fn with_keys_the_link_between_hosts_is_mutual_tls() -> Outcome {
+    let hosts = TwoHosts::new(13)?;
+    let dir = tempfile::tempdir().unwrap();
+    let keys = dir.path().join("keys");
+    let keys = keys.to_str().unwrap();
+    run(["keys", "new", keys, "--host", &hosts.address(0), "--host", &hosts.address(1)]).success();
+    let folder = format!("security.keys={keys}");
+    let protected = ["--set", "security.mode=tls", "--set", &folder, "--set", "expect={}"];
+    let out = dir.path().join("out");
+    fly(&Link::over("tls", &hosts), "keys", &out, "lockstep", &protected).success();
+    assert_eq!(json(out.join("summary.json"))["runs"][0]["ended"]["how"], "complete");
     Ok(())
 }
 
@@ -190,6 +215,7 @@ fn a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported() {
 
 whirlstand_test_harness::tests!(
     controller_on_another_host_flies_the_same_flight,
+    with_keys_the_link_between_hosts_is_mutual_tls,
     a_bad_link_between_hosts_is_flown_counted_and_reported,
     a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported
 );

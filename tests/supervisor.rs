@@ -2,6 +2,7 @@
 
 mod support;
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -221,12 +222,15 @@ fn a_program_learns_of_the_bench_from_its_environment() {
         ] {
             assert!(text.contains(&line), "{line} is missing in:\n{text}");
         }
-        assert!(text.contains("NOTIFY_SOCKET=/") && text.contains("WHIRLSTAND_ZENOH_LISTEN=tcp/"), "{text}");
+        assert!(text.contains("NOTIFY_SOCKET=/") && text.contains("WHIRLSTAND_ZENOH_LISTEN=tls/"), "{text}");
+        let key = text.lines().find_map(|l| l.strip_prefix("WHIRLSTAND_ZENOH_CONFIG="));
+        let mode = std::fs::metadata(key.expect("a file with the key")).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600, "only its user reads the key");
         let connect = text
             .lines()
             .find(|l| l.starts_with("WHIRLSTAND_ZENOH_CONNECT="))
             .expect("addresses of the others");
-        assert!(connect.matches("tcp/").count() >= 4, "launcher and nodes: {connect}");
+        assert!(connect.matches("tls/").count() >= 4, "launcher and nodes: {connect}");
         running.signal(libc::SIGTERM);
         assert_eq!(running.finish().code(), 143);
     });

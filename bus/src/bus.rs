@@ -90,10 +90,27 @@ impl Bus {
     /// # Errors
     /// As [`Self::publisher`], and [`OpenError::Name`] for an impossible topic.
     pub fn publisher_on<M: Message>(&self, topic: &str) -> Result<Publisher<M>, OpenError> {
+        self.open_publisher(topic, None)
+    }
+
+    /// Publishes messages that say they are from `speaker`, on their own topic: for a process that runs several nodes.
+    ///
+    /// # Errors
+    /// As [`Self::publisher`], and [`OpenError::Name`] for an impossible name.
+    pub fn publisher_as<M: Message>(&self, speaker: &str) -> Result<Publisher<M>, OpenError> {
+        check_name("node", speaker)?;
+        self.open_publisher(M::TOPIC, Some(speaker))
+    }
+
+    fn open_publisher<M: Message>(
+        &self,
+        topic: &str,
+        speaker: Option<&str>,
+    ) -> Result<Publisher<M>, OpenError> {
         check_name("topic", topic)?;
         let port = match &self.shared.medium {
             Medium::Iceoryx2(member) => PublisherPort::Iceoryx2(member.publisher(topic)?),
-            Medium::Zenoh(member) => PublisherPort::Zenoh(member.publisher(topic)?),
+            Medium::Zenoh(member) => PublisherPort::Zenoh(member.publisher::<M>(topic, speaker)?),
             Medium::Inproc(bench) => PublisherPort::Inproc(bench.publisher(topic)?),
         };
         Ok(Publisher {

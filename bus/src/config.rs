@@ -6,6 +6,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::OpenError;
+use crate::protection::Protection;
 use crate::transport::Transport;
 
 /// Longest name of a bench, a node or a topic, bytes: file names of shared memory are built from it.
@@ -59,6 +60,9 @@ pub struct ZenohConfig {
     /// Zenoh's own configuration file (JSON5), merged over Whirlstand's defaults: TLS, access control,
     /// scouting and all else that Zenoh knows.
     pub config: Option<PathBuf>,
+    /// Mutual TLS and access control of the bench; without it the bench is open to everybody who reaches it. See
+    /// [`crate::ONE_THREAD`] for what the process needs.
+    pub protection: Option<Protection>,
 }
 
 /// How a node waits: it looks again at once, then lets others run between looks, then sleeps.

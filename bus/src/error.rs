@@ -93,7 +93,7 @@ pub enum RecvError {
         /// Topic.
         topic: String,
         /// What is wrong with the message.
-        source: DecodeError,
+        source: Refusal,
     },
     /// The transport failed.
     #[error("cannot receive on topic \"{topic}\": {reason}")]
@@ -102,6 +102,22 @@ pub enum RecvError {
         topic: String,
         /// What the transport says.
         reason: String,
+    },
+}
+
+/// Why a message that arrived is not handed over.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// It has another version, or is damaged.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// It speaks for a node that did not send it.
+    #[error("a message that says it is from \"{said}\" came from \"{from}\"")]
+    Speaker {
+        /// Whom the message names.
+        said: String,
+        /// Who sent it.
+        from: String,
     },
 }
 

@@ -33,24 +33,31 @@
 //! - a node that is killed disturbs nobody, and can be started again;
 //! - a node with another version of a message is refused: see [`OpenError::Schema`] and [`RecvError::Refused`].
 
+mod authority;
 mod bus;
 mod config;
 mod error;
 mod inproc;
 mod lost;
 mod network;
+mod network_keys;
+mod network_settings;
 mod park;
 mod presence;
+mod protection;
 pub mod ring;
 mod shared_memory;
 mod shared_memory_config;
 mod transport;
 
+pub use authority::{Authority, AuthorityError};
 pub use bus::{Bus, Publisher, Subscriber};
 pub use config::{BusConfig, MAX_NAME, WaitStrategy, ZenohConfig};
-pub use error::{OpenError, RecvError, ResidueError, SendError};
-pub use network::key_expression;
+pub use error::{OpenError, RecvError, Refusal, ResidueError, SendError};
+pub use network_keys::{key_expression, spoken_key};
+pub use network_settings::{over_tls, zenoh_configuration};
 pub use presence::{Residue, remove_residue};
+pub use protection::{Identity, Member, ONE_THREAD, Protection, Writes};
 pub use shared_memory::{MAX_DEPTH, MAX_NODES, MAX_SUBSCRIBERS, SCHEMA_ATTRIBUTE, service_name};
 pub use shared_memory_config::MAX_PUBLISHERS;
 pub use transport::{Transport, UnknownTransport};

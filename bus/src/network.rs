@@ -1,19 +1,17 @@
 //! Between processes of any machines: Zenoh, which carries the schema hash and the message in postcard.
 //!
-//! A node is a peer that scouts nothing and listens on loopback, unless configured otherwise. Messages are
+//! A node is a peer that scouts nothing and listens on loopback, unless configured otherwise; a protected one speaks TLS
+//! with members of its bench only, and takes from each what that member may publish. Messages are
 //! reliable and in order on a link, and leave at once instead of being batched. When a link cannot keep up, the
 //! sender waits once, at most as long as [`crate::WaitStrategy::congestion`] says, and then drops until it can, so that
 //! a stopped peer never stops the loop; what was dropped shows at the subscriber as a gap in the sequence numbers.
 
-use std::net::TcpListener;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use crossbeam_queue::ArrayQueue;
-use serde_json::{Value, json};
-use whirlstand_msgs::{DecodeError, Message, decode, encode};
+use whirlstand_msgs::{Message, decode, encode};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::qos::{CongestionControl, Priority};
@@ -21,8 +19,10 @@ use zenoh::sample::Sample;
 
 use crate::inproc::Queue;
 use crate::lost::LostCounter;
+use crate::network_keys::{key_expression, spoken_key};
+use crate::network_settings::{fix_ports, settings};
 use crate::park::{Region, TopicBit};
-use crate::{BusConfig, OpenError, RecvError, SendError, Transport, ZenohConfig};
+use crate::{BusConfig, OpenError, RecvError, Refusal, SendError, Transport};
 
 /// Refused messages kept for [`crate::Subscriber::try_recv`] to tell of; more are forgotten.
 const MAX_REFUSED: usize = 8;
@@ -30,14 +30,10 @@ const MAX_REFUSED: usize = 8;
 /// Attempts to find a free port, each lost to another program that took it in between.
 const PORT_ATTEMPTS: usize = 8;
 
-/// Zenoh's key expression of a topic.
-pub fn key_expression(bench: &str, topic: &str) -> String {
-    format!("whirlstand/{bench}/{topic}")
-}
-
 /// A node's membership in a bench.
 pub(crate) struct Member {
     bench: String,
+    node: String,
     session: zenoh::Session,
     locators: Vec<String>,
     region: Arc<Region>,
@@ -45,7 +41,7 @@ pub(crate) struct Member {
 
 impl Member {
     pub(crate) fn open(bus: &BusConfig) -> Result<Rc<Self>, OpenError> {
-        let settings = settings(&bus.zenoh, bus.wait.congestion)?;
+        let settings = settings(bus)?;
         let mut attempt = 1;
         let (session, locators) = loop {
             let mut settings = settings.clone();
@@ -61,7 +57,8 @@ impl Member {
             }
         };
         let region = Arc::new(Region::private());
-        Ok(Rc::new(Self { bench: bus.bench.clone(), session, locators, region }))
+        let (bench, node) = (bus.bench.clone(), bus.node.clone());
+        Ok(Rc::new(Self { bench, node, session, locators, region }))
     }
 
     pub(crate) fn locators(&self) -> &[String] {
@@ -72,10 +69,22 @@ impl Member {
         &self.region
     }
 
-    pub(crate) fn publisher(&self, topic: &str) -> Result<Publisher, OpenError> {
+    /// Zenoh's key for a topic of messages of type `M`, as published by `node`.
+    fn key<M: Message>(&self, topic: &str, node: &str) -> String {
+        match <M as Message>::zeroed().speaker() {
+            Some(_) => spoken_key(&self.bench, topic, node),
+            None => key_expression(&self.bench, topic),
+        }
+    }
+
+    pub(crate) fn publisher<M: Message>(
+        &self,
+        topic: &str,
+        speaker: Option<&str>,
+    ) -> Result<Publisher, OpenError> {
         let port = self
             .session
-            .declare_publisher(key_expression(&self.bench, topic))
+            .declare_publisher(self.key::<M>(topic, speaker.unwrap_or(&self.node)))
             .congestion_control(CongestionControl::Drop)
             .priority(Priority::RealTime)
             .express(true)
@@ -94,7 +103,7 @@ impl Member {
         let bit = TopicBit::of(topic);
         let port = self
             .session
-            .declare_subscriber(key_expression(&self.bench, topic))
+            .declare_subscriber(self.key::<M>(topic, "*"))
             .callback({
                 let inbox = inbox.clone();
                 move |sample| {
@@ -141,7 +150,7 @@ impl Publisher {
 /// What arrived, filled by Zenoh's receiving thread.
 struct Inbox<M> {
     queue: Queue<M>,
-    refused: ArrayQueue<DecodeError>,
+    refused: ArrayQueue<Refusal>,
     counter: Mutex<LostCounter>,
 }
 
@@ -155,7 +164,7 @@ impl<M: Message> Inbox<M> {
     }
 
     fn take(&self, sample: &Sample) {
-        match decode::<M>(&sample.payload().to_bytes()) {
+        match read::<M>(sample) {
             Ok(message) => {
                 // A foreign publisher need not say who it is; all such count as one.
                 let publisher = sample
@@ -176,6 +185,18 @@ impl<M: Message> Inbox<M> {
     }
 }
 
+/// The message of a sample, unless it speaks for a node that did not send it: the last part of its key names the sender,
+/// and access control binds that key to the sender's certificate.
+fn read<M: Message>(sample: &Sample) -> Result<M, Refusal> {
+    let message = decode::<M>(&sample.payload().to_bytes())?;
+    let said = message.speaker().unwrap_or("");
+    let from = sample.key_expr().as_str().rsplit('/').next().unwrap_or("");
+    if !said.is_empty() && said != from {
+        return Err(Refusal::Speaker { said: said.into(), from: from.into() });
+    }
+    Ok(message)
+}
+
 pub(crate) struct Subscriber<M: Message> {
     inbox: Arc<Inbox<M>>,
     _port: zenoh::pubsub::Subscriber<()>,
@@ -193,83 +214,8 @@ impl<M: Message> Subscriber<M> {
     }
 
     pub(crate) fn lost(&self) -> u64 {
-        self.inbox.counter().lost() + self.inbox.queue.displaced()
+        self.inbox.counter().lost().saturating_add(self.inbox.queue.displaced())
     }
-}
-
-/// Whirlstand's settings, with the user's file merged over them and the endpoints given in the launch file on top.
-fn settings(zenoh: &ZenohConfig, congestion: Duration) -> Result<Value, OpenError> {
-    let mut settings = json!({
-        "mode": "peer",
-        "listen": { "endpoints": ["tcp/127.0.0.1:0"] },
-        "connect": {
-            "timeout_ms": -1,
-            "exit_on_failure": false,
-            "retry": { "period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 2 },
-        },
-        "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
-        "transport": { "link": { "tx": { "queue": {
-            "size": { "real_time": 16 },
-            "congestion_control": { "drop": { "wait_before_drop": congestion.as_micros() as u64 } },
-        } } } },
-    });
-    if let Some(path) = &zenoh.config {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| OpenError::File { path: path.clone(), source })?;
-        let bad = |reason: String| OpenError::ZenohConfig { path: Some(path.clone()), reason };
-        let user: Value = json5::from_str(&text).map_err(|e| bad(e.to_string()))?;
-        if !user.is_object() {
-            return Err(bad("it must be an object, { ... }".into()));
-        }
-        merge(&mut settings, user);
-    }
-    if !zenoh.listen.is_empty() {
-        settings["listen"]["endpoints"] = json!(zenoh.listen);
-    }
-    if !zenoh.connect.is_empty() {
-        settings["connect"]["endpoints"] = json!(zenoh.connect);
-    }
-    Ok(settings)
-}
-
-/// Objects are merged key by key; anything else is replaced.
-fn merge(into: &mut Value, from: Value) {
-    match (into, from) {
-        (Value::Object(into), Value::Object(from)) => {
-            for (key, value) in from {
-                merge(into.entry(key).or_insert(Value::Null), value);
-            }
-        }
-        (into, from) => *into = from,
-    }
-}
-
-/// Replaces port 0 of TCP endpoints by a free port, so that this node can say where it listens. Returns
-/// all endpoints, and whether a port was chosen here.
-fn fix_ports(settings: &mut Value) -> Result<(Vec<String>, bool), std::io::Error> {
-    let mut chosen = false;
-    let mut endpoints = Vec::new();
-    let Some(list) = settings["listen"]["endpoints"].as_array_mut() else { return Ok((endpoints, chosen)) };
-    // Held until all are chosen, so that no port is chosen twice.
-    let mut held = Vec::new();
-    for endpoint in list {
-        let Some(text) = endpoint.as_str() else { continue };
-        let (address, options) = text.split_at(text.find(['?', '#']).unwrap_or(text.len()));
-        let host = ["tcp/", "tls/"].iter().find_map(|p| address.strip_prefix(p)?.strip_suffix(":0"));
-        let fixed = match host {
-            Some(host) => {
-                let listener = TcpListener::bind(format!("{host}:0"))?;
-                let port = listener.local_addr()?.port();
-                held.push(listener);
-                chosen = true;
-                format!("{}:{port}{options}", &address[..address.len() - ":0".len()])
-            }
-            None => text.to_string(),
-        };
-        *endpoint = Value::String(fixed.clone());
-        endpoints.push(fixed);
-    }
-    Ok((endpoints, chosen))
 }
 
 fn transport_error(bench: &str, action: &str, reason: impl ToString) -> OpenError {

@@ -31,6 +31,11 @@ class Node:
             default=os.environ.get("WHIRLSTAND_ZENOH_LISTEN", ""),
             help="Zenoh endpoints to listen on, separated by commas",
         )
+        parser.add_argument(
+            "--config",
+            default=os.environ.get("WHIRLSTAND_ZENOH_CONFIG", ""),
+            help="Zenoh's configuration with this program's key; for a running bench: whirlstand keys show BENCH --path",
+        )
         parser.add_argument("--control", action="store_true", help="be the controller: answer with Command")
         parser.add_argument("--every", type=int, default=100, help="print every that many estimates")
         options = parser.parse_args()
@@ -40,6 +45,7 @@ class Node:
         self.name: str = options.node
         self.connect = [e for e in options.connect.split(",") if e]
         self.listen = [e for e in options.listen.split(",") if e]
+        self.config: str = options.config
         self.control: bool = options.control
         self.every: int = max(1, options.every)
         self.ended = False

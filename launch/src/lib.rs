@@ -5,6 +5,8 @@ mod command;
 mod doctor;
 mod error;
 mod file;
+mod key_folder;
+mod keys;
 mod limits;
 mod memory;
 mod run;
@@ -25,6 +27,12 @@ const QUIET: &str = "warn,zenoh=error";
 
 /// Runs the `whirlstand` command.
 pub fn main() -> ExitCode {
+    let (name, value) = whirlstand_bus::ONE_THREAD;
+    if std::env::var_os(name).is_none() {
+        // SAFETY: this is the first thing that the process does, so no other thread reads the environment. Nodes and
+        // programs under `exec` inherit it.
+        unsafe { std::env::set_var(name, value) };
+    }
     let cli = Cli::parse();
     let result = start_tracing(cli.log_level.as_deref()).and_then(|()| dispatch(&cli.command));
     result.unwrap_or_else(|failure| {
@@ -47,6 +55,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Log(command) => command::log::log(command),
         Command::Vehicle(command) => command::vehicles::vehicles(command),
         Command::Launch(command) => command::launch_files::launch_files(command),
+        Command::Keys(command) => command::keys::keys(command),
         Command::Bench(args) => command::bench::bench(args),
         Command::Bridge(command) => command::bridge::bridge(command),
         Command::Doctor(args) => doctor::doctor(args),

@@ -45,6 +45,12 @@ pub trait Message:
 
     /// Mutable access to [`Self::head`].
     fn head_mut(&mut self) -> &mut crate::Head;
+
+    /// Name of the node that the message says it is from; `None` for a type that does not say. A transport that knows
+    /// who sent a message refuses one that speaks for somebody else.
+    fn speaker(&self) -> Option<&str> {
+        None
+    }
 }
 
 const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
@@ -63,7 +69,7 @@ pub(crate) const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
 macro_rules! message {
     (
         $(#[$meta:meta])*
-        $name:ident on $topic:literal {
+        $name:ident on $topic:literal $(from $speaker:ident)? {
             $( $(#[$fmeta:meta])* $field:ident : $kind:ident $([$count:expr])? => $ros:literal ),+ $(,)?
         }
     ) => {
@@ -102,6 +108,10 @@ macro_rules! message {
             fn head_mut(&mut self) -> &mut $crate::Head {
                 &mut self.head
             }
+
+            $(fn speaker(&self) -> Option<&str> {
+                Some(self.$speaker())
+            })?
         }
     };
     (@type $kind:ident) => { $kind };

@@ -22,7 +22,7 @@ const UPPER_EDGES_NS: [f64; LATENCY_BUCKETS - 1] = {
 
 message! {
     /// Health of one node. `head.step` is the last step done, `head.stamp_ns` wall-clock time since the Unix epoch.
-    Health on "health" {
+    Health on "health" from node_name {
         /// Steps done since the node started.
         steps: u64 => "uint64",
         /// Steps whose answer came too late, or not at all.

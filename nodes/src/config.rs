@@ -208,6 +208,9 @@ pub enum LawKind {
 pub struct RecorderConfig {
     /// The log, for example `out/log.mcap`; a restarted recorder writes `out/log.2.mcap`, and so on.
     pub path: String,
+    /// Files that one recorder begins at most: one for each start of the plant.
+    #[serde(default = "most_files")]
+    pub most_files: u32,
     /// The launch file's text, kept inside the log.
     #[serde(default)]
     pub launch_text: String,
@@ -333,6 +336,11 @@ fn iceoryx2() -> Transport {
 
 fn native_peers() -> Vec<Role> {
     vec![Role::Estimator, Role::Controller]
+}
+
+/// The plant's first start, and the restarts that a launch file allows if it says nothing.
+fn most_files() -> u32 {
+    4
 }
 
 fn start_timeout() -> f64 {

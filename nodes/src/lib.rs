@@ -58,6 +58,7 @@ mod ready;
 pub mod recorder;
 pub mod setup;
 pub mod signals;
+pub mod topics;
 
 pub use error::NodeError;
 pub use inproc::run_inproc;

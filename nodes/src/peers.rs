@@ -47,7 +47,7 @@ impl Peers {
     /// # Errors
     /// The ports cannot be opened.
     pub fn open(bus: &Bus, role: Role, listens_to: Vec<Role>) -> Result<Self, NodeError> {
-        let publisher = bus.publisher()?;
+        let publisher = bus.publisher_as(role.name())?;
         let subscriber = bus.subscriber(HEALTH_DEPTH)?;
         let mut report = Health { pid: std::process::id(), ..Health::zeroed() };
         report.set_node_name(role.name());

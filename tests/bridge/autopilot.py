@@ -217,13 +217,9 @@ def fly_bench(autopilot, ended):
     import zenoh
     from whirlstand_messages import Command, Imu
 
-    config = zenoh.Config()
+    # The launcher's configuration holds this program's key.
+    config = zenoh.Config.from_file(os.environ["WHIRLSTAND_ZENOH_CONFIG"])
     connect = [e for e in os.environ.get("WHIRLSTAND_ZENOH_CONNECT", "").split(",") if e]
-    listen = [e for e in os.environ.get("WHIRLSTAND_ZENOH_LISTEN", "").split(",") if e]
-    config.insert_json5("mode", '"peer"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("scouting/gossip/enabled", "false")
-    config.insert_json5("listen/endpoints", json.dumps(listen or ["tcp/127.0.0.1:0"]))
     config.insert_json5("connect/endpoints", json.dumps(connect))
     key = f"whirlstand/{os.environ['WHIRLSTAND_BENCH']}/"
     with zenoh.open(config) as session:

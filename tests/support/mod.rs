@@ -69,6 +69,11 @@ impl Running {
         assert_eq!(result, 0, "kill({}, {signal})", self.pid());
     }
 
+    /// Whether the command still runs.
+    pub fn is_alive(&mut self) -> bool {
+        self.child.try_wait().expect("ask for the end of the command").is_none()
+    }
+
     /// Waits for a line of standard error that contains `text`; fails with what was said when the command ends or hangs.
     #[track_caller]
     pub fn wait_for_stderr(&mut self, text: &str) -> String {

@@ -3,6 +3,7 @@
 
 mod faults;
 mod flow;
+mod protection;
 mod python;
 mod residue;
 mod schema;
@@ -52,6 +53,10 @@ const OF_ONE_TRANSPORT: &[(&str, fn())] = &named!(
     residue::a_node_killed_while_it_joins_leaves_a_usable_bench,
     zenoh_settings::access_control_of_the_configuration_file_is_obeyed,
     zenoh_settings::endpoints_are_told_and_faults_are_named,
+    protection::whoever_has_no_key_of_the_bench_is_kept_out,
+    protection::a_member_publishes_its_own_topics_only,
+    protection::whoever_answers_a_member_is_known_as_well,
+    protection::health_is_taken_from_the_node_that_it_speaks_of,
 );
 
 /// The examples in Python.
@@ -59,6 +64,9 @@ const PYTHON: &[(&str, PythonBody)] = &named!(python::over_zenoh, python::over_i
 
 /// This program is also the peers that its tests start.
 fn main() -> ExitCode {
+    let (name, value) = whirlstand_bus::ONE_THREAD;
+    // SAFETY: no other thread runs yet.
+    unsafe { std::env::set_var(name, value) };
     if let Some(role) = std::env::var_os(stage::PEER) {
         faults::run_peer(&role.to_string_lossy());
         return ExitCode::SUCCESS;

@@ -47,7 +47,12 @@ impl Stage {
     }
 
     pub fn join(&self, node: &str) -> Bus {
-        let bus = Bus::open(&self.config(node)).unwrap();
+        self.join_as(&self.config(node))
+    }
+
+    /// Joins with a configuration made from [`Self::config`].
+    pub fn join_as(&self, config: &BusConfig) -> Bus {
+        let bus = Bus::open(config).unwrap();
         self.endpoints.borrow_mut().extend_from_slice(bus.locators());
         bus
     }

@@ -14,7 +14,7 @@ pub use effort::{Effort, effort};
 pub use estimator::{Consistency, StateError, consistency, nis_bounds};
 pub use events::{DisturbanceEvent, disturbance_events, setpoint_steps};
 pub use step::{StepResponse, step_response};
-pub use timing::{Latency, NodeTiming, Timing, latency, timing};
+pub use timing::{Latency, NodeTiming, Timing, latency, timing, total};
 
 /// Integral of `f(y)` over `t` by the trapezium rule.
 pub fn integral(t: &[f64], y: &[f64], f: impl Fn(f64) -> f64) -> f64 {

@@ -66,7 +66,7 @@ pub struct Timing {
 
 /// Percentiles from a latency histogram in the buckets of [`whirlstand_msgs::latency_bucket`]; `None` when empty.
 pub fn latency(histogram: &[u64], max_ns: u64) -> Option<Latency> {
-    let count: u64 = histogram.iter().sum();
+    let count = total(histogram.iter().copied());
     if count == 0 {
         return None;
     }
@@ -75,7 +75,7 @@ pub fn latency(histogram: &[u64], max_ns: u64) -> Option<Latency> {
         let rank = ((p * count as f64).ceil() as u64).clamp(1, count);
         let mut seen = 0;
         let bucket = histogram.iter().position(|c| {
-            seen += c;
+            seen = c.saturating_add(seen);
             seen >= rank
         });
         (bucket.map_or(f64::INFINITY, latency_bucket_upper_ns) * 1e-3).min(max_us)
@@ -89,9 +89,14 @@ pub fn latency(histogram: &[u64], max_ns: u64) -> Option<Latency> {
     })
 }
 
+/// The sum of counts, which stays at the greatest number instead of beginning anew: a log can hold any.
+pub fn total(counts: impl IntoIterator<Item = u64>) -> u64 {
+    counts.into_iter().fold(0, u64::saturating_add)
+}
+
 fn node_timing(health: &NodeHealth) -> NodeTiming {
     let lives = health.lives();
-    let sum = |f: fn(&whirlstand_msgs::Health) -> u64| lives.iter().map(|h| f(h)).sum::<u64>();
+    let sum = |f: fn(&whirlstand_msgs::Health) -> u64| total(lives.iter().map(|h| f(h)));
     let max_ns = lives.iter().map(|h| h.latency_max_ns).max().unwrap_or(0);
     NodeTiming {
         steps: sum(|h| h.steps),
@@ -123,8 +128,8 @@ pub fn timing(run: &Run) -> Timing {
     let mut timing = Timing {
         deadline_misses: nodes.get("plant").map_or(held_steps, |p| p.deadline_misses),
         held_steps,
-        lost: nodes.values().map(|n| n.lost).sum(),
-        restarts: nodes.values().map(|n| n.restarts).sum(),
+        lost: total(nodes.values().map(|n| n.lost)),
+        restarts: total(nodes.values().map(|n| n.restarts)),
         nodes,
         ..Timing::default()
     };
@@ -150,5 +155,12 @@ mod tests {
         }
         assert_eq!((l.max_us, l.count), (ns[9_999] as f64 * 1e-3, 10_000));
         assert!(latency(&[0; LATENCY_BUCKETS], 0).is_none());
+    }
+
+    #[test]
+    fn counts_of_a_forged_log_stay_at_the_greatest_number() {
+        assert_eq!(total([u64::MAX - 484, 1000]), u64::MAX);
+        let l = latency(&[u64::MAX, 7, u64::MAX], 1).unwrap();
+        assert_eq!(l.count, u64::MAX);
     }
 }

@@ -2,6 +2,7 @@
 
 mod blind;
 mod files;
+mod keys;
 mod records;
 
 use std::path::PathBuf;
@@ -11,6 +12,7 @@ use whirlstand_msgs::units::{Quantity, Unit};
 
 pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
 pub(crate) use files::{DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleNewArgs};
+pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
 pub(crate) use records::{
     CompareArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
 };
@@ -60,6 +62,9 @@ pub(crate) enum Command {
     /// List and show launch files.
     #[command(subcommand)]
     Launch(LaunchCommand),
+    /// Keys of benches over Zenoh: make them for several hosts, show what a program needs to join a running bench.
+    #[command(subcommand)]
+    Keys(KeysCommand),
     Bench(BenchArgs),
     /// Look at real hardware that takes a node's place.
     #[command(subcommand)]
@@ -173,7 +178,7 @@ pub(crate) struct OverrideArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example, the controller on a second host (the bench runs there as `--bench NAME`):\n  \
-    whirlstand node controller --launch two-hosts.toml --bench lab --listen tcp/192.0.2.2:7447"
+    whirlstand node controller --launch two-hosts.toml --bench lab --listen tls/192.0.2.2:7447"
 )]
 pub(crate) struct NodeArgs {
     /// plant, estimator, controller or recorder.

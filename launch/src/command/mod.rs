@@ -8,6 +8,7 @@ pub(crate) mod design;
 pub(crate) mod diagnose;
 pub(crate) mod excite;
 pub(crate) mod identify;
+pub(crate) mod keys;
 pub(crate) mod launch_files;
 pub(crate) mod log;
 pub(crate) mod node;

@@ -4,8 +4,9 @@ use std::io::Read;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
 
-use whirlstand_bus::OpenError;
+use whirlstand_bus::{OpenError, over_tls};
 use whirlstand_msgs::names::did_you_mean;
 use whirlstand_nodes::NodeError;
 use whirlstand_nodes::config::{NodeConfig, RealtimeOptions, Role};
@@ -13,20 +14,24 @@ use whirlstand_nodes::os::apply_realtime;
 
 use crate::cli::{ExecArgs, NodeArgs};
 use crate::error::Failure;
-use crate::file::{DEFAULT, jobs};
+use crate::file::{DEFAULT, Security, jobs, secret_beyond_its_reach};
+use crate::keys::{BenchKeys, await_configuration};
 
 /// Runs one node to its end.
 pub(crate) fn node(args: &NodeArgs) -> Result<ExitCode, Failure> {
     let role = role(&args.kind)?;
     crate::limits::check_for_bench()?;
-    let mut config = match &args.config {
-        Some(path) => from_launcher(path)?,
+    let (mut config, security) = match &args.config {
+        Some(path) => (from_launcher(path)?, Security::Open),
         None => by_hand(args)?,
     };
     config.zenoh.listen.extend(args.listen.iter().cloned());
     config.zenoh.connect.extend(args.connect.iter().cloned());
     if let Ok(peers) = std::env::var("WHIRLSTAND_ZENOH_CONNECT") {
         config.zenoh.connect.extend(peers.split(',').filter(|e| !e.is_empty()).map(str::to_string));
+    }
+    if security == Security::Secret {
+        join_with_secret(role, &mut config)?;
     }
     match whirlstand_nodes::run_node(role, &config) {
         Ok(_) => Ok(ExitCode::SUCCESS),
@@ -72,21 +77,39 @@ fn from_launcher(path: &Path) -> Result<NodeConfig, Failure> {
 }
 
 /// The configuration of a node of a bench whose other nodes run elsewhere.
-fn by_hand(args: &NodeArgs) -> Result<NodeConfig, Failure> {
+fn by_hand(args: &NodeArgs) -> Result<(NodeConfig, Security), Failure> {
     let jobs = jobs(args.launch.as_deref().unwrap_or(DEFAULT), &args.overrides, args.output.is_none())?;
     let Some(job) = jobs.runs.into_iter().next() else {
         return Err(Failure::Run("the launch file has no run".into()));
     };
-    let mut config = job.plan.config;
+    let mut plan = job.plan;
     let named = || std::env::var("WHIRLSTAND_BENCH").ok();
-    config.bench = args.bench.clone().or_else(named).unwrap_or(jobs.name);
+    plan.config.bench = args.bench.clone().or_else(named).unwrap_or(jobs.name);
+    if let Security::Tls(_) = plan.security {
+        plan.config.zenoh.protection = BenchKeys::new(&plan)?.protection(&args.kind)?;
+    }
+    let mut config = plan.config;
     if let (Some(recorder), Some(output)) = (&mut config.recorder, &args.output) {
         recorder.path = output.to_string_lossy().into_owned();
     }
     if args.kind == Role::Recorder.name() && config.recorder.is_none() {
         return Err(Failure::Mend("a recorder needs a file to write: give it with --output FILE".into()));
     }
-    Ok(config)
+    Ok((config, plan.security))
+}
+
+/// Takes the secret of a bench of this user on this host, which may be about to begin.
+fn join_with_secret(role: Role, config: &mut NodeConfig) -> Result<(), Failure> {
+    let endpoints = [config.zenoh.listen.clone(), config.zenoh.connect.clone()].concat();
+    if let Some(why) = secret_beyond_its_reach(&endpoints) {
+        return Err(Failure::Mend(why));
+    }
+    let patience = Duration::from_secs_f64(config.start_timeout_s);
+    config.zenoh.config = Some(await_configuration(&config.bench, role.name(), patience)?);
+    for endpoint in config.zenoh.listen.iter_mut().chain(&mut config.zenoh.connect) {
+        *endpoint = over_tls(endpoint).map_err(Failure::Mend)?;
+    }
+    Ok(())
 }
 
 /// Asks for the real-time options, then becomes the program; returns only when that fails.

@@ -8,7 +8,9 @@ mod expect;
 mod jobs;
 mod nodes;
 mod plan;
+mod protect;
 mod schema;
+mod security;
 mod wording;
 
 #[cfg(test)]
@@ -19,3 +21,4 @@ pub(crate) use document::Document;
 pub(crate) use jobs::{Jobs, jobs};
 pub(crate) use plan::{Plan, PlannedNode, plan};
 pub(crate) use schema::{Ready, Restart};
+pub(crate) use security::{Security, secret_beyond_its_reach};

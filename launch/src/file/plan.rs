@@ -15,7 +15,8 @@ use whirlstand_vehicle::{Effect, Vehicle};
 use super::amount::{Amount, Seconds};
 use super::document::{Document, LaunchError, Step, at};
 use super::expect;
-use super::schema::{LaunchFile, NodeSection};
+use super::schema::{LaunchFile, NodeSection, Restart};
+use super::security::Security;
 use super::wording::unknown;
 
 /// Fastest loop that can be asked for, Hz.
@@ -32,6 +33,8 @@ pub(crate) struct Plan {
     pub config: NodeConfig,
     /// The nodes, in the order in which they are started.
     pub nodes: Vec<PlannedNode>,
+    /// Who is let in.
+    pub security: Security,
     /// Expectations that must hold at the end.
     pub expect: Vec<whirlstand_evaluate::Expectation>,
 }
@@ -65,10 +68,12 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         node.is_some_and(|n| n.section.exec.is_none() && !n.section.external)
     };
     let recorded = file.recorder.enabled;
+    let zenoh = planner.zenoh(&file, folder);
+    let security = planner.security(&file, &zenoh, folder)?;
     let config = NodeConfig {
         bench: String::new(),
         transport: file.transport,
-        zenoh: planner.zenoh(&file, folder),
+        zenoh,
         vehicle: VehicleSource { origin: file.vehicle.clone(), text: vehicle.source_text.clone() },
         effects,
         mode: file.mode,
@@ -84,6 +89,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         controller: file.controller.clone(),
         recorder: recorded.then(|| RecorderConfig {
             path: String::new(),
+            most_files: starts_of_the_plant(&nodes),
             launch_text: with_overrides(document),
             version: env!("CARGO_PKG_VERSION").into(),
         }),
@@ -94,7 +100,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
     };
     let expect = expect::read(document, &vehicle, file.mode, &file.expect.keys().collect::<Vec<_>>())?;
     let name = file.name.unwrap_or_else(|| name.into());
-    Ok(Plan { name, vehicle: extended, config, nodes, expect })
+    Ok(Plan { name, vehicle: extended, config, nodes, security, expect })
 }
 
 /// The text that goes into the log: the file as it was read, and what was changed without editing it.
@@ -104,6 +110,12 @@ fn with_overrides(document: &Document) -> String {
         text.push_str(&format!("\n# overridden: {}", change.replace('\n', " ")));
     }
     text
+}
+
+/// How often the plant can be started in a run.
+fn starts_of_the_plant(nodes: &[PlannedNode]) -> u32 {
+    let plant = nodes.iter().find(|n| n.role == Some(Role::Plant)).map(|n| &n.section);
+    plant.map_or(1, NodeSection::starts)
 }
 
 /// How long the plant waits for the other nodes.
@@ -120,6 +132,14 @@ fn realtime(nodes: &[PlannedNode]) -> BTreeMap<Role, RealtimeOptions> {
 }
 
 impl NodeSection {
+    /// How often the node can be started in a run.
+    pub fn starts(&self) -> u32 {
+        match self.restart {
+            Restart::Never => 1,
+            Restart::OnFailure => self.max_restarts.saturating_add(1),
+        }
+    }
+
     /// What the node asks of the operating system.
     pub fn realtime(&self) -> RealtimeOptions {
         RealtimeOptions { priority: self.priority, cpus: self.cpus.clone(), lock_memory: self.lock_memory }
@@ -324,6 +344,7 @@ impl Planner<'_> {
             listen: file.zenoh.listen.clone(),
             connect: file.zenoh.connect.clone(),
             config: file.zenoh.config.as_ref().map(|path| folder.join(path)),
+            protection: None,
         }
     }
 }

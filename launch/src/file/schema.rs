@@ -60,6 +60,8 @@ pub(crate) struct LaunchFile {
     pub bridge: BridgeOptions,
     #[serde(default)]
     pub zenoh: ZenohSection,
+    #[serde(default)]
+    pub security: SecuritySection,
     /// What must hold at the end; read by [`super::expect`].
     #[serde(default)]
     pub expect: BTreeMap<String, IgnoredAny>,
@@ -213,6 +215,28 @@ pub(crate) struct ZenohSection {
     pub connect: Vec<String>,
     /// Zenoh's own configuration file (JSON5), relative to the launch file.
     pub config: Option<String>,
+}
+
+/// `[security]`: who is let into a bench over Zenoh.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct SecuritySection {
+    /// Without it: a secret, where that can protect the bench.
+    pub mode: Option<SecurityMode>,
+    /// Folder that `whirlstand keys new` has made, relative to the launch file.
+    pub keys: Option<String>,
+}
+
+/// How a bench is protected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum SecurityMode {
+    /// Not at all.
+    Open,
+    /// By keys that the launcher makes for one run, on one host.
+    Secret,
+    /// By keys that were made before, on several hosts.
+    Tls,
 }
 
 /// `[[variants]]`.

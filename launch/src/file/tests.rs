@@ -6,6 +6,7 @@ use whirlstand_nodes::config::{LawKind, Mode, Role};
 use super::builtin::{BUILTIN, DEFAULT, FoundFile};
 use super::document::{Document, LaunchError};
 use super::jobs::{Jobs, jobs, jobs_of};
+use super::security::Security;
 use crate::cli::{ModeArg, OverrideArgs, TransportArg};
 
 fn read(text: &str, overrides: &OverrideArgs) -> Result<Jobs, LaunchError> {
@@ -154,4 +155,32 @@ fn no_log_leaves_the_recorder_out() {
     let plan = &jobs.runs[0].plan;
     assert!(plan.config.recorder.is_none() && !plan.config.telemetry);
     assert!(plan.nodes.iter().all(|n| n.role != Some(Role::Recorder)));
+}
+
+#[test]
+fn a_bench_over_zenoh_is_protected_unless_it_asks_not_to_be() {
+    let security = |text: &str| {
+        let text = format!("{SMALL}transport = 'zenoh'\n{text}");
+        plain(&text).map(|mut jobs| jobs.runs.remove(0).plan.security)
+    };
+    assert_eq!(security("").unwrap(), Security::Secret);
+    assert_eq!(security("[zenoh]\nlisten = ['tcp/127.0.0.1:0']\n").unwrap(), Security::Secret);
+    assert_eq!(security("[security]\nmode = 'open'\n").unwrap(), Security::Open);
+    let remote = "[zenoh]\nlisten = ['tcp/192.0.2.1:0']\n";
+    assert_eq!(security(&format!("{remote}[security]\nmode = 'open'\n")).unwrap(), Security::Open);
+    let keys = format!("{remote}[security]\nmode = 'tls'\nkeys = 'lab'\n");
+    assert!(matches!(security(&keys).unwrap(), Security::Tls(_)));
+    for (text, word) in [
+        (remote, "tcp/192.0.2.1:0"),
+        ("[nodes.plant]\nconnect = ['udp/127.0.0.1:7447']\n", "udp/127.0.0.1:7447"),
+        ("[security]\nmode = 'tls'\n", "keys new"),
+        ("[security]\nkeys = 'lab'\n", "mode"),
+        ("[security]\nmode = 'closed'\n", "line"),
+        ("[zenoh]\nconfig = 'no-such.json5'\n", "no-such.json5"),
+    ] {
+        let error = security(text).unwrap_err().to_string();
+        assert!(error.contains(word), "{text}: {error}");
+    }
+    let shared_memory = plain(SMALL).unwrap().runs.remove(0).plan.security;
+    assert_eq!(shared_memory, Security::Open, "its files are the user's own");
 }

@@ -1,5 +1,6 @@
 //! One run of one bench: in this process, or as processes under the supervisor.
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use whirlstand_bus::Transport;
@@ -10,6 +11,7 @@ use super::start::{Listener, bench_spec, sweep};
 use crate::command::node::is_mendable;
 use crate::error::Failure;
 use crate::file::Plan;
+use crate::keys::BenchKeys;
 use crate::supervisor::{Observer, Outcome, ThreadEnd, supervise, supervise_thread};
 
 /// A run that is over.
@@ -37,16 +39,18 @@ pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Re
         remove_old_logs(folder)?;
     }
     let log = plan.config.recorder.is_some().then_some(log);
+    let keys = BenchKeys::new(&plan)?;
     if plan.config.transport == Transport::Inproc {
-        let outcome = fly_in_thread(&plan, observer)?;
+        let outcome = fly_in_thread(&plan, &keys, observer)?;
         return Ok(FinishedRun { outcome, log, residue: None });
     }
     let sockets = tempfile::Builder::new()
         .prefix("whirlstand-")
+        .permissions(std::fs::Permissions::from_mode(0o700))
         .tempdir()
         .map_err(|e| Failure::file("make a folder for sockets in", &std::env::temp_dir(), &e))?;
-    let spec = bench_spec(&plan, sockets.path(), folder)?;
-    let mut listener = Listener::open(&plan.config)?;
+    let spec = bench_spec(&plan, &keys, sockets.path(), folder)?;
+    let mut listener = Listener::open(&plan, &keys)?;
     observer.opened(listener.bus()).map_err(Failure::mend)?;
     tracing::debug!(bench = plan.config.bench, "the bench is open");
     let outcome = supervise(spec, &mut listener, observer);
@@ -56,8 +60,8 @@ pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Re
     Ok(FinishedRun { outcome, log, residue })
 }
 
-fn fly_in_thread(plan: &Plan, observer: &mut dyn Observer) -> Result<Outcome, Failure> {
-    let mut listener = Listener::open(&plan.config)?;
+fn fly_in_thread(plan: &Plan, keys: &BenchKeys, observer: &mut dyn Observer) -> Result<Outcome, Failure> {
+    let mut listener = Listener::open(plan, keys)?;
     let config = plan.config.clone();
     let flag = StopFlag::default();
     let body = {

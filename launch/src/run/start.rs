@@ -3,12 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use whirlstand_bus::{Bus, BusConfig, Subscriber, Transport};
+use whirlstand_bus::{
+    Bus, BusConfig, Subscriber, Transport, WaitStrategy, ZenohConfig, over_tls, zenoh_configuration,
+};
 use whirlstand_msgs::Health;
-use whirlstand_nodes::config::{NodeConfig, Role};
+use whirlstand_nodes::config::{Mode, Role};
 
 use crate::error::Failure;
-use crate::file::{Plan, PlannedNode, Ready, Restart};
+use crate::file::{Plan, PlannedNode, Ready};
+use crate::keys::{BenchFolder, BenchKeys, GUEST, LAUNCHER, OBSERVER, write_private};
 use crate::supervisor::{BenchSpec, CommandLine, HealthSource, NodeSpec, Readiness, StopStage};
 
 /// Longest part of a bench's name that is taken from the launch file's name.
@@ -32,6 +35,8 @@ pub(crate) struct Listener {
     bus: Bus,
     health: Subscriber<Health>,
     bench: String,
+    /// What outside programs need to join.
+    folder: Option<BenchFolder>,
     refused: bool,
 }
 
@@ -40,12 +45,22 @@ impl Listener {
     ///
     /// # Errors
     /// When the transport refuses.
-    pub fn open(config: &NodeConfig) -> Result<Self, Failure> {
-        let mut own = BusConfig::new(&config.bench, "launcher", config.transport);
+    pub fn open(plan: &Plan, keys: &BenchKeys) -> Result<Self, Failure> {
+        let config = &plan.config;
+        let mut own = BusConfig::new(&config.bench, LAUNCHER, config.transport);
         own.zenoh = config.zenoh.clone();
+        let mut folder = None;
+        if config.transport == Transport::Zenoh {
+            own.zenoh.protection = keys.protection(LAUNCHER)?;
+            folder = Some(BenchFolder::create(&config.bench, joiners(plan, keys))?);
+        }
         let bus = Bus::open(&own).map_err(Failure::mend)?;
         let health = bus.subscriber::<Health>(256).map_err(Failure::mend)?;
-        Ok(Self { bus, health, bench: config.bench.clone(), refused: false })
+        let listener = Self { bus, health, bench: config.bench.clone(), folder, refused: false };
+        if let Some(folder) = &listener.folder {
+            folder.update(&listener.locators())?;
+        }
+        Ok(listener)
     }
 
     /// The launcher's membership in the bench.
@@ -71,6 +86,12 @@ impl HealthSource for Listener {
         self.bus.locators().to_vec()
     }
 
+    fn reachable(&mut self, locators: &[String]) {
+        if let Some(Err(e)) = self.folder.as_ref().map(|folder| folder.update(locators)) {
+            tracing::warn!("programs from outside cannot join: {e}");
+        }
+    }
+
     fn node_died(&mut self) {
         // The bench is in use, so only what dead nodes hold is taken away; what stays is swept at the end.
         if let Err(e) = whirlstand_bus::remove_residue(&self.bench) {
@@ -79,108 +100,174 @@ impl HealthSource for Listener {
     }
 }
 
-/// What the supervisor starts for a plan.
+/// Who may join a bench without being started by the launcher, and how: whoever looks on, whoever has something to say,
+/// and the nodes that the launch file calls external. Keys of those that run elsewhere need not be here.
+fn joiners(plan: &Plan, keys: &BenchKeys) -> Vec<BusConfig> {
+    let external = plan.nodes.iter().filter(|n| n.section.external);
+    let external = external.map(|n| (n.name.as_str(), zenoh_of(plan, n)));
+    let others = [OBSERVER, GUEST].map(|name| (name, plan.config.zenoh.clone()));
+    let joiner = |(name, zenoh): (&str, ZenohConfig)| {
+        let protection = keys.protection(name).ok()?;
+        let mut config = BusConfig::new(&plan.config.bench, name, Transport::Zenoh);
+        config.wait = wait_of(plan.config.mode);
+        config.zenoh = ZenohConfig { protection, ..zenoh };
+        Some(config)
+    };
+    others.into_iter().chain(external).filter_map(joiner).collect()
+}
+
+/// Where a node listens and to whom it connects.
+fn zenoh_of(plan: &Plan, node: &PlannedNode) -> ZenohConfig {
+    let mut zenoh = plan.config.zenoh.clone();
+    if !node.section.listen.is_empty() {
+        zenoh.listen = node.section.listen.clone();
+    }
+    zenoh.connect.extend(node.section.connect.iter().cloned());
+    zenoh
+}
+
+/// How long a program waits for a link that cannot keep up is a matter of the bench's mode.
+fn wait_of(mode: Mode) -> WaitStrategy {
+    match mode {
+        Mode::Lockstep => WaitStrategy::lockstep(),
+        Mode::Realtime => WaitStrategy::realtime(),
+    }
+}
+
+/// What the nodes of a bench are started from.
+struct Start<'a> {
+    plan: &'a Plan,
+    keys: &'a BenchKeys,
+    /// This executable.
+    own: PathBuf,
+    /// Folder of the run.
+    out: &'a Path,
+    /// Folder for sockets and keys; only this user can look into it.
+    private: &'a Path,
+}
+
+/// What the supervisor starts for a plan; `private` is a folder that only this user can look into.
 ///
 /// # Errors
-/// When this executable cannot be found or the configuration cannot be written.
-pub(crate) fn bench_spec(plan: &Plan, sockets: &Path, out: &Path) -> Result<BenchSpec, Failure> {
+/// When this executable cannot be found, a key is missing, or the configuration cannot be written.
+pub(crate) fn bench_spec(
+    plan: &Plan,
+    keys: &BenchKeys,
+    private: &Path,
+    out: &Path,
+) -> Result<BenchSpec, Failure> {
     let own = std::env::current_exe().map_err(|e| {
         Failure::Mend(format!("cannot find the whirlstand executable to start its nodes: {e}"))
     })?;
-    let nodes = plan.nodes.iter().filter(|n| !n.section.external);
-    let nodes = nodes.map(|node| node_spec(plan, node, &own, out)).collect::<Result<Vec<_>, _>>()?;
+    let start = Start { plan, keys, own, out, private };
+    let (external, nodes): (Vec<_>, Vec<_>) = plan.nodes.iter().partition(|n| n.section.external);
     Ok(BenchSpec {
-        nodes,
+        nodes: nodes.into_iter().map(|node| start.node(node)).collect::<Result<_, _>>()?,
         exchange_locators: plan.config.transport == Transport::Zenoh,
-        folder: sockets.to_path_buf(),
+        external: external.into_iter().map(|n| n.name.clone()).collect(),
+        folder: private.to_path_buf(),
     })
 }
 
-fn node_spec(plan: &Plan, node: &PlannedNode, own: &Path, out: &Path) -> Result<NodeSpec, Failure> {
-    let section = &node.section;
-    let command = match &section.exec {
-        Some(exec) => foreign(plan, node, exec, own, out)?,
-        None => native(plan, node, own)?,
-    };
-    Ok(NodeSpec {
-        name: node.name.clone(),
-        command,
-        readiness: match section.ready {
-            Ready::Notify => Readiness::Notify(Duration::from_secs_f64(section.ready_timeout_s.0)),
-            Ready::Start => Readiness::Start,
-        },
-        max_restarts: match section.restart {
-            Restart::Never => 0,
-            Restart::OnFailure => section.max_restarts,
-        },
-        hang_timeout: Duration::from_secs_f64(section.hang_timeout_s.0),
-        publishes_health: section.exec.is_none(),
-        stop_timeout: Duration::from_secs_f64(section.stop_timeout_s.0),
-        stop_stage: match node.role {
-            Some(Role::Plant) => StopStage::First,
-            Some(Role::Recorder) => StopStage::Last,
-            _ => StopStage::Second,
-        },
-        ends_run: node.role == Some(Role::Plant),
-        needed: node.role.is_some(),
-    })
-}
-
-/// One of our own nodes: this executable again, with its configuration on standard input.
-fn native(plan: &Plan, node: &PlannedNode, own: &Path) -> Result<CommandLine, Failure> {
-    let mut config = plan.config.clone();
-    if !node.section.listen.is_empty() {
-        config.zenoh.listen = node.section.listen.clone();
+impl Start<'_> {
+    fn node(&self, node: &PlannedNode) -> Result<NodeSpec, Failure> {
+        let section = &node.section;
+        let command = match &section.exec {
+            Some(exec) => self.foreign(node, exec)?,
+            None => self.native(node)?,
+        };
+        Ok(NodeSpec {
+            name: node.name.clone(),
+            command,
+            readiness: match section.ready {
+                Ready::Notify => Readiness::Notify(Duration::from_secs_f64(section.ready_timeout_s.0)),
+                Ready::Start => Readiness::Start,
+            },
+            max_restarts: section.starts() - 1,
+            hang_timeout: Duration::from_secs_f64(section.hang_timeout_s.0),
+            publishes_health: section.exec.is_none(),
+            stop_timeout: Duration::from_secs_f64(section.stop_timeout_s.0),
+            stop_stage: match node.role {
+                Some(Role::Plant) => StopStage::First,
+                Some(Role::Recorder) => StopStage::Last,
+                _ => StopStage::Second,
+            },
+            ends_run: node.role == Some(Role::Plant),
+            needed: node.role.is_some(),
+        })
     }
-    config.zenoh.connect.extend(node.section.connect.iter().cloned());
-    let text = serde_json::to_string(&config).map_err(Failure::run)?;
-    Ok(CommandLine {
-        program: own.into(),
-        arguments: ["node", node.name.as_str(), "--config", "-"].map(Into::into).to_vec(),
-        env: Vec::new(),
-        stdin: Some(text),
-    })
-}
 
-/// Any other program, told of the bench by its environment.
-fn foreign(
-    plan: &Plan,
-    node: &PlannedNode,
-    exec: &[String],
-    own: &Path,
-    out: &Path,
-) -> Result<CommandLine, Failure> {
-    let config = &plan.config;
-    let listen = if node.section.listen.is_empty() { &config.zenoh.listen } else { &node.section.listen };
-    let listen = if listen.is_empty() { "tcp/127.0.0.1:0".to_string() } else { listen.join(",") };
-    let connect: Vec<_> = config.zenoh.connect.iter().chain(&node.section.connect).cloned().collect();
-    let mut env = vec![
-        ("WHIRLSTAND_BENCH".to_string(), config.bench.clone()),
-        ("WHIRLSTAND_NODE".into(), node.name.clone()),
-        ("WHIRLSTAND_TRANSPORT".into(), config.transport.to_string()),
-        ("WHIRLSTAND_RATE_HZ".into(), (1e9 / config.period_ns as f64).to_string()),
-        ("WHIRLSTAND_VEHICLE".into(), config.vehicle.origin.clone()),
-        ("WHIRLSTAND_OUT".into(), out.to_string_lossy().into_owned()),
-    ];
-    if config.transport == Transport::Zenoh {
-        env.push(("WHIRLSTAND_ZENOH_LISTEN".into(), listen));
-        env.push(("WHIRLSTAND_ZENOH_CONNECT".into(), connect.join(",")));
+    /// One of our own nodes: this executable again, with its configuration, its key among it, on standard input.
+    fn native(&self, node: &PlannedNode) -> Result<CommandLine, Failure> {
+        let mut config = self.plan.config.clone();
+        config.zenoh = zenoh_of(self.plan, node);
+        if config.transport == Transport::Zenoh {
+            config.zenoh.protection = self.keys.protection(&node.name)?;
+        }
+        let text = serde_json::to_string(&config).map_err(Failure::run)?;
+        Ok(CommandLine {
+            program: self.own.clone().into(),
+            arguments: ["node", node.name.as_str(), "--config", "-"].map(Into::into).to_vec(),
+            env: Vec::new(),
+            stdin: Some(text),
+        })
     }
-    env.extend(node.section.env.iter().map(|(k, v)| (k.clone(), v.clone())));
-    let (program, arguments) = match node.section.realtime() {
-        options if options == Default::default() => {
-            let program = exec.first().cloned().unwrap_or_default();
-            (program.into(), exec[1..].iter().map(Into::into).collect())
+
+    /// Any other program, told of the bench by its environment.
+    fn foreign(&self, node: &PlannedNode, exec: &[String]) -> Result<CommandLine, Failure> {
+        let config = &self.plan.config;
+        let mut env = vec![
+            ("WHIRLSTAND_BENCH".to_string(), config.bench.clone()),
+            ("WHIRLSTAND_NODE".into(), node.name.clone()),
+            ("WHIRLSTAND_TRANSPORT".into(), config.transport.to_string()),
+            ("WHIRLSTAND_RATE_HZ".into(), (1e9 / config.period_ns as f64).to_string()),
+            ("WHIRLSTAND_VEHICLE".into(), config.vehicle.origin.clone()),
+            ("WHIRLSTAND_OUT".into(), self.out.to_string_lossy().into_owned()),
+        ];
+        if config.transport == Transport::Zenoh {
+            env.extend(self.zenoh_env(node)?);
         }
-        // This executable asks for the real-time options, says what is refused, and becomes the program.
-        options => {
-            let options = serde_json::to_string(&options).map_err(Failure::run)?;
-            let mut arguments: Vec<_> = ["exec", "--realtime", &options, "--"].map(Into::into).to_vec();
-            arguments.extend(exec.iter().map(Into::into));
-            (own.into(), arguments)
+        env.extend(node.section.env.iter().map(|(k, v)| (k.clone(), v.clone())));
+        let (program, arguments) = match node.section.realtime() {
+            options if options == Default::default() => {
+                let program = exec.first().cloned().unwrap_or_default();
+                (program.into(), exec[1..].iter().map(Into::into).collect())
+            }
+            // This executable asks for the real-time options, says what is refused, and becomes the program.
+            options => {
+                let options = serde_json::to_string(&options).map_err(Failure::run)?;
+                let mut arguments: Vec<_> = ["exec", "--realtime", &options, "--"].map(Into::into).to_vec();
+                arguments.extend(exec.iter().map(Into::into));
+                (self.own.clone().into(), arguments)
+            }
+        };
+        Ok(CommandLine { program, arguments, env, stdin: None })
+    }
+
+    /// Where a program listens and connects, and the file with Zenoh's configuration, which holds its key: an environment
+    /// can be read by fewer than a command line, and is handed on to more than a file.
+    fn zenoh_env(&self, node: &PlannedNode) -> Result<Vec<(String, String)>, Failure> {
+        let mut bus = BusConfig::new(&self.plan.config.bench, &node.name, Transport::Zenoh);
+        bus.wait = wait_of(self.plan.config.mode);
+        bus.zenoh = zenoh_of(self.plan, node);
+        bus.zenoh.protection = self.keys.protection(&node.name)?;
+        if bus.zenoh.listen.is_empty() {
+            bus.zenoh.listen.push("tcp/127.0.0.1:0".into());
         }
-    };
-    Ok(CommandLine { program, arguments, env, stdin: None })
+        if bus.zenoh.protection.is_some() {
+            for endpoint in bus.zenoh.listen.iter_mut().chain(&mut bus.zenoh.connect) {
+                *endpoint = over_tls(endpoint).map_err(Failure::Mend)?;
+            }
+        }
+        let text = zenoh_configuration(&bus).map_err(Failure::mend)?;
+        let file = self.private.join(format!("{}.json5", node.name));
+        write_private(&file, &text).map_err(|e| Failure::file("write", &file, &e))?;
+        Ok(vec![
+            ("WHIRLSTAND_ZENOH_CONFIG".into(), file.to_string_lossy().into_owned()),
+            ("WHIRLSTAND_ZENOH_LISTEN".into(), bus.zenoh.listen.join(",")),
+            ("WHIRLSTAND_ZENOH_CONNECT".into(), bus.zenoh.connect.join(",")),
+        ])
+    }
 }
 
 /// Default folder of a run: `out/NAME-DATE-TIME`, in UTC. The name may be that of a file, in any letters.

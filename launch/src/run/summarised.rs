@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use whirlstand_evaluate::expectation::{CheckedExpectation, check};
-use whirlstand_evaluate::metrics::{NodeTiming, Timing, latency};
+use whirlstand_evaluate::metrics::{NodeTiming, Timing, latency, total};
 use whirlstand_evaluate::{Run, RunSummary};
 
 use super::one::FinishedRun;
@@ -100,7 +100,7 @@ fn reported(health: &HealthTable) -> Timing {
     let nodes: BTreeMap<_, _> = health.iter().map(|(name, h)| (name.to_string(), node(h.counts()))).collect();
     Timing {
         deadline_misses: nodes.get("plant").map_or(0, |p| p.deadline_misses),
-        lost: nodes.values().map(|n| n.lost).sum(),
+        lost: total(nodes.values().map(|n| n.lost)),
         nodes,
         ..Timing::default()
     }

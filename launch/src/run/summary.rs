@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use whirlstand_evaluate::CheckedExpectation;
-use whirlstand_evaluate::metrics::Timing;
+use whirlstand_evaluate::metrics::{Timing, total};
 use whirlstand_evaluate::summary::SUMMARY_SCHEMA;
 use whirlstand_evaluate::{Run, RunSummary};
 use whirlstand_report::{Expected, Outcome};
@@ -133,7 +133,7 @@ fn outcome(whole: &SummaryFile, runs: &[Summarised]) -> Outcome {
 
 /// What `summary.json` says of the runs.
 pub(super) fn whole(jobs: &Jobs, runs: &[Summarised]) -> SummaryFile {
-    let sum = |f: fn(&Summarised) -> u64| runs.iter().map(f).sum();
+    let sum = |f: fn(&Summarised) -> u64| total(runs.iter().map(f));
     SummaryFile {
         schema: SUMMARY_SCHEMA,
         bench: jobs.name.clone(),

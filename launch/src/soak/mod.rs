@@ -75,6 +75,9 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
         node.section.restart = crate::file::Restart::OnFailure;
         node.section.max_restarts = u32::MAX;
     }
+    if let Some(recorder) = &mut plan.config.recorder {
+        recorder.most_files = u32::MAX;
+    }
     Ok(plan)
 }
 

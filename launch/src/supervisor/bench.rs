@@ -5,6 +5,7 @@ use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use whirlstand_msgs::Health;
 
 use super::node::{Node, Phase, duration_text};
 use super::notify::Notice;
@@ -42,6 +43,7 @@ pub(crate) fn supervise(
         killed_at_end: Vec::new(),
         updated: started,
         not_silent_before: started,
+        strange_health: false,
     };
     loop {
         bench.start_waiting(Instant::now());
@@ -80,6 +82,8 @@ struct Bench<'a> {
     updated: Instant,
     /// Silence counts from here at the earliest.
     not_silent_before: Instant,
+    /// Whether a Health that no node of the bench sent was told of.
+    strange_health: bool,
 }
 
 impl Bench<'_> {
@@ -157,7 +161,7 @@ impl Bench<'_> {
             self.interrupted(signal, now);
         }
         while let Some(health) = self.health.next() {
-            self.table.update(health, now);
+            self.hear(health, now);
         }
         for i in 0..self.nodes.len() {
             for notice in self.nodes[i].notices() {
@@ -179,12 +183,33 @@ impl Bench<'_> {
         }
     }
 
+    /// Takes in a report, if it is from the node that it speaks of: one in another's name could have it killed.
+    fn hear(&mut self, health: Health, now: Instant) {
+        let name = health.node_name();
+        let own = match self.nodes.iter().find(|n| n.spec.name == name) {
+            Some(node) => node.is_own(&health),
+            None => self.spec.external.iter().any(|external| external == name),
+        };
+        if own {
+            self.table.update(health, now);
+        } else if !std::mem::replace(&mut self.strange_health, true) {
+            tracing::warn!(
+                "a Health in the name of '{name}' is of process {}, which is not that node: it and all others like it are \
+                 left out",
+                health.pid
+            );
+        }
+    }
+
     fn ready(&mut self, i: usize, now: Instant) {
         let node = &mut self.nodes[i];
         node.phase = Phase::Running;
         node.ready_since = Some(now);
         let event = Event::Ready { node: node.spec.name.clone(), pid: node.pid() };
         self.observer.event(&event);
+        if self.spec.exchange_locators {
+            self.health.reachable(&self.locators());
+        }
     }
 
     fn repeat_lines(&mut self, i: usize, now: Instant, ended: bool) {

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use whirlstand_evaluate::metrics::total;
 use whirlstand_msgs::{Health, LATENCY_BUCKETS, NodeState};
 
 /// Counts of one node over the whole run.
@@ -28,13 +29,14 @@ impl Counts {
         }
     }
 
+    /// Adds up; a count stays at the greatest number instead of beginning anew, because a report can hold any.
     fn plus(mut self, other: &Self) -> Self {
-        self.steps += other.steps;
-        self.deadline_misses += other.deadline_misses;
-        self.lost += other.lost;
-        self.rejected += other.rejected;
+        self.steps = self.steps.saturating_add(other.steps);
+        self.deadline_misses = self.deadline_misses.saturating_add(other.deadline_misses);
+        self.lost = self.lost.saturating_add(other.lost);
+        self.rejected = self.rejected.saturating_add(other.rejected);
         self.latency_max_ns = self.latency_max_ns.max(other.latency_max_ns);
-        self.latency.iter_mut().zip(other.latency).for_each(|(a, b)| *a += b);
+        self.latency.iter_mut().zip(other.latency).for_each(|(a, b)| *a = a.saturating_add(b));
         self
     }
 }
@@ -66,8 +68,8 @@ impl Failsafe {
         let in_failsafe = |h: &Health| NodeState::from_u32(h.state) == Some(NodeState::Failsafe);
         if in_failsafe(before) && before.pid == now.pid {
             let steps = now.head.step.saturating_sub(before.head.step);
-            self.steps += steps;
-            self.at_end += steps;
+            self.steps = self.steps.saturating_add(steps);
+            self.at_end = self.at_end.saturating_add(steps);
         }
         // A node that stops says so instead of whether commands were there.
         if !in_failsafe(now) && NodeState::from_u32(now.state) != Some(NodeState::Stopping) {
@@ -129,7 +131,7 @@ impl HealthTable {
 
     /// Messages lost, over all nodes.
     pub fn lost(&self) -> u64 {
-        self.0.values().map(|n| n.counts().lost).sum()
+        total(self.0.values().map(|n| n.counts().lost))
     }
 }
 
@@ -175,5 +177,14 @@ mod tests {
             table(&[(5, Running), (10, Failsafe), (17, Running), (30, Failsafe), (40, Stopping)]),
             (17, 10)
         );
+    }
+
+    #[test]
+    fn counts_of_no_node_stay_at_the_greatest_number() {
+        let mut table = HealthTable::default();
+        for (pid, steps) in [(7, 485), (8, u64::MAX - 484), (7, 486), (9, u64::MAX)] {
+            table.update(health(pid, steps, u64::MAX), Instant::now());
+        }
+        assert_eq!((table.get("controller").unwrap().counts().steps, table.lost()), (u64::MAX, u64::MAX));
     }
 }

@@ -160,6 +160,8 @@ pub(crate) trait HealthSource {
     fn next(&mut self) -> Option<whirlstand_msgs::Health>;
     /// Addresses on which nodes can reach the launcher.
     fn locators(&self) -> Vec<String>;
+    /// The bench can be reached on these addresses from now on.
+    fn reachable(&mut self, locators: &[String]);
     /// A node died: whatever it held on the bench can be taken away.
     fn node_died(&mut self);
 }
@@ -171,6 +173,8 @@ pub(crate) struct BenchSpec {
     pub nodes: Vec<NodeSpec>,
     /// Start each node only when the one before is ready, and tell it the addresses of those before (Zenoh).
     pub exchange_locators: bool,
+    /// Nodes that were started elsewhere.
+    pub external: Vec<String>,
     /// Folder for notify sockets.
     pub folder: PathBuf,
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
+use whirlstand_msgs::Health;
 
 use crate::error::FINAL;
 
@@ -52,6 +53,8 @@ pub(crate) struct Node {
     pub restarts: u32,
     /// Addresses on which peers reach it.
     pub locators: Vec<String>,
+    /// Number of the present process, or of the last.
+    latest_pid: u32,
     /// When the present process became ready.
     pub ready_since: Option<Instant>,
     recent_lines: RecentLines,
@@ -68,6 +71,7 @@ impl Node {
             process: None,
             restarts: 0,
             locators: Vec::new(),
+            latest_pid: 0,
             ready_since: None,
             recent_lines: RecentLines::default(),
             line_quota: LineQuota::new(Instant::now()),
@@ -92,6 +96,7 @@ impl Node {
         let socket = NotifySocket::bind(folder, &format!("{}.{}", self.spec.name, self.restarts))?;
         let process = Process::start(&line, socket)?;
         let pid = process.pid();
+        self.latest_pid = pid;
         self.process = Some(process);
         self.phase = match self.spec.readiness {
             Readiness::Notify(limit) => Phase::Starting(Some(now + limit)),
@@ -108,6 +113,12 @@ impl Node {
     /// The process number, 0 without a process.
     pub fn pid(&self) -> u32 {
         self.process.as_ref().map_or(0, Process::pid)
+    }
+
+    /// Whether a report in this node's name is its own: of its present process or, once that has ended, of its last.
+    /// A foreign program may report from any process that it starts.
+    pub fn is_own(&self, health: &Health) -> bool {
+        !self.spec.publishes_health || health.pid == self.latest_pid
     }
 
     /// Messages of the node on its notify socket.

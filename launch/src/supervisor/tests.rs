@@ -18,6 +18,8 @@ impl HealthSource for Silent {
         Vec::new()
     }
 
+    fn reachable(&mut self, _: &[String]) {}
+
     fn node_died(&mut self) {}
 }
 
@@ -79,10 +81,15 @@ fn plant(script: &str) -> NodeSpec {
 }
 
 fn run(nodes: Vec<NodeSpec>) -> (Outcome, Watch) {
+    run_with(nodes, &mut Silent)
+}
+
+fn run_with(nodes: Vec<NodeSpec>, health: &mut dyn HealthSource) -> (Outcome, Watch) {
     let folder = tempfile::tempdir().unwrap();
-    let spec = BenchSpec { nodes, exchange_locators: false, folder: folder.path().into() };
+    let spec =
+        BenchSpec { nodes, exchange_locators: false, external: Vec::new(), folder: folder.path().into() };
     let mut watch = Watch::new();
-    let outcome = supervise(spec, &mut Silent, &mut watch).unwrap();
+    let outcome = supervise(spec, health, &mut watch).unwrap();
     (outcome, watch)
 }
 
@@ -227,4 +234,54 @@ fn standard_input_and_environment_reach_the_node() {
     assert_eq!(outcome.ending, Ending::Complete);
     let lines: Vec<_> = watch.lines.iter().map(|(_, l)| l.as_str()).collect();
     assert_eq!(lines, ["from the launcher", "hello"]);
+}
+
+/// What the plant says of itself, and after each of its reports one in its name by somebody else.
+struct Forged {
+    pid: std::path::PathBuf,
+    queue: Vec<whirlstand_msgs::Health>,
+    last: Instant,
+}
+
+impl HealthSource for Forged {
+    fn next(&mut self) -> Option<whirlstand_msgs::Health> {
+        if self.queue.is_empty() && self.last.elapsed() > Duration::from_millis(20) {
+            self.last = Instant::now();
+            let pid = std::fs::read_to_string(&self.pid).ok().and_then(|pid| pid.trim().parse().ok());
+            let report = |pid, deadline_misses| {
+                let mut health =
+                    whirlstand_msgs::Health { pid, deadline_misses, ..whirlstand_msgs::Message::zeroed() };
+                health.set_node_name("plant");
+                health
+            };
+            // The queue is taken from its end.
+            self.queue.push(report(1, u64::MAX - 484));
+            self.queue.extend(pid.map(|pid| report(pid, 3)));
+        }
+        self.queue.pop()
+    }
+
+    fn locators(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn reachable(&mut self, _: &[String]) {}
+
+    fn node_died(&mut self) {}
+}
+
+#[test]
+fn a_health_in_the_name_of_a_node_neither_has_it_killed_nor_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let pid = folder.path().join("pid");
+    let script = format!(
+        "echo $$ > {0}.new; mv {0}.new {0}; i=0; while [ $i -lt 150 ]; do sleep 0.01; i=$((i+1)); done",
+        pid.display()
+    );
+    let talking =
+        NodeSpec { publishes_health: true, hang_timeout: Duration::from_millis(900), ..plant(&script) };
+    let mut source = Forged { pid, queue: Vec::new(), last: Instant::now() };
+    let (outcome, _) = run_with(vec![talking], &mut source);
+    assert_eq!(outcome.ending, Ending::Complete);
+    assert_eq!(outcome.health.get("plant").unwrap().counts().deadline_misses, 3);
 }

@@ -94,6 +94,7 @@ pub(super) fn recorded(options: &Options) -> Result<Vec<Figure>, BenchError> {
         config.telemetry = true;
         config.recorder = Some(RecorderConfig {
             path: folder.join("log.mcap").to_string_lossy().into_owned(),
+            most_files: 1,
             launch_text: String::new(),
             version: env!("CARGO_PKG_VERSION").into(),
         });

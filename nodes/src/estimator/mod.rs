@@ -195,8 +195,9 @@ impl Estimator {
         report.head.step = self.last.map_or(0, |l| l.head.step);
         report.steps = self.steps;
         report.deadline_misses = 0;
-        report.lost =
-            self.imus.lost() + self.commands.lost() + self.odometries.as_ref().map_or(0, Subscriber::lost);
+        report.lost = [self.commands.lost(), self.odometries.as_ref().map_or(0, Subscriber::lost)]
+            .into_iter()
+            .fold(self.imus.lost(), u64::saturating_add);
         report.rejected = self.refused;
     }
 }

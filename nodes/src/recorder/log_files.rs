@@ -13,6 +13,7 @@ use crate::setup::Setup;
 pub(super) struct LogFiles {
     base: PathBuf,
     paths: Vec<PathBuf>,
+    most: usize,
     info: BenchInfo,
     launch_text: String,
     vehicle_text: String,
@@ -43,6 +44,7 @@ impl LogFiles {
         Self {
             base: PathBuf::from(&recorder.path),
             paths: Vec::new(),
+            most: recorder.most_files as usize,
             info,
             launch_text: recorder.launch_text.clone(),
             vehicle_text: config.vehicle.text.clone(),
@@ -59,6 +61,11 @@ impl LogFiles {
         log.attach(VEHICLE_ATTACHMENT, "application/toml", self.vehicle_text.as_bytes())?;
         self.paths.push(path);
         Ok(log)
+    }
+
+    /// Whether no further file may be begun: the plant cannot have been started more often.
+    pub(super) fn are_all(&self) -> bool {
+        self.paths.len() >= self.most
     }
 
     pub(super) fn current(&self) -> &Path {

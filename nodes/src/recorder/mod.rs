@@ -5,7 +5,7 @@
 //!
 //! Each file holds one uninterrupted run. A recorder that finds `log.mcap` in place was restarted and writes
 //! `log.2.mcap`, then `log.3.mcap`; so does a recorder that sees the steps go back, which means that the plant
-//! was restarted.
+//! was restarted. It begins no more files than the plant can have starts: whatever else goes back is refused and counted.
 
 mod log_files;
 mod topic;
@@ -48,6 +48,8 @@ pub struct Recorder {
     reported: Option<(u64, u64)>,
     written_before: u64,
     refused: u64,
+    /// Whether a run that the plant cannot have begun was told of.
+    refused_run: bool,
     stopping: Option<Instant>,
     period_ns: u64,
 }
@@ -80,6 +82,7 @@ impl Recorder {
             reported: None,
             written_before: 0,
             refused: 0,
+            refused_run: false,
             stopping: None,
             period_ns: config.period_ns,
         })
@@ -96,6 +99,10 @@ impl Recorder {
         for _ in 0..QUEUE_DEPTH {
             let Some(truth) = self.topics.truth.receive(&mut self.refused)? else { break };
             if self.topics.truth.step().is_some_and(|last| truth.head.step < last) {
+                if self.files.are_all() {
+                    self.refuse_run(truth.head.step);
+                    continue;
+                }
                 log = self.begin_file(log)?;
             }
             self.topics.truth.write(&mut log, &truth)?;
@@ -112,11 +119,12 @@ impl Recorder {
         self.count(log.messages());
         self.peers.turn(now)?;
         self.log = Some(log);
-        if let Some(until) = self.stopping
-            && (now >= until || self.has_all_of_the_run())
-        {
-            // One more look takes what came while this one was under way.
-            return if worked { Ok(Turn::Worked) } else { self.finish() };
+        if let Some(until) = self.stopping {
+            // One more look takes what came while this one was under way; whoever goes on publishing does not keep the
+            // log from being finished.
+            if now >= until || !worked && self.has_all_of_the_run() {
+                return self.finish();
+            }
         }
         Ok(if worked { Turn::Worked } else { Turn::Idle })
     }
@@ -178,6 +186,18 @@ impl Recorder {
         self.topics.move_to(&mut log)?;
         self.health = log.channel()?;
         Ok(log)
+    }
+
+    /// Leaves out a message that would begin a run which the plant cannot have begun.
+    fn refuse_run(&mut self, step: u64) {
+        if !std::mem::replace(&mut self.refused_run, true) {
+            tracing::warn!(
+                step,
+                files = self.files.paths().len(),
+                "Truth goes back more often than the plant was started: somebody else publishes it, and it is left out"
+            );
+        }
+        self.refused = self.refused.saturating_add(1);
     }
 
     fn tell(&mut self, reached: Option<u64>, written: u64) -> Result<(), NodeError> {

@@ -102,7 +102,7 @@ macro_rules! topics {
 
             /// Messages that never reached the recorder, all topics together.
             pub(super) fn lost(&self) -> u64 {
-                [self.$leader.lost(), $(self.$name.lost()),*].iter().sum()
+                [$(self.$name.lost()),*].into_iter().fold(self.$leader.lost(), u64::saturating_add)
             }
         }
     };

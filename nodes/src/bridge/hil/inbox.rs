@@ -96,7 +96,7 @@ impl Inbox {
 
     /// Messages lost on the way here.
     pub(super) fn lost(&self) -> u64 {
-        self.imu.lost() + self.truth.lost() + self.odometry.lost()
+        self.imu.lost().saturating_add(self.truth.lost()).saturating_add(self.odometry.lost())
     }
 
     /// Messages that could not be used.

@@ -316,7 +316,7 @@ impl Hil {
         let report = &mut self.peers.report;
         report.head.step = self.last.map_or(0, |l| l.head.step);
         report.steps = self.steps;
-        report.lost = self.inbox.lost() + counts.lost + counts.skipped;
+        report.lost = self.inbox.lost().saturating_add(counts.lost + counts.skipped);
         report.rejected = self.inbox.refused()
             + counts.dropped()
             + self.flight.refused()

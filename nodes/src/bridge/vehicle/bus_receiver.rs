@@ -61,7 +61,7 @@ impl BusReceiver {
             }
         }
         if self.reader == Reader::Commands {
-            counts.lost.store(self.commands.lost() + self.estimates.lost(), Ordering::Relaxed);
+            counts.lost.store(self.commands.lost().saturating_add(self.estimates.lost()), Ordering::Relaxed);
             counts.refused.fetch_add(refused, Ordering::Relaxed);
         }
         Ok(())

@@ -326,7 +326,7 @@ impl VehicleNode {
         report.head.step = self.step.saturating_sub(1);
         report.steps = self.step;
         report.deadline_misses = misses + self.overruns;
-        report.lost = figures.lost + self.commands.lost();
+        report.lost = figures.lost.saturating_add(self.commands.lost());
         report.rejected = rejected
             + figures.dropped
             + figures.refused

@@ -1,0 +1,72 @@
+//! Certificates of a bench: one authority, and one key for each node that it vouches for.
+
+use rcgen::{
+    BasicConstraints, CertificateParams, CertifiedIssuer, DnType, ExtendedKeyUsagePurpose, IsCa, KeyPair,
+    KeyUsagePurpose,
+};
+
+use crate::protection::Identity;
+
+/// Why no key or certificate could be made.
+#[derive(Debug, thiserror::Error)]
+#[error("no certificate can be made for {who}: {source}")]
+pub struct AuthorityError {
+    /// The node, or the authority itself.
+    pub who: String,
+    /// What is wrong.
+    pub source: rcgen::Error,
+}
+
+/// Signs the certificates of one bench. Its key is never written down: once it is dropped, nobody can join the nodes
+/// that it has named.
+pub struct Authority {
+    issuer: CertifiedIssuer<'static, KeyPair>,
+}
+
+impl Authority {
+    /// A new authority with a fresh key (ECDSA on P-256).
+    ///
+    /// # Errors
+    /// When the operating system has no random numbers.
+    pub fn new(bench: &str) -> Result<Self, AuthorityError> {
+        let failed = |source| AuthorityError { who: format!("the authority of {bench}"), source };
+        let mut params = named(Vec::new(), &format!("whirlstand {bench}")).map_err(failed)?;
+        params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+        params.key_usages = vec![KeyUsagePurpose::KeyCertSign];
+        let issuer =
+            KeyPair::generate().and_then(|key| CertifiedIssuer::self_signed(params, key)).map_err(failed)?;
+        Ok(Self { issuer })
+    }
+
+    /// The authority's certificate, PEM: what every node has to know.
+    pub fn certificate(&self) -> String {
+        self.issuer.pem()
+    }
+
+    /// A fresh key and a certificate for the node `name`, valid on `hosts` (DNS names or IP addresses).
+    ///
+    /// # Errors
+    /// For a host that is neither, and when the operating system has no random numbers.
+    pub fn issue(&self, name: &str, hosts: &[String]) -> Result<Identity, AuthorityError> {
+        let failed = |source| AuthorityError { who: name.into(), source };
+        let mut params = named(hosts.to_vec(), name).map_err(failed)?;
+        params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+        // Every node listens and connects.
+        params.extended_key_usages =
+            vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
+        let key = KeyPair::generate().map_err(failed)?;
+        let certificate = params.signed_by(&key, &self.issuer).map_err(failed)?;
+        Ok(Identity {
+            authority: self.certificate(),
+            certificate: certificate.pem(),
+            key: key.serialize_pem(),
+        })
+    }
+}
+
+fn named(hosts: Vec<String>, common_name: &str) -> Result<CertificateParams, rcgen::Error> {
+    let mut params = CertificateParams::new(hosts)?;
+    params.distinguished_name = rcgen::DistinguishedName::new();
+    params.distinguished_name.push(DnType::CommonName, common_name);
+    Ok(params)
+}

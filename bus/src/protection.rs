@@ -1,0 +1,151 @@
+//! Who may do what on a bench over Zenoh: mutual TLS says who a node is, access control what it may publish.
+//!
+//! Not Zenoh's user and password: there only the side that connects shows who it is, so that a node could not tell who
+//! answers where a peer used to listen. With certificates both sides of every link are known by their common name.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use whirlstand_msgs::{Health, Message};
+
+use crate::network_keys::{key_expression, spoken_key};
+
+/// The environment variable, and its value, with which Zenoh reads and writes on one thread. A process that speaks TLS needs
+/// it before it opens its first session: Zenoh 1.10 lends one TLS stream to the reading and to the writing task at the same
+/// time (`zenoh-link-tls/src/unicast.rs`), and where they run on two threads a link breaks now and then with "handshake
+/// not complete". On one thread neither sees the stream half changed by the other.
+pub const ONE_THREAD: (&str, &str) = ("ZENOH_RUNTIME", "(rx: (handover: tx), tx: (worker_threads: 1))");
+
+/// What a node needs to take part in a protected bench.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Protection {
+    /// How this node shows who it is.
+    pub identity: Identity,
+    /// Everybody who may take part. A certificate with another name joins, and may neither publish nor subscribe.
+    pub members: Vec<Member>,
+}
+
+/// A node's key and certificate, and the authority that vouches for the others; all in PEM.
+#[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Identity {
+    /// Certificate of the authority.
+    pub authority: String,
+    /// Certificate of the node; its common name is the node's name.
+    pub certificate: String,
+    /// Private key of the node.
+    pub key: String,
+}
+
+/// Without the key: configurations are printed.
+impl std::fmt::Debug for Identity {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Identity").finish_non_exhaustive()
+    }
+}
+
+/// One who may take part in a bench. All members may subscribe to all topics.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Member {
+    /// The node's name.
+    pub name: String,
+    /// What it may publish.
+    pub writes: Writes,
+}
+
+/// What a member may publish.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Writes {
+    /// Nothing: it watches.
+    Nothing,
+    /// These topics, and its own `Health`.
+    Only(Vec<String>),
+    /// Any topic but these, and its own `Health`.
+    AllBut(Vec<String>),
+}
+
+impl Writes {
+    /// Key expressions that are allowed, and those that are not for all that.
+    fn keys(&self, bench: &str, name: &str) -> (Vec<String>, Vec<String>) {
+        let key = |topic: &String| key_expression(bench, topic);
+        let health = spoken_key(bench, Health::TOPIC, name);
+        match self {
+            Self::Nothing => (Vec::new(), Vec::new()),
+            Self::Only(topics) => (topics.iter().map(key).chain([health]).collect(), Vec::new()),
+            Self::AllBut(topics) => {
+                let own = key_expression(bench, &format!("{name}/**"));
+                (vec![key_expression(bench, "*"), own, health], topics.iter().map(key).collect())
+            }
+        }
+    }
+}
+
+/// Zenoh's `access_control` for a bench: whatever is not allowed here is denied.
+pub(crate) fn access_control(bench: &str, members: &[Member]) -> Value {
+    let all = key_expression(bench, "**");
+    let mut rules = vec![
+        json!({ "id": "subscribe", "permission": "allow", "flows": ["ingress"],
+                "messages": ["declare_subscriber"], "key_exprs": [all] }),
+        // What others may not know is kept from them by their not being members.
+        json!({ "id": "send", "permission": "allow", "flows": ["egress"],
+                "messages": ["put", "declare_subscriber"], "key_exprs": [all] }),
+    ];
+    let names: Vec<&str> = members.iter().map(|m| m.name.as_str()).collect();
+    let mut subjects = vec![json!({ "id": "members", "cert_common_names": names })];
+    let mut policies = vec![json!({ "rules": ["subscribe", "send"], "subjects": ["members"] })];
+    for member in members {
+        let (allowed, denied) = member.writes.keys(bench, &member.name);
+        let mut own = Vec::new();
+        for (permission, keys) in [("allow", allowed), ("deny", denied)] {
+            if !keys.is_empty() {
+                let id = format!("{permission} {}", member.name);
+                own.push(id.clone());
+                rules.push(json!({ "id": id, "permission": permission, "flows": ["ingress"],
+                                   "messages": ["put"], "key_exprs": keys }));
+            }
+        }
+        if !own.is_empty() {
+            let subject = format!("member {}", member.name);
+            subjects.push(json!({ "id": subject, "cert_common_names": [member.name] }));
+            policies.push(json!({ "rules": own, "subjects": [subject] }));
+        }
+    }
+    json!({ "enabled": true, "default_permission": "deny",
+            "rules": rules, "subjects": subjects, "policies": policies })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_is_not_printed() {
+        let identity = Identity { authority: "a".into(), certificate: "c".into(), key: "hidden".into() };
+        let protection = Protection { identity, members: Vec::new() };
+        assert!(!format!("{protection:?}").contains("hidden"));
+    }
+
+    #[test]
+    fn everybody_has_the_rights_of_the_list_and_no_other() {
+        let members = [
+            Member { name: "plant".into(), writes: Writes::Only(vec!["imu".into()]) },
+            Member { name: "guest".into(), writes: Writes::AllBut(vec!["imu".into()]) },
+            Member { name: "observer".into(), writes: Writes::Nothing },
+        ];
+        let access = access_control("lab", &members);
+        let rule = |id: &str| {
+            let rules = access["rules"].as_array().unwrap();
+            rules.iter().find(|r| r["id"] == id).map(|r| r["key_exprs"].clone())
+        };
+        assert_eq!(access["default_permission"], "deny");
+        assert_eq!(rule("allow plant"), Some(json!(["whirlstand/lab/imu", "whirlstand/lab/health/plant"])));
+        assert_eq!(rule("deny guest"), Some(json!(["whirlstand/lab/imu"])));
+        assert_eq!(
+            rule("allow guest"),
+            Some(json!(["whirlstand/lab/*", "whirlstand/lab/guest/**", "whirlstand/lab/health/guest"]))
+        );
+        assert_eq!(rule("allow observer"), None);
+    }
+}

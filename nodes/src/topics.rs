@@ -1,0 +1,39 @@
+//! Which role publishes which topic: what a protected bench allows.
+
+use whirlstand_msgs::{
+    Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Progress, Setpoint, Truth,
+};
+
+use crate::config::Role;
+
+/// The topics that a role publishes, beside its `Health`.
+pub fn published_by(role: Role) -> &'static [&'static str] {
+    match role {
+        Role::Plant => &[Imu::TOPIC, Odometry::TOPIC, Truth::TOPIC, Disturbance::TOPIC],
+        Role::Estimator => &[Estimate::TOPIC],
+        Role::Controller => &[Command::TOPIC, Setpoint::TOPIC],
+        Role::Recorder => &[Progress::TOPIC],
+    }
+}
+
+/// Every topic that belongs to a role, and `health`: no other program has anything to say there.
+pub fn of_the_loop() -> Vec<&'static str> {
+    let roles = Role::ALL.into_iter().flat_map(published_by).copied();
+    roles.chain([Health::TOPIC]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_recorded_topic_has_one_writer() {
+        macro_rules! recorded {
+            ($($name:ident: $message:ident),* $(,)?) => { [$(whirlstand_msgs::$message::TOPIC),*] };
+        }
+        for topic in whirlstand_logs::loop_topics!(recorded) {
+            let writers = Role::ALL.iter().filter(|r| published_by(**r).contains(&topic)).count();
+            assert_eq!(writers, 1, "{topic}");
+        }
+    }
+}
