@@ -136,6 +136,31 @@ fn a_second_signal_ends_what_still_computes() {
 }
 
 #[test]
+fn sigterm_ends_blind_trials_that_compute() {
+    let dir = tempfile::tempdir().unwrap();
+    let blind = spawn(whirlstand(["blind", "--trials", "8", "--jobs", "1", "--keep", text(dir.path())]));
+    let until = Instant::now() + HUNG;
+    let begun = || {
+        let trials = std::fs::read_dir(dir.path().join("trials")).into_iter().flatten().flatten();
+        trials.map(|t| t.path()).find(|t| t.join("stderr.txt").exists())
+    };
+    let trial = loop {
+        assert!(Instant::now() < until, "no diagnosis has begun");
+        match begun() {
+            Some(trial) => break trial,
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+    };
+    blind.signal(libc::SIGTERM);
+    let asked = Instant::now();
+    let end = blind.finish();
+    assert_eq!(end.code(), 130, "{}\n{}", end.stdout, end.stderr);
+    assert!(asked.elapsed() < Duration::from_secs(5), "{:?}", asked.elapsed());
+    assert!(end.stderr.contains("interrupted: 0 of 8 trials"), "{}", end.stderr);
+    assert!(!trial.join("diagnosis.json").exists(), "what had begun is dropped");
+}
+
+#[test]
 fn simulate_refuses_what_no_memory_holds_and_what_no_quantity_is() {
     let dir = tempfile::tempdir().unwrap();
     let (input, output) = (dir.path().join("in.csv"), dir.path().join("out.csv"));

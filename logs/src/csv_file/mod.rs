@@ -3,163 +3,25 @@
 //! Lines that begin with `#` are comments. A semicolon or a tab separates as well as a comma, if the head says so.
 
 mod bounded;
+mod error;
 mod write;
 
 use std::collections::HashSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
 use whirlstand_msgs::units::Unit;
 
-use self::bounded::{Allowance, Bounded};
+use self::bounded::{Allowance, Bounded, GREATEST, LONGEST_LINE, MOST_COLUMNS};
+pub use self::error::CsvError;
 pub use self::write::{format_csv, write_csv};
-use crate::mapping::{MapError, Mapping, Selected, Source, Unreadable, resolve, split_unit};
-use crate::record::{Record, RecordError};
-
-/// Most columns of a file. Logs of autopilots with every topic in one table have some thousands; what has more is no table
-/// of signals over time, and names in that number cost more than the numbers.
-const MOST_COLUMNS: usize = 10_000;
-
-/// Most bytes of a line, with the comments before it: [`MOST_COLUMNS`] numbers of full precision are a twentieth of it.
-const LONGEST_LINE: usize = 4 << 20;
-
-/// Greatest size of a number. No quantity of a flight comes near it in any unit, and it leaves room to square and to add
-/// without an overflow; what is greater is the "no value" of somebody's logger, such as the greatest single precision number.
-const GREATEST: f64 = 1e30;
+use crate::mapping::{Mapping, Selected, Source, Unreadable, resolve, split_unit};
+use crate::record::Record;
 
 /// Most characters of a cell that a message repeats.
 const SHOWN: usize = 40;
-
-/// Why a CSV cannot be read or written.
-#[derive(Debug, thiserror::Error)]
-pub enum CsvError {
-    /// The file cannot be opened, read or written.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
-    /// There is no head, or no time in it.
-    #[error(
-        "{path}, line 1: the first column is '{found}', expected t or t[unit]; --map t=COLUMN[unit] names another"
-    )]
-    NoTime {
-        /// The file.
-        path: PathBuf,
-        /// What the first column is called.
-        found: String,
-    },
-    /// Two columns have one name.
-    #[error("{path}, line 1: two columns are called '{name}'")]
-    Duplicate {
-        /// The file.
-        path: PathBuf,
-        /// The name.
-        name: String,
-    },
-    /// A unit or a mapping does not fit.
-    #[error(transparent)]
-    Map(#[from] MapError),
-    /// The time is not in a unit of time.
-    #[error("{path}, line 1: the time column is in '{unit}', expected s, ms, us, min or samples")]
-    TimeUnit {
-        /// The file.
-        path: PathBuf,
-        /// The unit.
-        unit: String,
-    },
-    /// A line is not as long as the head, or is not CSV.
-    #[error("{path}, line {line}: {reason}")]
-    Line {
-        /// The file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-        /// What is wrong.
-        reason: String,
-    },
-    /// A cell is not a number.
-    #[error(
-        "{path}, line {line}, column {column} ({name}): '{found}' is not a finite number; leave the cell empty for a gap"
-    )]
-    Cell {
-        /// The file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-        /// Column, counted from 1.
-        column: usize,
-        /// Its head.
-        name: String,
-        /// What stands there.
-        found: String,
-    },
-    /// A cell is beyond all measure.
-    #[error(
-        "{path}, line {line}, column {column} ({name}): {found:e} is beyond {GREATEST:e}, which nothing measured is; leave the cell empty for a gap"
-    )]
-    Greatest {
-        /// The file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-        /// Column, counted from 1.
-        column: usize,
-        /// Its head.
-        name: String,
-        /// What stands there.
-        found: f64,
-    },
-    /// No line has a value in a column.
-    #[error("{path}, column {column} ({name}): no line has a value there")]
-    Empty {
-        /// The file.
-        path: PathBuf,
-        /// Column, counted from 1.
-        column: usize,
-        /// Its head.
-        name: String,
-    },
-    /// More columns than a table of signals has.
-    #[error(
-        "{path}, line 1: {found} columns, but at most {MOST_COLUMNS} are read; keep those that are needed"
-    )]
-    Columns {
-        /// The file.
-        path: PathBuf,
-        /// How many there are.
-        found: usize,
-    },
-    /// A line that is no line of numbers.
-    #[error(
-        "{path}, line {line}: more than {LONGEST_LINE} bytes in one line, which no line of numbers has; is a quote open, or is this another kind of file?"
-    )]
-    Long {
-        /// The file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-    },
-    /// Time stands still or goes back.
-    #[error("{path}, line {line}: time {found} is not after {before}; it must increase from line to line")]
-    Time {
-        /// The file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-        /// The time before, in the file's unit.
-        before: f64,
-        /// The time here, in the file's unit.
-        found: f64,
-    },
-    /// The signals do not make a record.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-}
 
 /// Reads a CSV file into SI units. Mapped columns get their new names; the others keep theirs.
 ///
@@ -233,24 +95,7 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
             }
         }
     }
-    let mut record = Record::new(path.display().to_string(), time)?;
-    record.time_unit = columns.time_unit.si_symbol();
-    let mut left_out = columns.unreadable;
-    for (i, ((column, signal), error)) in columns.signals.into_iter().zip(values).zip(unreadable).enumerate()
-    {
-        let empty = || {
-            let index = columns.sources[column.source];
-            CsvError::Empty { path: path.into(), column: index + 1, name: excerpt(&heads[index]) }
-        };
-        let is_empty = !signal.is_empty() && signal.iter().all(|v| v.is_nan());
-        let error = error.or_else(|| is_empty.then(empty));
-        match error {
-            Some(error) if i < columns.mapped => return Err(error),
-            Some(error) => left_out.push(Unreadable { name: column.name, why: error.to_string() }),
-            None => record.push(column.name, column.unit.si_symbol(), signal)?,
-        }
-    }
-    Ok(record.with_unreadable(left_out))
+    columns.record(path, &heads, time, values, unreadable)
 }
 
 /// What the head says.
@@ -266,6 +111,33 @@ struct Columns {
 }
 
 impl Columns {
+    /// The record of these columns, with their values and what is wrong with them.
+    fn record(
+        self,
+        path: &Path,
+        heads: &[String],
+        time: Vec<f64>,
+        values: Vec<Vec<f64>>,
+        wrong: Vec<Option<CsvError>>,
+    ) -> Result<Record, CsvError> {
+        let mut record = Record::new(path.display().to_string(), time)?;
+        record.time_unit = self.time_unit.si_symbol();
+        let mut left_out = self.unreadable;
+        for (i, ((column, signal), error)) in self.signals.into_iter().zip(values).zip(wrong).enumerate() {
+            let empty = || {
+                let index = self.sources[column.source];
+                CsvError::Empty { path: path.into(), column: index + 1, name: excerpt(&heads[index]) }
+            };
+            let is_empty = !signal.is_empty() && signal.iter().all(|v| v.is_nan());
+            match error.or_else(|| is_empty.then(empty)) {
+                Some(error) if i < self.mapped => return Err(error),
+                Some(error) => left_out.push(Unreadable { name: column.name, why: error.to_string() }),
+                None => record.push(column.name, column.unit.si_symbol(), signal)?,
+            }
+        }
+        Ok(record.with_unreadable(left_out))
+    }
+
     fn new(path: &Path, heads: &[String], mappings: &[Mapping]) -> Result<Self, CsvError> {
         let origin = path.display().to_string();
         let offered: Vec<Source> = heads

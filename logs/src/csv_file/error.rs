@@ -1,0 +1,136 @@
+//! Why a CSV cannot be read or written, with the file, the line and the column.
+
+use std::path::PathBuf;
+
+use super::bounded::{GREATEST, LONGEST_LINE, MOST_COLUMNS};
+use crate::mapping::MapError;
+use crate::record::RecordError;
+
+/// Why a CSV cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum CsvError {
+    /// The file cannot be opened, read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// There is no head, or no time in it.
+    #[error(
+        "{path}, line 1: the first column is '{found}', expected t or t[unit]; --map t=COLUMN[unit] names another"
+    )]
+    NoTime {
+        /// The file.
+        path: PathBuf,
+        /// What the first column is called.
+        found: String,
+    },
+    /// Two columns have one name.
+    #[error("{path}, line 1: two columns are called '{name}'")]
+    Duplicate {
+        /// The file.
+        path: PathBuf,
+        /// The name.
+        name: String,
+    },
+    /// A unit or a mapping does not fit.
+    #[error(transparent)]
+    Map(#[from] MapError),
+    /// The time is not in a unit of time.
+    #[error("{path}, line 1: the time column is in '{unit}', expected s, ms, us, min or samples")]
+    TimeUnit {
+        /// The file.
+        path: PathBuf,
+        /// The unit.
+        unit: String,
+    },
+    /// A line is not as long as the head, or is not CSV.
+    #[error("{path}, line {line}: {reason}")]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A cell is not a number.
+    #[error(
+        "{path}, line {line}, column {column} ({name}): '{found}' is not a finite number; leave the cell empty for a gap"
+    )]
+    Cell {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// Column, counted from 1.
+        column: usize,
+        /// Its head.
+        name: String,
+        /// What stands there.
+        found: String,
+    },
+    /// A cell is beyond all measure.
+    #[error(
+        "{path}, line {line}, column {column} ({name}): {found:e} is beyond {GREATEST:e}, which nothing measured is; leave the cell empty for a gap"
+    )]
+    Greatest {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// Column, counted from 1.
+        column: usize,
+        /// Its head.
+        name: String,
+        /// What stands there.
+        found: f64,
+    },
+    /// No line has a value in a column.
+    #[error("{path}, column {column} ({name}): no line has a value there")]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// Column, counted from 1.
+        column: usize,
+        /// Its head.
+        name: String,
+    },
+    /// More columns than a table of signals has.
+    #[error(
+        "{path}, line 1: {found} columns, but at most {MOST_COLUMNS} are read; keep those that are needed"
+    )]
+    Columns {
+        /// The file.
+        path: PathBuf,
+        /// How many there are.
+        found: usize,
+    },
+    /// A line that is no line of numbers.
+    #[error(
+        "{path}, line {line}: more than {LONGEST_LINE} bytes in one line, which no line of numbers has; is a quote open, or is this another kind of file?"
+    )]
+    Long {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+    },
+    /// Time stands still or goes back.
+    #[error("{path}, line {line}: time {found} is not after {before}; it must increase from line to line")]
+    Time {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// The time before, in the file's unit.
+        before: f64,
+        /// The time here, in the file's unit.
+        found: f64,
+    },
+    /// The signals do not make a record.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+}
