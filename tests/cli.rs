@@ -26,7 +26,7 @@ fn help_and_version_are_there_for_every_call() {
     let help = run(["--help"]).success().stdout;
     for call in [
         "run", "node", "design", "simulate", "compare", "identify", "excite", "log", "vehicle", "launch",
-        "doctor", "soak",
+        "doctor", "soak", "clean",
     ] {
         assert!(help.contains(call), "{call}");
         let own = run([call, "--help"]).success().stdout;

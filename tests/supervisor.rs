@@ -6,13 +6,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use support::bench::{all_ready, gone, no_residue, ready, signal, unique};
 use support::{FAULTS_ALLOWED, HUNG, Running, json, run, spawn, whirlstand};
 use whirlstand_test_harness::undisturbed;
-
-/// A bench name that no other test has.
-fn unique(name: &str) -> String {
-    format!("test-{name}-{}", std::process::id())
-}
 
 /// Starts a run that lasts until something ends it.
 fn start(name: &str, duration: &str, out: &Path, more: &[&str]) -> Running {
@@ -20,61 +16,6 @@ fn start(name: &str, duration: &str, out: &Path, more: &[&str]) -> Running {
     let args = ["run", "quadrotor", "--duration", duration, "--log-level", "debug", "--set", FAULTS_ALLOWED];
     let out = ["--out", out.to_str().unwrap(), "--bench", &bench];
     spawn(whirlstand(args.iter().chain(&out).chain(more)))
-}
-
-/// Process number of a node, once it is ready.
-#[track_caller]
-fn ready(running: &mut Running, node: &str) -> i32 {
-    let line = running.wait_for_stderr(&format!("{node} (process "));
-    let number = line.split("(process ").nth(1).and_then(|rest| rest.split(')').next());
-    number.and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"))
-}
-
-/// Process numbers of several nodes, which become ready in any order.
-#[track_caller]
-fn all_ready<const N: usize>(running: &mut Running, nodes: [&str; N]) -> [i32; N] {
-    let mut pids = [0; N];
-    while pids.contains(&0) {
-        let line = running.wait_for_stderr(") is ready");
-        for (node, pid) in nodes.iter().zip(&mut pids) {
-            if let Some((_, number)) = line.split_once(&format!("{node} (process ")) {
-                *pid =
-                    number.split(')').next().and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"));
-            }
-        }
-    }
-    pids
-}
-
-/// Sends a signal to a node.
-fn signal(pid: i32, signal: i32) {
-    // SAFETY: kill(2) touches no memory of ours; the process is a node of a bench that this test started.
-    assert_eq!(unsafe { libc::kill(pid, signal) }, 0, "kill({pid}, {signal})");
-}
-
-#[track_caller]
-fn gone(pid: i32) {
-    let until = Instant::now() + HUNG;
-    let alive = || {
-        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-        stat.rsplit(')').next().and_then(|s| s.split_whitespace().next()).is_some_and(|state| state != "Z")
-    };
-    while alive() {
-        assert!(Instant::now() < until, "process {pid} is left behind");
-        std::thread::yield_now();
-    }
-}
-
-/// Nothing of the bench is left where shared memory and its files live.
-#[track_caller]
-fn no_residue(name: &str) {
-    let bench = unique(name);
-    for folder in ["/dev/shm", "/tmp/iceoryx2", "/tmp/iceoryx2/nodes", "/tmp/iceoryx2/services"] {
-        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-            let file = entry.file_name().to_string_lossy().into_owned();
-            assert!(!file.contains(&bench), "{folder}/{file} is left behind");
-        }
-    }
 }
 
 #[test]
@@ -137,14 +78,22 @@ fn a_node_that_hangs_is_killed_and_started_again() {
 }
 
 #[test]
-fn a_killed_launcher_takes_its_nodes_along() {
+fn the_nodes_of_a_killed_launcher_end_in_order_and_leave_nothing() {
     undisturbed(|| {
         let dir = tempfile::tempdir().unwrap();
         let mut running = start("orphans", "1000", dir.path(), &[]);
         let pids = all_ready(&mut running, ["recorder", "estimator", "controller", "plant"]);
         running.signal(libc::SIGKILL);
-        assert_eq!(running.finish().code(), 128 + libc::SIGKILL);
+        let end = running.finish();
+        assert_eq!(end.code(), 128 + libc::SIGKILL);
+        assert!(end.stderr.contains("was killed: ending its nodes"), "{}", end.stderr);
         pids.into_iter().for_each(gone);
+        no_residue("orphans");
+        // The recorder was asked to end and not killed.
+        let log = dir.path().join("log.mcap");
+        let info = run(["log", "info", log.to_str().unwrap()]).success();
+        assert!(info.stdout.contains("complete"), "{}", info.stdout);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "the log and no lock");
     });
 }
 

@@ -10,8 +10,8 @@ use whirlstand_msgs::Message;
 use crate::config::check_name;
 use crate::park::{Region, TopicBit};
 use crate::{
-    BusConfig, MAX_DEPTH, OpenError, RecvError, SendError, Transport, WaitStrategy, inproc, network,
-    shared_memory,
+    BusConfig, LauncherToken, MAX_DEPTH, OpenError, RecvError, SendError, Transport, WaitStrategy, inproc,
+    network, shared_memory,
 };
 
 /// A node's membership in a bench. It and its ports stay on the thread that opened them; another thread opens
@@ -74,6 +74,18 @@ impl Bus {
         match &self.shared.medium {
             Medium::Zenoh(member) => member.locators(),
             Medium::Iceoryx2(_) | Medium::Inproc(_) => &[],
+        }
+    }
+
+    /// Says to the network, as long as the token lives, that this process launches the bench. On one machine there is
+    /// nobody to tell: other means keep launchers apart there.
+    ///
+    /// # Errors
+    /// [`OpenError::Taken`] when somebody else says so as well.
+    pub fn announce_launcher(&self) -> Result<LauncherToken, OpenError> {
+        match &self.shared.medium {
+            Medium::Zenoh(member) => member.announce_launcher(),
+            Medium::Iceoryx2(_) | Medium::Inproc(_) => Ok(LauncherToken::local()),
         }
     }
 

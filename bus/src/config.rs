@@ -114,6 +114,14 @@ impl Default for WaitStrategy {
     }
 }
 
+/// Checks that a bench can have this name.
+///
+/// # Errors
+/// [`OpenError::Name`].
+pub fn check_bench_name(name: &str) -> Result<(), OpenError> {
+    check_name("bench", name)
+}
+
 /// Checks that a name can be part of a file name, a service name and a key expression.
 pub(crate) fn check_name(what: &'static str, name: &str) -> Result<(), OpenError> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');

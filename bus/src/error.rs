@@ -60,6 +60,35 @@ pub enum OpenError {
         /// What is wrong with it.
         reason: String,
     },
+    /// Somebody else launches the bench.
+    #[error(
+        "the bench \"{bench}\" is already run by {holder}: give this run another name with --bench, or wait for that one's end"
+    )]
+    Taken {
+        /// Bench.
+        bench: String,
+        /// Who launches it.
+        holder: String,
+    },
+    /// Shared memory has no room for the bench.
+    #[error(
+        "shared memory is full: {what} of bench \"{bench}\" needs {needed}, /dev/shm has {free} free of {total}. \
+         See what fills it with `ls -l /dev/shm` (`whirlstand clean` removes what killed benches left), or make it larger: \
+         `mount -o remount,size=256M /dev/shm`, in a container `--shm-size=256m`",
+        needed = mebibytes(*needed), free = mebibytes(*free), total = mebibytes(*total)
+    )]
+    Full {
+        /// What was to be made.
+        what: String,
+        /// Bench.
+        bench: String,
+        /// Bytes that it takes, with the margin that stays free.
+        needed: u64,
+        /// Bytes that are free.
+        free: u64,
+        /// Bytes of the whole.
+        total: u64,
+    },
     /// The transport refused.
     #[error("cannot {action} on bench \"{bench}\" over {transport}: {reason}")]
     Transport {
@@ -72,6 +101,11 @@ pub enum OpenError {
         /// What the transport says.
         reason: String,
     },
+}
+
+/// An amount of memory as text.
+fn mebibytes(bytes: u64) -> String {
+    format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20))
 }
 
 /// Why a message was not sent.

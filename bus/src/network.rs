@@ -18,6 +18,7 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::Sample;
 
 use crate::inproc::Queue;
+use crate::launcher::LauncherToken;
 use crate::lost::LostCounter;
 use crate::network_keys::{key_expression, spoken_key};
 use crate::network_settings::{fix_ports, settings};
@@ -36,6 +37,8 @@ pub(crate) struct Member {
     node: String,
     session: zenoh::Session,
     locators: Vec<String>,
+    /// The configuration asks for links to others.
+    has_links: bool,
     region: Arc<Region>,
 }
 
@@ -58,11 +61,17 @@ impl Member {
         };
         let region = Arc::new(Region::private());
         let (bench, node) = (bus.bench.clone(), bus.node.clone());
-        Ok(Rc::new(Self { bench, node, session, locators, region }))
+        let has_links = has_links(&settings);
+        Ok(Rc::new(Self { bench, node, session, locators, has_links, region }))
     }
 
     pub(crate) fn locators(&self) -> &[String] {
         &self.locators
+    }
+
+    /// Says that this process launches the bench.
+    pub(crate) fn announce_launcher(&self) -> Result<LauncherToken, OpenError> {
+        LauncherToken::announce(&self.session, &self.bench, self.has_links)
     }
 
     pub(crate) fn region(&self) -> &Region {
@@ -216,6 +225,13 @@ impl<M: Message> Subscriber<M> {
     pub(crate) fn lost(&self) -> u64 {
         self.inbox.counter().lost().saturating_add(self.inbox.queue.displaced())
     }
+}
+
+/// Whether the settings make this node look for others, rather than wait for them.
+fn has_links(settings: &Value) -> bool {
+    let connects = settings["connect"]["endpoints"].as_array().is_some_and(|all| !all.is_empty());
+    let scouts = |how: &str| settings["scouting"][how]["enabled"] == Value::Bool(true);
+    connects || scouts("multicast") || scouts("gossip")
 }
 
 fn transport_error(bench: &str, action: &str, reason: impl ToString) -> OpenError {

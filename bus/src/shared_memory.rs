@@ -5,6 +5,7 @@
 //! what killed processes leave can be removed by name. A foreign program joins by setting the same prefix and root
 //! path in its iceoryx2 configuration; `docs/wire-format.md` gives the service's settings.
 
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
@@ -26,15 +27,14 @@ use whirlstand_msgs::Message;
 use crate::lost::LostCounter;
 use crate::park::Region;
 use crate::presence::Presence;
-use crate::shared_memory_config::{MAX_PUBLISHERS, config};
+use crate::shared_memory_config::{
+    MAX_BORROWED, MAX_DEPTH, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SHARED_MEMORY, config, prefix, root_path,
+};
+use crate::shared_memory_space::{FOR_SERVICE, FOR_SUBSCRIBER, for_publisher, require, reserve};
 use crate::{BusConfig, OpenError, RecvError, SendError, Transport};
 
-/// Subscribers a topic can have.
-pub const MAX_SUBSCRIBERS: usize = 8;
 /// Nodes a bench can have.
 pub const MAX_NODES: usize = 32;
-/// Longest queue of a subscriber.
-pub const MAX_DEPTH: usize = 1024;
 /// Key of the service attribute that holds the schema hash, as `0x` and 16 hexadecimal digits.
 pub const SCHEMA_ATTRIBUTE: &str = "whirlstand.schema";
 
@@ -75,6 +75,8 @@ impl Member {
         let refused = |reason: String| transport_error(&bus.bench, "create a node", reason);
         let config = config(&bus.bench)?;
         let presence = Presence::join(&bus.bench)?;
+        make_private_root(&bus.bench)?;
+        require(&bus.bench, "a node", FOR_SERVICE)?;
         let name = NodeName::new(&bus.node).map_err(|e| refused(format!("{e:?}")))?;
         // The program that uses the bus decides what a signal does.
         let node = NodeBuilder::new()
@@ -83,6 +85,7 @@ impl Member {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create()
             .map_err(|e| refused(e.to_string()))?;
+        close_to_others(&bus.bench)?;
         Ok(Rc::new(Self { bench: bus.bench.clone(), node, presence }))
     }
 
@@ -91,12 +94,15 @@ impl Member {
     }
 
     pub(crate) fn publisher<M: Message>(self: &Rc<Self>, topic: &str) -> Result<Publisher<M>, OpenError> {
+        let what = format!("topic \"{topic}\"");
         let factory = self.service::<M>(topic)?;
+        require(&self.bench, &what, for_publisher(size_of::<M>()))?;
         let port = factory
             .publisher_builder()
             .max_loaned_samples(1)
             .create()
             .map_err(|e| transport_error(&self.bench, &format!("publish on topic \"{topic}\""), e))?;
+        reserve(&self.bench, &what, port.id().value())?;
         Ok(Publisher { port, factory, _member: self.clone() })
     }
 
@@ -108,16 +114,20 @@ impl Member {
         if depth > MAX_DEPTH {
             return Err(OpenError::Depth { topic: topic.into(), depth, max: MAX_DEPTH });
         }
+        let what = format!("topic \"{topic}\"");
         let factory = self.service::<M>(topic)?;
+        require(&self.bench, &what, FOR_SUBSCRIBER)?;
         let port = factory
             .subscriber_builder()
             .buffer_size(depth)
             .create()
             .map_err(|e| transport_error(&self.bench, &format!("subscribe to topic \"{topic}\""), e))?;
+        reserve(&self.bench, &what, port.id().value())?;
         Ok(Subscriber { port, lost: LostCounter::default(), _member: self.clone() })
     }
 
     fn service<M: Message>(&self, topic: &str) -> Result<Factory<M>, OpenError> {
+        require(&self.bench, &format!("topic \"{topic}\""), FOR_SERVICE)?;
         let action = format!("open topic \"{topic}\"");
         let refused = |reason: String| transport_error(&self.bench, &action, reason);
         let text = service_name(&self.bench, topic);
@@ -136,7 +146,7 @@ impl Member {
                 .max_subscribers(MAX_SUBSCRIBERS)
                 .max_nodes(MAX_NODES)
                 .subscriber_max_buffer_size(MAX_DEPTH)
-                .subscriber_max_borrowed_samples(2)
+                .subscriber_max_borrowed_samples(MAX_BORROWED)
                 .history_size(0)
                 .enable_safe_overflow(true)
                 .open_or_create_with_attributes(&schema);
@@ -173,6 +183,33 @@ impl Member {
         let payload = details.static_details.publish_subscribe().message_type_details().payload;
         format!("{hash} ({}, {} bytes)", payload.type_name(), payload.size())
     }
+}
+
+/// Makes the folder of iceoryx2's other files before iceoryx2 does, which would let the owner's group read it.
+fn make_private_root(bench: &str) -> Result<(), OpenError> {
+    let path = root_path(bench);
+    match std::fs::DirBuilder::new().mode(0o700).create(&path) {
+        Err(source) if source.kind() != std::io::ErrorKind::AlreadyExists => {
+            Err(OpenError::File { path, source })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// iceoryx2 makes its count of nodes so that everybody may write it, whatever the process's mask says.
+fn close_to_others(bench: &str) -> Result<(), OpenError> {
+    let prefix = prefix(bench);
+    let folder = std::path::Path::new(SHARED_MEMORY);
+    let failed = |path: &std::path::Path, source| OpenError::File { path: path.into(), source };
+    for entry in std::fs::read_dir(folder).map_err(|e| failed(folder, e))?.flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(&prefix) && name.ends_with(".global_mgmt") {
+            let mode = std::fs::Permissions::from_mode(0o600);
+            std::fs::set_permissions(entry.path(), mode).map_err(|e| failed(&entry.path(), e))?;
+        }
+    }
+    Ok(())
 }
 
 fn is_schema_mismatch(error: &PublishSubscribeOpenOrCreateError) -> bool {

@@ -7,17 +7,42 @@ use iceoryx2::prelude::{FileName, Path, SemanticString};
 
 use crate::OpenError;
 
+/// Where POSIX shared memory lives on Linux.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+
 /// Publishers a topic can have; every node publishes `health`.
 pub const MAX_PUBLISHERS: usize = 8;
+/// Subscribers a topic can have.
+pub const MAX_SUBSCRIBERS: usize = 8;
+/// Longest queue of a subscriber.
+pub const MAX_DEPTH: usize = 1024;
+/// Messages of a subscriber that it can hold beside its queue.
+pub(crate) const MAX_BORROWED: usize = 2;
+
+/// Where the folders of [`root_path`] are.
+pub(crate) const ROOTS: &str = "/tmp";
+
+/// How the names of all benches' files begin.
+const FAMILY: &str = "whirlstand.";
 
 /// File name prefix of all that belongs to the bench. No bench name contains `~`, so no prefix begins another.
 pub(crate) fn prefix(bench: &str) -> String {
-    format!("whirlstand.{bench}~")
+    format!("{FAMILY}{bench}~")
+}
+
+/// The bench that a file in shared memory belongs to by its name.
+pub(crate) fn bench_of_file(name: &str) -> Option<&str> {
+    Some(name.strip_prefix(FAMILY)?.split_once('~')?.0)
+}
+
+/// The bench that a folder beside [`root_path`] belongs to by its name.
+pub(crate) fn bench_of_root(name: &str) -> Option<&str> {
+    name.strip_prefix(FAMILY)
 }
 
 /// Folder of the bench's iceoryx2 files that are not shared memory.
 pub(crate) fn root_path(bench: &str) -> PathBuf {
-    format!("/tmp/whirlstand.{bench}").into()
+    PathBuf::from(ROOTS).join(format!("{FAMILY}{bench}"))
 }
 
 /// The iceoryx2 configuration that joins a bench.

@@ -4,11 +4,13 @@ mod cli;
 mod command;
 mod doctor;
 mod error;
+mod exclusive;
 mod file;
 mod key_folder;
 mod keys;
 mod limits;
 mod memory;
+mod proc_stat;
 mod run;
 mod soak;
 mod style;
@@ -17,6 +19,8 @@ mod supervisor;
 use std::process::ExitCode;
 
 use clap::Parser;
+use rustix::fs::Mode;
+use rustix::process::umask;
 use tracing_subscriber::EnvFilter;
 
 use cli::{Cli, Command};
@@ -34,11 +38,19 @@ pub fn main() -> ExitCode {
         unsafe { std::env::set_var(name, value) };
     }
     let cli = Cli::parse();
+    keep_private();
     let result = start_tracing(cli.log_level.as_deref()).and_then(|()| dispatch(&cli.command));
     result.unwrap_or_else(|failure| {
         style::say(&format!("{} {failure}", style::bad("error:")));
         failure.exit_code()
     })
+}
+
+/// What this process and its children create is for its user alone: shared memory, sockets, locks, logs and pages.
+fn keep_private() {
+    let theirs = Mode::from_bits_retain(0o077);
+    let before = umask(theirs);
+    umask(before | theirs);
 }
 
 fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
@@ -60,6 +72,8 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Bridge(command) => command::bridge::bridge(command),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Soak(args) => soak::soak(args),
+        Command::Clean(args) => command::clean::clean(args),
+        Command::Guard(args) => command::guard::guard(args),
         Command::Exec(args) => command::node::exec(args),
     }
 }

@@ -5,6 +5,7 @@
 
 pub mod flight;
 pub mod flood;
+pub mod bench;
 pub mod foreign;
 pub mod relay;
 

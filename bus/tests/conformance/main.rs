@@ -51,12 +51,15 @@ const OF_ONE_TRANSPORT: &[(&str, fn())] = &named!(
     residue::what_is_in_use_stays,
     residue::whoever_leaves_last_clears_up,
     residue::a_node_killed_while_it_joins_leaves_a_usable_bench,
+    residue::a_stale_bench_is_told_and_a_live_one_is_not,
+    residue::the_pages_of_a_segment_are_taken_when_it_is_made,
     zenoh_settings::access_control_of_the_configuration_file_is_obeyed,
     zenoh_settings::endpoints_are_told_and_faults_are_named,
     protection::whoever_has_no_key_of_the_bench_is_kept_out,
     protection::a_member_publishes_its_own_topics_only,
     protection::whoever_answers_a_member_is_known_as_well,
     protection::health_is_taken_from_the_node_that_it_speaks_of,
+    zenoh_settings::a_bench_has_one_launcher_at_a_time,
 );
 
 /// The examples in Python.

@@ -1,8 +1,9 @@
 //! What killed processes leave in shared memory is removed, and nothing else.
 
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::time::Duration;
 
-use whirlstand_bus::{Residue, Transport, remove_residue};
+use whirlstand_bus::{Residue, Transport, remove_residue, stale_benches};
 use whirlstand_msgs::{Imu, Progress};
 
 use crate::faults::{sensor, sleeper};
@@ -84,4 +85,48 @@ pub fn a_node_killed_while_it_joins_leaves_a_usable_bench() {
     }
     remove_residue(&stage.name).unwrap();
     assert_eq!(leftovers(&stage.name), Vec::<String>::new());
+}
+
+pub fn a_stale_bench_is_told_and_a_live_one_is_not() {
+    let live = Stage::new(Transport::Iceoryx2, "live");
+    let bus = live.join("here");
+    let left = Stage::new(Transport::Iceoryx2, "left");
+    let mut peer = left.spawn("sensor", sensor);
+    {
+        let here = left.join("here");
+        next(&here, &mut here.subscriber::<Imu>(4).unwrap());
+    }
+    assert!(stale_benches().unwrap().iter().all(|b| b.bench != left.name), "its sensor is at work");
+    peer.kill();
+    let stale = stale_benches().unwrap();
+    let found = stale.iter().find(|b| b.bench == left.name).unwrap_or_else(|| panic!("{stale:?}"));
+    assert!(found.files > 3 && found.bytes > 100_000, "{found:?}");
+    assert!(found.since.elapsed().unwrap() < Duration::from_secs(60), "{found:?}");
+    assert!(!leftovers(&left.name).is_empty(), "a look changes nothing");
+    remove_residue(&left.name).unwrap();
+    let stale = stale_benches().unwrap();
+    assert!(stale.iter().all(|b| b.bench != left.name && b.bench != live.name), "{stale:?}");
+    drop(bus);
+}
+
+pub fn the_pages_of_a_segment_are_taken_when_it_is_made() {
+    let stage = Stage::new(Transport::Iceoryx2, "pages");
+    let bus = stage.join("here");
+    let _publisher = bus.publisher::<Imu>().unwrap();
+    let _subscriber = bus.subscriber::<Imu>(4).unwrap();
+    let prefix = format!("whirlstand.{}~", stage.name);
+    let files: Vec<_> = std::fs::read_dir("/dev/shm")
+        .unwrap()
+        .flatten()
+        .filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
+        .collect();
+    let of_kind = |end: &str| files.iter().filter(|e| e.file_name().to_string_lossy().ends_with(end)).count();
+    assert_eq!((of_kind(".data"), of_kind(".global_mgmt"), of_kind("park")), (1, 1, 1), "{files:?}");
+    for file in files {
+        let metadata = file.metadata().unwrap();
+        assert!(metadata.blocks() * 512 >= metadata.len(), "{file:?}: not all pages are taken");
+        assert_eq!(metadata.permissions().mode() & 0o777, 0o600, "{file:?}");
+    }
+    let root = std::fs::metadata(format!("/tmp/whirlstand.{}", stage.name)).unwrap();
+    assert_eq!(root.permissions().mode() & 0o777, 0o700);
 }

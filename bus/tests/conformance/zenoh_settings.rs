@@ -95,3 +95,18 @@ pub fn endpoints_are_told_and_faults_are_named() {
         "{error}"
     );
 }
+
+pub fn a_bench_has_one_launcher_at_a_time() {
+    let stage = Stage::new(Transport::Zenoh, "launchers");
+    let (first, second) = (stage.join("launcher"), stage.join("launcher"));
+    let token = first.announce_launcher().unwrap();
+    let error = second.announce_launcher().unwrap_err();
+    let process = format!("process {} on host ", std::process::id());
+    assert!(matches!(&error, OpenError::Taken { holder, .. } if holder.starts_with(&process)), "{error}");
+    assert!(error.to_string().contains(&stage.name), "{error}");
+
+    let other = stage.neighbour("launchers").join("launcher");
+    let _elsewhere = other.announce_launcher().unwrap();
+    drop(token);
+    let _token = second.announce_launcher().unwrap();
+}

@@ -71,6 +71,9 @@ pub(crate) enum Command {
     Bridge(BridgeCommand),
     Doctor(DoctorArgs),
     Soak(SoakArgs),
+    Clean(CleanArgs),
+    #[command(hide = true)]
+    Guard(GuardArgs),
     #[command(hide = true)]
     Exec(ExecArgs),
 }
@@ -84,6 +87,35 @@ pub(crate) struct ExecArgs {
     /// Program and arguments.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, required = true)]
     pub command: Vec<String>,
+}
+
+/// End and remove what a killed launcher leaves: what the launcher starts beside the nodes.
+#[derive(Debug, Args)]
+pub(crate) struct GuardArgs {
+    /// The bench.
+    #[arg(long)]
+    pub bench: String,
+    /// Time from SIGTERM to SIGKILL, s.
+    #[arg(long)]
+    pub grace: f64,
+    /// A file or folder that goes with the launcher; may be repeated.
+    #[arg(long)]
+    pub remove: Vec<PathBuf>,
+}
+
+/// Remove what killed runs left on this machine: shared memory, sockets, claims of names. Live benches are not touched.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand clean --dry-run\n  \
+    whirlstand clean --json\n\n\
+    Every `whirlstand run` does the same when it starts. Exit code 1 when something could not be removed.")]
+pub(crate) struct CleanArgs {
+    /// Only list what would be removed.
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Who keeps the time.
@@ -143,10 +175,10 @@ pub(crate) struct RunArgs {
     pub no_log: bool,
     #[command(flatten)]
     pub overrides: OverrideArgs,
-    /// Folder for log.mcap, summary.json and report.html [default: out/NAME-DATE-TIME]
+    /// Folder for log.mcap, summary.json and report.html; one run at a time [default: a new out/NAME-DATE-TIME]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Name of the bench, for nodes that are started elsewhere [default: a new one for each run]
+    /// Name of the bench, for nodes that are started elsewhere; one run at a time [default: a new one for each run]
     #[arg(long, value_name = "NAME")]
     pub bench: Option<String>,
     /// Print the summary as JSON on standard output instead of the verdict.

@@ -3,10 +3,12 @@
 pub(crate) mod bench;
 pub(crate) mod blind;
 pub(crate) mod bridge;
+pub(crate) mod clean;
 pub(crate) mod compare;
 pub(crate) mod design;
 pub(crate) mod diagnose;
 pub(crate) mod excite;
+pub(crate) mod guard;
 pub(crate) mod identify;
 pub(crate) mod keys;
 pub(crate) mod launch_files;

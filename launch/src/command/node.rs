@@ -51,7 +51,10 @@ pub(crate) fn is_mendable(error: &NodeError) -> bool {
             | NodeError::Design { .. }
             | NodeError::Realtime(_)
             | NodeError::Open(
-                OpenError::Name { .. } | OpenError::Schema { .. } | OpenError::ZenohConfig { .. }
+                OpenError::Name { .. }
+                    | OpenError::Schema { .. }
+                    | OpenError::ZenohConfig { .. }
+                    | OpenError::Full { .. }
             )
     )
 }

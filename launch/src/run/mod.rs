@@ -10,47 +10,63 @@ mod verdict;
 use std::process::ExitCode;
 
 pub(crate) use one::{FinishedRun, fly};
-pub(crate) use start::{default_out, unique_bench};
+pub(crate) use start::unique_bench;
 
 use crate::cli::RunArgs;
+use crate::command::clean::tidy;
 use crate::error::Failure;
+use crate::exclusive::{Claim, OutFolder};
 use crate::file::{DEFAULT, Jobs, jobs};
 use crate::supervisor::Ending;
 
 /// Runs a launch file, all its variants one after the other, and leaves log, summary and report.
 pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let jobs = jobs(args.launch.as_deref().unwrap_or(DEFAULT), &args.overrides, args.no_log)?;
-    let out = args.out.clone().unwrap_or_else(|| default_out(&jobs.name));
-    std::fs::create_dir_all(&out).map_err(|e| Failure::file("make the folder", &out, &e))?;
-    let out = out.canonicalize().map_err(|e| Failure::file("use the folder", &out, &e))?;
+    // All variants of a run have the name that was given; without one, each gets its own.
+    let given = args.bench.as_deref().map(Claim::take).transpose()?;
+    let out = match &args.out {
+        Some(path) => OutFolder::given(path)?,
+        None => OutFolder::fresh(&start::folder_name(&jobs.name))?,
+    };
+    tidy(args.json);
     let mut runs = Vec::new();
     for job in &jobs.runs {
-        let mut plan = job.plan.clone();
-        plan.config.bench = args.bench.clone().unwrap_or_else(|| unique_bench(&plan.name));
-        let folder = match &job.variant {
-            Some(variant) => out.join(variant),
-            None => out.clone(),
+        let (plan, variant) = (&job.plan, job.variant.as_deref());
+        let (fresh, inner);
+        let claim = match &given {
+            Some(claim) => claim,
+            None => {
+                fresh = Claim::take(&unique_bench(&plan.name))?;
+                &fresh
+            }
+        };
+        let folder = match variant {
+            Some(variant) => {
+                inner = OutFolder::given(&out.path().join(variant))?;
+                &inner
+            }
+            None => &out,
         };
         if !args.json {
-            announce(&jobs, job.variant.as_deref(), &plan);
+            announce(&jobs, variant, plan);
         }
         let mut progress = progress::Progress::new(&plan.config, !args.json);
-        let ran = fly(&plan, &folder, &mut progress);
+        let ran = fly(plan, folder, claim, &mut progress);
         progress.finish();
         let ran = ran?;
         let stop = matches!(ran.outcome.ending, Ending::Interrupted(_));
-        runs.push(summarised::summarise(job.variant.as_deref(), &plan, ran));
+        runs.push(summarised::summarise(variant, plan, ran));
         if stop {
             break;
         }
     }
     let whole = summary::whole(&jobs, &runs);
     // The verdict is told even where no file can be written any more.
-    let written = summary::write(&jobs, &out, &whole, &runs);
+    let written = summary::write(&jobs, out.path(), &whole, &runs);
     if args.json {
         crate::command::print_json(&whole)?;
     } else {
-        crate::command::print(&verdict::closing_lines(&out, &runs))?;
+        crate::command::print(&verdict::closing_lines(out.path(), &runs))?;
     }
     written.map(|()| exit_code(&runs))
 }

@@ -7,9 +7,10 @@ use whirlstand_bus::Transport;
 use whirlstand_nodes::inproc::run_inproc;
 use whirlstand_nodes::os::StopFlag;
 
-use super::start::{Listener, bench_spec, sweep};
+use super::start::{Listener, bench_spec, start_guard, sweep};
 use crate::command::node::is_mendable;
 use crate::error::Failure;
+use crate::exclusive::{Claim, OutFolder};
 use crate::file::Plan;
 use crate::keys::BenchKeys;
 use crate::supervisor::{Observer, Outcome, ThreadEnd, supervise, supervise_thread};
@@ -25,18 +26,23 @@ pub(crate) struct FinishedRun {
     pub residue: Option<String>,
 }
 
-/// Runs a planned bench to its end and leaves nothing of it behind but the log in `folder`.
+/// Runs a planned bench, under the name that is claimed, to its end and leaves nothing of it behind but the log in `folder`.
 ///
 /// # Errors
 /// When the bench cannot even be started; a run that fails is no error here.
-pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Result<FinishedRun, Failure> {
+pub(crate) fn fly(
+    plan: &Plan,
+    folder: &OutFolder,
+    claim: &Claim,
+    observer: &mut dyn Observer,
+) -> Result<FinishedRun, Failure> {
     crate::limits::check_for_bench()?;
-    std::fs::create_dir_all(folder).map_err(|e| Failure::file("make the folder", folder, &e))?;
     let mut plan = plan.clone();
-    let log = folder.join("log.mcap");
+    plan.config.bench = claim.bench().into();
+    let log = folder.path().join("log.mcap");
     if let Some(recorder) = &mut plan.config.recorder {
         recorder.path = log.to_string_lossy().into_owned();
-        remove_old_logs(folder)?;
+        remove_old_logs(folder.path())?;
     }
     let log = plan.config.recorder.is_some().then_some(log);
     let keys = BenchKeys::new(&plan)?;
@@ -44,16 +50,12 @@ pub(crate) fn fly(plan: &Plan, folder: &Path, observer: &mut dyn Observer) -> Re
         let outcome = fly_in_thread(&plan, &keys, observer)?;
         return Ok(FinishedRun { outcome, log, residue: None });
     }
-    let sockets = tempfile::Builder::new()
-        .prefix("whirlstand-")
-        .permissions(std::fs::Permissions::from_mode(0o700))
-        .tempdir()
-        .map_err(|e| Failure::file("make a folder for sockets in", &std::env::temp_dir(), &e))?;
-    let spec = bench_spec(&plan, &keys, sockets.path(), folder)?;
+    let spec = bench_spec(&plan, &keys, claim.sockets(), folder.path())?;
+    let guard = start_guard(&spec, claim, folder)?;
     let mut listener = Listener::open(&plan, &keys)?;
     observer.opened(listener.bus()).map_err(Failure::mend)?;
     tracing::debug!(bench = plan.config.bench, "the bench is open");
-    let outcome = supervise(spec, &mut listener, observer);
+    let outcome = supervise(spec, Some(guard), &mut listener, observer);
     drop(listener);
     let residue = sweep(&plan.config.bench).err().map(|e| e.to_string());
     let outcome = outcome.map_err(|e| Failure::Run(format!("the supervisor failed: {e}")))?;

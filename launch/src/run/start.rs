@@ -1,18 +1,21 @@
 //! From a plan to the processes of one bench.
 
+use std::ffi::OsString;
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use whirlstand_bus::{
-    Bus, BusConfig, Subscriber, Transport, WaitStrategy, ZenohConfig, over_tls, zenoh_configuration,
+    Bus, BusConfig, LauncherToken, Subscriber, Transport, WaitStrategy, ZenohConfig, over_tls, zenoh_configuration,
 };
 use whirlstand_msgs::Health;
 use whirlstand_nodes::config::{Mode, Role};
 
 use crate::error::Failure;
+use crate::exclusive::{Claim, OutFolder};
 use crate::file::{Plan, PlannedNode, Ready};
 use crate::keys::{BenchFolder, BenchKeys, GUEST, LAUNCHER, OBSERVER, write_private};
-use crate::supervisor::{BenchSpec, CommandLine, HealthSource, NodeSpec, Readiness, StopStage};
+use crate::supervisor::{BenchSpec, CommandLine, Guard, HealthSource, NodeSpec, Readiness, StopStage};
 
 /// Longest part of a bench's name that is taken from the launch file's name.
 const LONGEST_NAME: usize = 24;
@@ -32,6 +35,8 @@ fn plain(name: &str) -> impl Iterator<Item = char> {
 
 /// The launcher's subscription to the health of the bench.
 pub(crate) struct Listener {
+    // Dropped before the bus that it was announced on.
+    _token: LauncherToken,
     bus: Bus,
     health: Subscriber<Health>,
     bench: String,
@@ -55,8 +60,9 @@ impl Listener {
             folder = Some(BenchFolder::create(&config.bench, joiners(plan, keys))?);
         }
         let bus = Bus::open(&own).map_err(Failure::mend)?;
+        let token = bus.announce_launcher().map_err(Failure::mend)?;
         let health = bus.subscriber::<Health>(256).map_err(Failure::mend)?;
-        let listener = Self { bus, health, bench: config.bench.clone(), folder, refused: false };
+        let listener = Self { _token: token, bus, health, bench: config.bench.clone(), folder, refused: false };
         if let Some(folder) = &listener.folder {
             folder.update(&listener.locators())?;
         }
@@ -156,10 +162,7 @@ pub(crate) fn bench_spec(
     private: &Path,
     out: &Path,
 ) -> Result<BenchSpec, Failure> {
-    let own = std::env::current_exe().map_err(|e| {
-        Failure::Mend(format!("cannot find the whirlstand executable to start its nodes: {e}"))
-    })?;
-    let start = Start { plan, keys, own, out, private };
+    let start = Start { plan, keys, own: own_executable()?, out, private };
     let (external, nodes): (Vec<_>, Vec<_>) = plan.nodes.iter().partition(|n| n.section.external);
     Ok(BenchSpec {
         nodes: nodes.into_iter().map(|node| start.node(node)).collect::<Result<_, _>>()?,
@@ -167,6 +170,28 @@ pub(crate) fn bench_spec(
         external: external.into_iter().map(|n| n.name.clone()).collect(),
         folder: private.to_path_buf(),
     })
+}
+
+fn own_executable() -> Result<PathBuf, Failure> {
+    std::env::current_exe()
+        .map_err(|e| Failure::Mend(format!("cannot find the whirlstand executable to start its nodes: {e}")))
+}
+
+/// Starts the process that ends the nodes and tidies up if the launcher is killed.
+///
+/// # Errors
+/// When it cannot be started.
+pub(crate) fn start_guard(spec: &BenchSpec, claim: &Claim, folder: &OutFolder) -> Result<Guard, Failure> {
+    let grace = spec.nodes.iter().map(|node| node.stop_timeout).max().unwrap_or_default();
+    let mut arguments: Vec<OsString> = ["guard", "--bench", claim.bench()].map(Into::into).to_vec();
+    arguments.extend(["--grace".into(), grace.as_secs_f64().to_string().into()]);
+    for path in [Some(claim.sockets()), folder.lock_path(), Some(claim.path())].into_iter().flatten() {
+        arguments.extend(["--remove".into(), path.into()]);
+    }
+    let line = CommandLine { program: own_executable()?.into(), arguments, env: Vec::new(), stdin: None };
+    let locks: Vec<_> = [Some(claim.as_fd()), folder.lock_fd()].into_iter().flatten().collect();
+    Guard::start(&line, &locks)
+        .map_err(|e| Failure::Run(format!("the guard of the bench cannot be started: {e}")))
 }
 
 impl Start<'_> {
@@ -270,12 +295,10 @@ impl Start<'_> {
     }
 }
 
-/// Default folder of a run: `out/NAME-DATE-TIME`, in UTC. The name may be that of a file, in any letters.
-pub(crate) fn default_out(name: &str) -> PathBuf {
-    let stamp = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
-    let stamp: String = stamp.trim_end_matches('Z').replace('T', "-").replace(':', "");
+/// What a run's own folder is called, before its date. The name may be that of a file, in any letters.
+pub(crate) fn folder_name(name: &str) -> String {
     let name: String = plain(name).collect();
-    PathBuf::from("out").join(format!("{}-{stamp}", name.trim_start_matches('.')))
+    name.trim_start_matches('.').into()
 }
 
 /// Removes what killed processes left of a bench in shared memory.

@@ -11,6 +11,7 @@ use std::process::ExitCode;
 
 use crate::cli::{FaultArg, OverrideArgs, SoakArgs};
 use crate::error::Failure;
+use crate::exclusive::{Claim, OutFolder};
 use crate::file::{DEFAULT, Plan, jobs};
 use crate::run::{fly, unique_bench};
 use crate::supervisor::Ending;
@@ -42,7 +43,9 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<ExitCode, Failure> {
         .map_err(|e| Failure::file("make a folder in", &std::env::temp_dir(), &e))?;
     let seed = args.overrides.seed.unwrap_or(1);
     let mut injector = FaultInjector::new(&plan.config, &nodes, kind, args.rounds, seed);
-    let ran = fly(&plan, folder.path(), &mut injector)?;
+    let out = OutFolder::given(folder.path())?;
+    let claim = Claim::take(&plan.config.bench)?;
+    let ran = fly(&plan, &out, &claim, &mut injector)?;
     if let Ending::Interrupted(signal) = ran.outcome.ending {
         return Ok(ExitCode::from(128 + signal as u8));
     }

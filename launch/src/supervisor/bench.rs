@@ -11,7 +11,8 @@ use super::node::{Node, Phase, duration_text};
 use super::notify::Notice;
 use super::signals::Signals;
 use super::{
-    BenchSpec, Continuation, Ending, Event, HealthSource, HealthTable, Observer, Outcome, StopStage, TICK,
+    BenchSpec, Continuation, Ending, Event, Guard, HealthSource, HealthTable, Observer, Outcome, StopStage,
+    TICK,
 };
 
 /// The launcher itself was stopped or starved if it looks this late; silence of the nodes then means nothing.
@@ -19,12 +20,14 @@ const STARVED: Duration = Duration::from_secs(1);
 
 /// Runs the nodes of a bench to their end.
 ///
-/// No process is left behind, whatever happens: every way out kills what is still alive.
+/// No process is left behind, whatever happens: every way out kills what is still alive, and `guard` does so when the
+/// launcher itself is killed.
 ///
 /// # Errors
 /// When the operating system refuses signals, sockets or polling; a failing node is no error but an [`Outcome`].
 pub(crate) fn supervise(
     spec: BenchSpec,
+    guard: Option<Guard>,
     health: &mut dyn HealthSource,
     observer: &mut dyn Observer,
 ) -> io::Result<Outcome> {
@@ -34,6 +37,7 @@ pub(crate) fn supervise(
     let mut bench = Bench {
         spec,
         nodes,
+        guard,
         signals,
         health,
         observer,
@@ -69,7 +73,9 @@ pub(crate) fn supervise(
 
 struct Bench<'a> {
     spec: BenchSpec,
+    // The nodes are dropped before their guard is dismissed.
     nodes: Vec<Node>,
+    guard: Option<Guard>,
     signals: Signals,
     health: &'a mut dyn HealthSource,
     observer: &'a mut dyn Observer,
@@ -109,6 +115,9 @@ impl Bench<'_> {
             let name = node.spec.name.clone();
             match node.start(&self.spec.folder, &connect, now) {
                 Ok(pid) => {
+                    if let Some(guard) = &mut self.guard {
+                        guard.watch(pid);
+                    }
                     self.observer.event(&Event::Started { node: name, pid });
                     if self.nodes[i].phase == Phase::Starting(None) {
                         self.ready(i, now);
@@ -233,7 +242,11 @@ impl Bench<'_> {
     fn bury(&mut self, i: usize, now: Instant) {
         let Some(end) = self.nodes[i].reap() else { return };
         self.repeat_lines(i, now, true);
+        let pid = self.nodes[i].pid();
         self.nodes[i].release();
+        if let Some(guard) = &mut self.guard {
+            guard.forget(pid);
+        }
         let asked = matches!(self.nodes[i].phase, Phase::Stopping(_));
         let node = &mut self.nodes[i];
         node.phase = Phase::Ended;

@@ -5,6 +5,7 @@
 
 mod bench;
 mod console;
+mod guard;
 mod health;
 mod node;
 mod notify;
@@ -21,6 +22,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bus::{Bus, OpenError};
 
 pub(crate) use bench::supervise;
+pub(crate) use guard::{Guard, end_groups, keep_guard};
 pub(crate) use health::{Counts, HealthTable};
 pub(crate) use process::CommandLine;
 pub(crate) use signals::Signals;

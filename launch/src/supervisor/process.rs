@@ -35,7 +35,8 @@ pub(crate) struct Process {
 }
 
 impl Process {
-    /// Starts a process in a group of its own, which the kernel kills when the launcher dies.
+    /// Starts a process in a group of its own, which the kernel asks to end when the launcher dies: killed at once, it could
+    /// not bring its actuators to neutral. See [`super::guard`] for what does not listen.
     ///
     /// # Errors
     /// When the program cannot be started.
@@ -54,7 +55,7 @@ impl Process {
         // happen, all of them async-signal-safe.
         unsafe {
             command.pre_exec(move || {
-                if libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) != 0 {
+                if libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM) != 0 {
                     return Err(io::Error::last_os_error());
                 }
                 // The launcher may have died before the line above.
@@ -135,7 +136,8 @@ pub(crate) fn ending(status: ExitStatus) -> String {
         (Some(code), _) => format!("ended with exit code {code}"),
         (None, Some(signal)) => {
             let name = signal_hook::low_level::signal_name(signal).unwrap_or("an unknown signal");
-            format!("was ended by {name} (signal {signal})")
+            let why = if signal == libc::SIGBUS { ", most likely because /dev/shm ran full" } else { "" };
+            format!("was ended by {name} (signal {signal}){why}")
         }
         (None, None) => format!("ended: {status}"),
     }

@@ -89,7 +89,7 @@ fn run_with(nodes: Vec<NodeSpec>, health: &mut dyn HealthSource) -> (Outcome, Wa
     let spec =
         BenchSpec { nodes, exchange_locators: false, external: Vec::new(), folder: folder.path().into() };
     let mut watch = Watch::new();
-    let outcome = supervise(spec, health, &mut watch).unwrap();
+    let outcome = supervise(spec, None, health, &mut watch).unwrap();
     (outcome, watch)
 }
 

@@ -1,0 +1,83 @@
+//! A bench's name belongs to one launcher of this user on this machine at a time.
+
+use std::os::fd::{AsFd, BorrowedFd};
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+use whirlstand_bus::check_bench_name;
+
+use super::lock_file::{Holder, LockFile, Refused};
+use super::runtime_folder::runtime_folder;
+use crate::error::Failure;
+
+/// How the name of a claim's file ends.
+const SUFFIX: &str = ".lock";
+
+/// The right to run a bench of a name, and the folder for its sockets.
+#[derive(Debug)]
+pub(crate) struct Claim {
+    bench: String,
+    // Dropped in this order: nobody has the name before the sockets are gone.
+    sockets: TempDir,
+    lock: LockFile,
+}
+
+impl Claim {
+    /// Claims a bench.
+    ///
+    /// # Errors
+    /// When the name cannot be one, or another launcher runs the bench.
+    pub fn take(bench: &str) -> Result<Self, Failure> {
+        check_bench_name(bench).map_err(Failure::mend)?;
+        let folder = runtime_folder()?;
+        // Short, because the address of a socket has room for 107 bytes.
+        let sockets = tempfile::Builder::new()
+            .prefix("s")
+            .tempdir_in(&folder)
+            .map_err(|e| Failure::file("make a folder for sockets in", &folder, &e))?;
+        let path = claim_path(&folder, bench);
+        let lock = LockFile::take(&path, &Holder::here(Some(sockets.path()))).map_err(|e| match e {
+            Refused::Held(holder) => Failure::Mend(format!(
+                "the bench '{bench}' is already run by {}: give this run another name with --bench, or wait for that one's end",
+                Refused::holder(holder.as_ref())
+            )),
+            Refused::System(e) => Failure::file("claim the bench's name by the file", &path, &e),
+        })?;
+        Ok(Self { bench: bench.into(), sockets, lock })
+    }
+
+    /// The bench.
+    pub fn bench(&self) -> &str {
+        &self.bench
+    }
+
+    /// The folder for its notify sockets.
+    pub fn sockets(&self) -> &Path {
+        self.sockets.path()
+    }
+
+    /// The file that is the claim.
+    pub fn path(&self) -> &Path {
+        self.lock.path()
+    }
+}
+
+impl AsFd for Claim {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.lock.as_fd()
+    }
+}
+
+/// The file that is the claim of a bench.
+pub(super) fn claim_path(folder: &Path, bench: &str) -> PathBuf {
+    folder.join(format!("{bench}{SUFFIX}"))
+}
+
+/// The benches that are or were claimed.
+pub(super) fn claimed_benches(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut all: Vec<_> =
+        entries.filter_map(|e| Some(e.file_name().to_str()?.strip_suffix(SUFFIX)?.to_string())).collect();
+    all.sort();
+    all
+}

@@ -1,0 +1,124 @@
+//! A folder belongs to one run at a time.
+
+use std::io::ErrorKind;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use super::lock_file::{Holder, LockFile, Refused};
+use crate::error::Failure;
+
+/// The file that shows that a run writes into the folder.
+const LOCK: &str = ".whirlstand.lock";
+
+/// A folder that a run writes its files into, and nobody else meanwhile.
+#[derive(Debug)]
+pub(crate) struct OutFolder {
+    path: PathBuf,
+    /// `None` where the file system knows no locks.
+    lock: Option<LockFile>,
+}
+
+impl OutFolder {
+    /// A folder that the user named; made if it is not there.
+    ///
+    /// # Errors
+    /// When it cannot be made, or another run writes into it.
+    pub fn given(path: &Path) -> Result<Self, Failure> {
+        std::fs::create_dir_all(path).map_err(|e| Failure::file("make the folder", path, &e))?;
+        Self::lock(path)
+    }
+
+    /// A folder that nobody had before: `out/NAME-DATE-TIME`, in UTC, with a number behind it if there is one already.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub fn fresh(name: &str) -> Result<Self, Failure> {
+        let stamp = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
+        let stamp: String = stamp.trim_end_matches('Z').replace('T', "-").replace(':', "");
+        let base = Path::new("out");
+        std::fs::create_dir_all(base).map_err(|e| Failure::file("make the folder", base, &e))?;
+        Self::lock(&make_new(base, &format!("{name}-{stamp}"))?)
+    }
+
+    /// Where it is, from the root.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The file that is the lock.
+    pub fn lock_path(&self) -> Option<&Path> {
+        self.lock.as_ref().map(LockFile::path)
+    }
+
+    /// The lock, for whoever shall hold it as well.
+    pub fn lock_fd(&self) -> Option<BorrowedFd<'_>> {
+        self.lock.as_ref().map(AsFd::as_fd)
+    }
+
+    fn lock(path: &Path) -> Result<Self, Failure> {
+        let path = path.canonicalize().map_err(|e| Failure::file("use the folder", path, &e))?;
+        let file = path.join(LOCK);
+        let lock = match LockFile::take(&file, &Holder::here(None)) {
+            Ok(lock) => Some(lock),
+            Err(Refused::Held(holder)) => {
+                return Err(Failure::Mend(format!(
+                    "the run of {} writes into the folder {}: give this run another one with --out, or wait for that one's end",
+                    Refused::holder(holder.as_ref()),
+                    path.display()
+                )));
+            }
+            Err(Refused::System(e)) if knows_no_locks(&e) => {
+                tracing::warn!("{}: {e}: other runs into this folder are not kept away", file.display());
+                None
+            }
+            Err(Refused::System(e)) => return Err(Failure::file("lock the folder by the file", &file, &e)),
+        };
+        Ok(Self { path, lock })
+    }
+}
+
+/// Some network file systems and user-space ones.
+fn knows_no_locks(error: &std::io::Error) -> bool {
+    error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
+}
+
+/// Makes a folder that was not there, if need be under the name with a number.
+fn make_new(base: &Path, name: &str) -> Result<PathBuf, Failure> {
+    let mut path = base.join(name);
+    let mut number = 1;
+    loop {
+        match std::fs::create_dir(&path) {
+            Ok(()) => return Ok(path),
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => {
+                number += 1;
+                path = base.join(format!("{name}-{number}"));
+            }
+            Err(e) => return Err(Failure::file("make the folder", &path, &e)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_run_of_the_same_second_gets_a_folder_of_its_own() {
+        let base = tempfile::tempdir().unwrap();
+        let made = |_| make_new(base.path(), "x").unwrap();
+        let names: Vec<_> = (0..3).map(made).map(|p| p.file_name().unwrap().to_owned()).collect();
+        assert_eq!(names, ["x", "x-2", "x-3"]);
+    }
+
+    #[test]
+    fn a_folder_in_use_is_refused_and_free_again_afterwards() {
+        let base = tempfile::tempdir().unwrap();
+        let first = OutFolder::given(base.path()).unwrap();
+        let error = OutFolder::given(base.path()).unwrap_err().to_string();
+        assert!(error.contains(&format!("process {} since ", std::process::id())), "{error}");
+        drop(first);
+        assert_eq!(std::fs::read_dir(base.path()).unwrap().count(), 0);
+        OutFolder::given(base.path()).unwrap();
+    }
+}

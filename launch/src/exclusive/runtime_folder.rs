@@ -1,0 +1,67 @@
+//! Where a user's runs keep what lives as long as they do: locks and sockets.
+//!
+//! It is where the benches' own memory is, and not what `XDG_RUNTIME_DIR` names: that is another folder, or none, in
+//! another shell, and goes when the user logs out while a run goes on.
+
+use std::fs::{DirBuilder, Permissions};
+use std::io::ErrorKind;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use crate::error::Failure;
+
+/// Shared memory, as Linux has it.
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// The folder of this user, made if it is not there; nobody else may look into it.
+///
+/// # Errors
+/// When it cannot be made, or its name is taken by something of somebody else.
+pub(crate) fn runtime_folder() -> Result<PathBuf, Failure> {
+    let shared = Path::new(SHARED_MEMORY);
+    let base = if shared.is_dir() { shared.to_path_buf() } else { std::env::temp_dir() };
+    let user = rustix::process::geteuid().as_raw();
+    private_folder(&base.join(format!("whirlstand-{user}")), user)
+}
+
+fn private_folder(path: &Path, user: u32) -> Result<PathBuf, Failure> {
+    match DirBuilder::new().mode(0o700).create(path) {
+        Err(e) if e.kind() != ErrorKind::AlreadyExists => {
+            return Err(Failure::file("make the folder", path, &e));
+        }
+        _ => {}
+    }
+    let failed = |e| Failure::file("use the folder", path, &e);
+    let found = path.symlink_metadata().map_err(failed)?;
+    if !found.is_dir() || found.uid() != user {
+        let path = path.display();
+        return Err(Failure::Mend(format!(
+            "{path} is not a folder of this user, and runs keep their locks there: have it removed"
+        )));
+    }
+    if found.mode() & 0o077 != 0 {
+        std::fs::set_permissions(path, Permissions::from_mode(0o700)).map_err(failed)?;
+    }
+    Ok(path.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_an_own_folder_will_do_and_others_are_shut_out() {
+        let base = tempfile::tempdir().unwrap();
+        let user = rustix::process::geteuid().as_raw();
+        let path = base.path().join("own");
+        std::fs::create_dir(&path).unwrap();
+        std::fs::set_permissions(&path, Permissions::from_mode(0o777)).unwrap();
+        assert_eq!(private_folder(&path, user).unwrap(), path);
+        assert_eq!(path.metadata().unwrap().mode() & 0o777, 0o700);
+
+        let link = base.path().join("link");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        assert!(private_folder(&link, user).unwrap_err().to_string().contains("not a folder of this user"));
+        assert!(private_folder(&path, user + 1).unwrap_err().to_string().contains("removed"));
+    }
+}

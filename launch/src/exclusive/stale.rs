@@ -1,0 +1,91 @@
+//! What runs that were killed left behind, and its removal. A bench of which anybody lives is never touched.
+
+use std::path::Path;
+use std::time::SystemTime;
+
+use serde::Serialize;
+use whirlstand_bus::{remove_residue, stale_benches};
+
+use super::claim::{claim_path, claimed_benches};
+use super::lock_file::{Holder, LockFile, Refused, is_held, last_holder};
+use super::runtime_folder::runtime_folder;
+use crate::error::Failure;
+
+/// What is left of one run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct StaleRun {
+    /// Its bench.
+    pub bench: String,
+    /// Number of files.
+    pub files: usize,
+    /// Memory and disk that they take, bytes.
+    pub bytes: u64,
+    /// When the run began, UTC (RFC 3339).
+    pub since: String,
+}
+
+/// What runs of this user left on this machine, by bench; a look that changes nothing.
+///
+/// # Errors
+/// When shared memory cannot be listed.
+pub(crate) fn stale() -> Result<Vec<StaleRun>, Failure> {
+    let folder = runtime_folder()?;
+    let rfc3339 = |time: SystemTime| humantime::format_rfc3339_seconds(time).to_string();
+    let mut found: Vec<_> = stale_benches()
+        .map_err(Failure::run)?
+        .into_iter()
+        // A launcher has the name before anything of the bench is there.
+        .filter(|left| !is_held(&claim_path(&folder, &left.bench)))
+        .map(|left| StaleRun {
+            bench: left.bench,
+            files: left.files,
+            bytes: left.bytes,
+            since: rfc3339(left.since),
+        })
+        .collect();
+    for bench in claimed_benches(&folder) {
+        let Some(holder) = last_holder(&claim_path(&folder, &bench)) else { continue };
+        let since = holder.as_ref().map_or_else(|| rfc3339(SystemTime::now()), |h| h.since.clone());
+        let sockets = holder.as_ref().and_then(|h| h.sockets.as_deref());
+        let files = 1 + sockets.and_then(|s| std::fs::read_dir(s).ok()).map_or(0, Iterator::count);
+        match found.iter_mut().find(|left| left.bench == bench) {
+            Some(left) => {
+                left.files += files;
+                left.since = since;
+            }
+            None => found.push(StaleRun { bench, files, bytes: 0, since }),
+        }
+    }
+    Ok(found)
+}
+
+/// Removes what is left of a bench, under a claim of its name. Returns whether it did: not if somebody uses the name again.
+///
+/// # Errors
+/// When a file cannot be removed.
+pub(crate) fn remove(bench: &str) -> Result<bool, Failure> {
+    let folder = runtime_folder()?;
+    let path = claim_path(&folder, bench);
+    let sockets = last_holder(&path).flatten().and_then(|holder| holder.sockets);
+    let _claim = match LockFile::take(&path, &Holder::here(None)) {
+        Ok(claim) => claim,
+        Err(Refused::Held(_)) => return Ok(false),
+        Err(Refused::System(e)) => {
+            return Err(Failure::file("claim the bench's name by the file", &path, &e));
+        }
+    };
+    let residue = remove_residue(bench).map_err(Failure::run)?;
+    if let Some(sockets) = sockets.filter(|s| s.parent() == Some(&folder)) {
+        remove_folder(&sockets)?;
+    }
+    Ok(!residue.in_use)
+}
+
+fn remove_folder(path: &Path) -> Result<(), Failure> {
+    match std::fs::remove_dir_all(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            Err(Failure::file("remove the folder", path, &e))
+        }
+        _ => Ok(()),
+    }
+}
