@@ -48,7 +48,7 @@ pub struct SampledCost {
 /// any sampling period.
 ///
 /// # Errors
-/// [`DiscretiseError`] when a mode of the plant is too fast for the period.
+/// [`DiscretiseError`] when an unstable mode of the plant is too fast for the period.
 pub fn sampled_cost(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,

@@ -96,8 +96,8 @@ pub enum DesignError {
     /// The Riccati equation was not solved.
     #[error("the Riccati equation of this design: {0}")]
     Riccati(#[from] RiccatiError),
-    /// A mode of the plant is too fast for the period.
-    #[error("the cost cannot be sampled: {0}; a mode of the plant is too fast for this period")]
+    /// An unstable mode of the plant is too fast for the period.
+    #[error("the cost cannot be sampled: {0}; an unstable mode of the plant is too fast for this period")]
     Discretise(#[from] DiscretiseError),
     /// Poles were not placed.
     #[error("the pole placement of this design: {0}")]

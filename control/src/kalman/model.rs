@@ -75,8 +75,8 @@ pub enum EstimatorError {
         /// The outputs used.
         outputs: String,
     },
-    /// A mode is too fast for the period.
-    #[error("the filter cannot be sampled: {0}; a mode of the plant is too fast for this period")]
+    /// An unstable mode is too fast for the period.
+    #[error("the filter cannot be sampled: {0}; an unstable mode of the plant is too fast for this period")]
     Discretise(#[from] DiscretiseError),
 }
 
