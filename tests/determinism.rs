@@ -18,8 +18,7 @@ fn fly(out: &Path, launch: &str, mode: &str, transport: &str, seed: &str) -> Pat
 }
 
 fn fly_with(set: &[&str], out: &Path, launch: &str, mode: &str, transport: &str, seed: &str) -> PathBuf {
-    // A node that the machine holds up is late, and not gone.
-    let disturbed_early = ["--set", "effects.0.at_s=1.5", "--set", "plant.lockstep_timeout_s=10"];
+    let disturbed_early = ["--set", "effects.0.at_s=1.5"];
     let out_arg = out.to_str().expect("utf-8 path");
     run([
         "run",

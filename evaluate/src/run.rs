@@ -169,9 +169,11 @@ impl Run {
             BenchMessage::Truth(m) => self.take_truth(&m),
             BenchMessage::Estimate(m) => self.take_estimate(&m),
             BenchMessage::Setpoint(m) => self.take_setpoint(&m),
+            BenchMessage::Command(m) if m.flags & flags::WITHHELD != 0 => {}
             BenchMessage::Command(m) => self.take_command(&m),
             BenchMessage::Imu(m) => self.take_measured(&m),
             BenchMessage::Odometry(m) => self.take_measured(&m),
+            BenchMessage::Outputs(m) => self.take_measured(&m),
             BenchMessage::Disturbance(m) => self.take_disturbance(&m),
             BenchMessage::Health(m) => self.take_health(m),
         }
@@ -204,8 +206,8 @@ impl Run {
     /// Takes what a sensor measured afresh.
     fn take_measured<M: Message>(&mut self, message: &M) {
         let t = message.head().stamp_ns as f64 * NS;
-        for (output, column) in self.vehicle.outputs.iter().zip(&mut self.measured) {
-            let field = SensorField::of(&output.name).filter(|field| field.topic == M::TOPIC);
+        for (i, (output, column)) in self.vehicle.outputs.iter().zip(&mut self.measured).enumerate() {
+            let field = SensorField::of(&output.name, i).filter(|field| field.topic == M::TOPIC);
             if let Some(value) = field.map(|field| field.read(message)).filter(|value| !value.is_nan()) {
                 column.push(t, [value]);
             }

@@ -111,7 +111,7 @@ def _read_varint(wire: bytes, at: int) -> tuple[int, int]:
 class Imu(Message):
     TOPIC = "imu"
     TYPE_NAME = "whirlstand/msg/Imu"
-    SCHEMA_HASH = 0xe4779c170a6eefc9
+    SCHEMA_HASH = 0xbcae7513cba6275b
     _fields_ = [
         ("head", Head),
         ("roll", c_double),
@@ -121,14 +121,14 @@ class Imu(Message):
         ("pitch_rate", c_double),
         ("yaw_rate", c_double),
         ("valid", c_uint32),
-        ("reserved", c_uint32),
+        ("flags", c_uint32),
     ]
 
 
 class Odometry(Message):
     TOPIC = "odometry"
     TYPE_NAME = "whirlstand/msg/Odometry"
-    SCHEMA_HASH = 0x7bcae8018f3fb5ef
+    SCHEMA_HASH = 0xb576362c2fa31ae2
     _fields_ = [
         ("head", Head),
         ("longitudinal_position", c_double),
@@ -142,10 +142,21 @@ class Odometry(Message):
     ]
 
 
+class Outputs(Message):
+    TOPIC = "outputs"
+    TYPE_NAME = "whirlstand/msg/Outputs"
+    SCHEMA_HASH = 0xdcd91c371c55a956
+    _fields_ = [
+        ("head", Head),
+        ("y", c_double * 32),
+        ("valid", c_uint64),
+    ]
+
+
 class Estimate(Message):
     TOPIC = "estimate"
     TYPE_NAME = "whirlstand/msg/Estimate"
-    SCHEMA_HASH = 0xb773aba67b92e008
+    SCHEMA_HASH = 0xeb99a7d75a3eeacd
     _fields_ = [
         ("head", Head),
         ("x", c_double * 16),
@@ -162,7 +173,7 @@ class Estimate(Message):
 class Command(Message):
     TOPIC = "command"
     TYPE_NAME = "whirlstand/msg/Command"
-    SCHEMA_HASH = 0x1cac5a74e0dac751
+    SCHEMA_HASH = 0xb7d9d211592d206e
     _fields_ = [
         ("head", Head),
         ("u", c_double * 8),
@@ -174,7 +185,7 @@ class Command(Message):
 class Setpoint(Message):
     TOPIC = "setpoint"
     TYPE_NAME = "whirlstand/msg/Setpoint"
-    SCHEMA_HASH = 0x48d955e38cf42608
+    SCHEMA_HASH = 0x8d789c7eb22297df
     _fields_ = [
         ("head", Head),
         ("x", c_double * 16),
@@ -186,7 +197,7 @@ class Setpoint(Message):
 class Truth(Message):
     TOPIC = "truth"
     TYPE_NAME = "whirlstand/msg/Truth"
-    SCHEMA_HASH = 0x7b0e9a8ae84bcc18
+    SCHEMA_HASH = 0x75548f0862fa95ed
     _fields_ = [
         ("head", Head),
         ("x", c_double * 16),
@@ -201,7 +212,7 @@ class Truth(Message):
 class Disturbance(Message):
     TOPIC = "disturbance"
     TYPE_NAME = "whirlstand/msg/Disturbance"
-    SCHEMA_HASH = 0xf67c0f135dd1546f
+    SCHEMA_HASH = 0x795e3c63fe1f170e
     _fields_ = [
         ("head", Head),
         ("dx", c_double * 16),
@@ -213,7 +224,7 @@ class Disturbance(Message):
 class Health(Message):
     TOPIC = "health"
     TYPE_NAME = "whirlstand/msg/Health"
-    SCHEMA_HASH = 0x14ff200d2d57254b
+    SCHEMA_HASH = 0xd46af5720c7cbba0
     _fields_ = [
         ("head", Head),
         ("steps", c_uint64),
@@ -231,7 +242,7 @@ class Health(Message):
 class Progress(Message):
     TOPIC = "progress"
     TYPE_NAME = "whirlstand/msg/Progress"
-    SCHEMA_HASH = 0x955206214e21eaeb
+    SCHEMA_HASH = 0x4a1f30e6492ffa7a
     _fields_ = [
         ("head", Head),
         ("written", c_uint64),

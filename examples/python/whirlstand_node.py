@@ -53,6 +53,7 @@ class Node:
             signal.signal(number, self._end)
         self._seen = 0
         self._sent = 0
+        self._last = None
 
     def _end(self, _number, _frame):
         self.ended = True
@@ -74,7 +75,12 @@ class Node:
         self._seen += 1
 
     def command(self, estimate: Estimate) -> Command:
-        """The answer to an estimate: of the same step, with this publisher's own sequence number."""
+        """The answer to an estimate: of the same step, with this publisher's own sequence number.
+
+        An estimate that comes again is answered with the same command again.
+        """
+        if self._last is not None and self._last.head.step == estimate.head.step:
+            return self._last
         command = Command()
         command.head.seq = self._sent
         command.head.step = estimate.head.step
@@ -84,6 +90,7 @@ class Node:
             u = -sum(k * x for k, x in zip(row, estimate.x))
             command.u[i] = min(max(u, -LIMIT), LIMIT)
         self._sent += 1
+        self._last = command
         return command
 
 

@@ -1,7 +1,8 @@
 //! The messages of a bench's log, each as its own type: which topics a bench records, in one list, and how they are read.
 
 use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Setpoint, Truth, valid,
+    Command, Disturbance, Estimate, Health, Imu, MAX_OUTPUTS, Message, Odometry, Outputs, Setpoint, Truth,
+    valid,
 };
 
 use crate::log::Log;
@@ -19,6 +20,7 @@ macro_rules! loop_topics {
             truth: Truth,
             disturbance: Disturbance,
             odometry: Odometry,
+            outputs: Outputs,
             imu: Imu,
             estimate: Estimate,
             command: Command,
@@ -98,30 +100,39 @@ pub struct SensorField {
     pub topic: &'static str,
     /// Offset of the value in the message, bytes.
     offset: usize,
-    /// Offset of `valid`, bytes.
+    /// Offset of the byte of `valid` that holds the output's bit.
     valid_offset: usize,
-    valid_bit: u32,
+    valid_bit: u8,
 }
 
 impl SensorField {
-    /// Finds an output by its name among the fields of the sensor messages.
-    pub fn of(output: &str) -> Option<Self> {
-        fn within<M: Message>(output: &str) -> Option<SensorField> {
-            let values: Vec<_> = M::FIELDS.iter().filter(|f| f.kind == "f64").collect();
-            let index = values.iter().position(|f| f.name == output)?;
-            let valid_offset = M::FIELDS.iter().find(|f| f.name == "valid")?.offset;
-            // Both sensor messages have two groups of equal size.
-            let valid_bit = if 2 * index < values.len() { valid::FIRST } else { valid::SECOND };
-            Some(SensorField { topic: M::TOPIC, offset: values[index].offset, valid_offset, valid_bit })
-        }
-        within::<Imu>(output).or_else(|| within::<Odometry>(output))
+    /// Finds output `index` of a vehicle: by its name among the fields of [`Imu`] and [`Odometry`], by its number in
+    /// [`Outputs`]. `None` for one that no message has room for.
+    pub fn of(output: &str, index: usize) -> Option<Self> {
+        Self::named::<Imu>(output).or_else(|| Self::named::<Odometry>(output)).or_else(|| {
+            let offset_of = |name: &str| Outputs::FIELDS.iter().find(|f| f.name == name).map(|f| f.offset);
+            (index < MAX_OUTPUTS).then_some(Self {
+                topic: Outputs::TOPIC,
+                offset: offset_of("y")? + index * size_of::<f64>(),
+                valid_offset: offset_of("valid")? + index / 8,
+                valid_bit: 1 << (index % 8),
+            })
+        })
+    }
+
+    fn named<M: Message>(output: &str) -> Option<Self> {
+        let values: Vec<_> = M::FIELDS.iter().filter(|f| f.kind == "f64").collect();
+        let index = values.iter().position(|f| f.name == output)?;
+        let valid_offset = M::FIELDS.iter().find(|f| f.name == "valid")?.offset;
+        // Both sensor messages have two groups of equal size. Messages are little-endian: the first byte holds both bits.
+        let valid_bit = if 2 * index < values.len() { valid::FIRST } else { valid::SECOND } as u8;
+        Some(Self { topic: M::TOPIC, offset: values[index].offset, valid_offset, valid_bit })
     }
 
     /// The value in a message of the field's topic, SI; NaN when it is not fresh.
     pub fn read<M: Message>(&self, message: &M) -> f64 {
         let bytes = bytemuck::bytes_of(message);
-        let valid: u32 = bytemuck::pod_read_unaligned(&bytes[self.valid_offset..self.valid_offset + 4]);
-        if valid & self.valid_bit == 0 {
+        if bytes[self.valid_offset] & self.valid_bit == 0 {
             return f64::NAN;
         }
         bytemuck::pod_read_unaligned(&bytes[self.offset..self.offset + 8])
@@ -135,11 +146,16 @@ mod tests {
     #[test]
     fn an_output_is_read_where_its_sensor_says_that_it_is_fresh() {
         let imu = Imu { roll: 0.1, pitch_rate: 0.2, valid: valid::FIRST, ..Imu::zeroed() };
-        let field = |name: &str| SensorField::of(name).unwrap();
+        let field = |name: &str| SensorField::of(name, 3).unwrap();
         assert_eq!(field("roll").topic, Imu::TOPIC);
         assert_eq!(field("roll").read(&imu), 0.1);
         assert!(field("pitch_rate").read(&imu).is_nan());
         assert_eq!(field("lateral_speed").topic, Odometry::TOPIC);
-        assert_eq!(SensorField::of("temperature"), None);
+        let mut outputs = Outputs { valid: 1 << 31 | 1 << 3, ..Outputs::zeroed() };
+        (outputs.y[3], outputs.y[31]) = (290.0, 1.5);
+        let at = |index: usize| SensorField::of("temperature", index).unwrap();
+        assert_eq!((at(3).topic, at(3).read(&outputs), at(31).read(&outputs)), (Outputs::TOPIC, 290.0, 1.5));
+        assert!(at(4).read(&outputs).is_nan());
+        assert_eq!(SensorField::of("temperature", 32), None);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! | signal | from |
 //! |---|---|
-//! | outputs (`roll`, `roll_rate`, `lateral_speed`, ...) | `Imu` and `Odometry`; NaN at steps where the sensor gave no fresh value |
+//! | outputs (`roll`, `roll_rate`, `lateral_speed`, ...) | `Imu`, `Odometry` and `Outputs`; NaN at steps where the sensor gave no fresh value |
 //! | inputs (`u_roll`, ...) | `Truth`: what the plant applied from this step on; without `Truth`, the `Command` of the step before |
 //! | `truth.NAME` | states of `Truth` |
 //! | `estimate.NAME`, `estimate.std.NAME` | states of `Estimate` and their standard deviation |
@@ -12,7 +12,7 @@
 //! | `disturbance.NAME` | `Disturbance`, held from message to message |
 
 use whirlstand_msgs::units::Unit;
-use whirlstand_msgs::{Imu, Message, Odometry};
+use whirlstand_msgs::{Imu, Message, Odometry, Outputs, flags};
 
 use crate::bench_info::{BenchInfo, SignalInfo};
 use crate::bench_log::{BenchMessage, SensorField, wanted};
@@ -91,11 +91,12 @@ struct Groups {
 
 impl Groups {
     fn new(info: &BenchInfo) -> Self {
-        let sensors = [Imu::TOPIC, Odometry::TOPIC].map(|topic| {
+        let sensors = [Imu::TOPIC, Odometry::TOPIC, Outputs::TOPIC].map(|topic| {
             let (signals, fields): (Vec<_>, Vec<_>) = info
                 .outputs
                 .iter()
-                .filter_map(|o| Some((o.clone(), SensorField::of(&o.name)?)))
+                .enumerate()
+                .filter_map(|(i, o)| Some((o.clone(), SensorField::of(&o.name, i)?)))
                 .filter(|(_, field)| field.topic == topic)
                 .unzip();
             (Group::new("", &signals), fields)
@@ -119,6 +120,7 @@ impl Groups {
         match message {
             BenchMessage::Imu(m) => self.sensor(0, m),
             BenchMessage::Odometry(m) => self.sensor(1, m),
+            BenchMessage::Outputs(m) => self.sensor(2, m),
             BenchMessage::Truth(m) => {
                 self.truth.push(m.head.stamp_ns, &m.x);
                 self.applied.push(m.head.stamp_ns, &m.u);
@@ -131,6 +133,7 @@ impl Groups {
                 self.setpoint.push(m.head.stamp_ns, &wanted(m));
                 self.stick.push(m.head.stamp_ns, &m.stick);
             }
+            BenchMessage::Command(m) if m.flags & flags::WITHHELD != 0 => {}
             BenchMessage::Command(m) => self.command.push(m.head.stamp_ns, &m.u),
             BenchMessage::Disturbance(m) => self.disturbance.push(m.head.stamp_ns, &m.dx),
             BenchMessage::Health(_) => {}

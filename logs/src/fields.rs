@@ -1,16 +1,17 @@
 //! The bytes of a message as named values, for messages that are known here.
 
 use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Progress, Setpoint, Truth,
+    Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint, Truth,
 };
 
 use crate::stream::RawMessage;
 use crate::writer::CDR_HEADER;
 
 /// Type name and fields of every message.
-const TYPES: [(&str, &[Field]); 9] = [
+const TYPES: [(&str, &[Field]); 10] = [
     (Imu::TYPE_NAME, Imu::FIELDS),
     (Odometry::TYPE_NAME, Odometry::FIELDS),
+    (Outputs::TYPE_NAME, Outputs::FIELDS),
     (Estimate::TYPE_NAME, Estimate::FIELDS),
     (Command::TYPE_NAME, Command::FIELDS),
     (Setpoint::TYPE_NAME, Setpoint::FIELDS),

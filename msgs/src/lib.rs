@@ -27,12 +27,18 @@ mod wire;
 pub use define::{Field, Message};
 pub use head::Head;
 pub use health::{Health, LATENCY_BUCKETS, NodeState, latency_bucket, latency_bucket_upper_ns};
-pub use types::{Command, Disturbance, Estimate, Imu, Odometry, Progress, Setpoint, Truth, flags, valid};
+pub use types::{
+    Command, Disturbance, Estimate, Imu, Odometry, Outputs, Progress, Setpoint, Truth, flags, valid,
+};
 pub use wire::{DecodeError, SCHEMA_HASH_BYTES, decode, encode};
 
-/// Largest number of states a vehicle can have on the bus (a vehicle file alone has no limit).
+/// Largest number of states a vehicle can have on the bus (a vehicle file alone has no limit). Messages have a fixed
+/// size, and what no vehicle uses is copied, sent and recorded at every step all the same: twice as many would double
+/// a step's bytes and those of its log.
 pub const MAX_STATES: usize = 16;
 /// Largest number of inputs a vehicle can have on the bus.
 pub const MAX_INPUTS: usize = 8;
+/// Largest number of outputs a vehicle can have on the bus.
+pub const MAX_OUTPUTS: usize = 32;
 /// Version of the message set; part of every schema hash, so that two versions never talk past each other.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;

@@ -1,7 +1,7 @@
 //! The messages of the control loop.
 
 use crate::define::message;
-use crate::{MAX_INPUTS, MAX_STATES};
+use crate::{MAX_INPUTS, MAX_OUTPUTS, MAX_STATES};
 
 /// Bits of `valid` in [`Imu`], [`Odometry`] and [`Estimate`]: which values are fresh at this step.
 pub mod valid {
@@ -11,7 +11,7 @@ pub mod valid {
     pub const SECOND: u32 = 2;
 }
 
-/// Bits of `flags` in [`Estimate`], [`Command`] and [`Truth`].
+/// Bits of `flags` in [`Imu`], [`Estimate`], [`Command`] and [`Truth`].
 pub mod flags {
     /// The estimator has converged from its start.
     pub const CONVERGED: u32 = 1;
@@ -23,6 +23,9 @@ pub mod flags {
     pub const HELD: u32 = 8;
     /// Open loop: the stick passes through, the law is not in charge.
     pub const MANUAL: u32 = 16;
+    /// A controller that lives and has no usable command for this step; `count` is zero. A plant in lockstep, which
+    /// would wait for a command, counts a miss.
+    pub const WITHHELD: u32 = 32;
 }
 
 message! {
@@ -42,8 +45,9 @@ message! {
         yaw_rate: f64 => "float64",
         /// Fresh groups: [`valid::FIRST`] angles, [`valid::SECOND`] rates. A stale group repeats its last value.
         valid: u32 => "uint32",
-        /// Zero.
-        reserved: u32 => "uint32",
+        /// [`flags`] of what the plant applies from this step on: [`flags::HELD`], [`flags::FAILSAFE`],
+        /// [`flags::SATURATED`]. Zero from a vehicle that does not tell.
+        flags: u32 => "uint32",
     }
 }
 
@@ -66,6 +70,17 @@ message! {
         valid: u32 => "uint32",
         /// Zero.
         reserved: u32 => "uint32",
+    }
+}
+
+message! {
+    /// Outputs of the vehicle that neither [`Imu`] nor [`Odometry`] has a field for, as the sensors report them.
+    Outputs on "outputs" {
+        /// Measured outputs, SI units: output i of the vehicle file is `y[i]`. Those that another message carries are
+        /// zero. A stale one repeats its last value.
+        y: f64[MAX_OUTPUTS] => "float64[32]",
+        /// Bit i: `y[i]` is fresh.
+        valid: u64 => "uint64",
     }
 }
 

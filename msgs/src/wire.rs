@@ -62,7 +62,7 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Command, Disturbance, Estimate, Health, Imu, Odometry, Progress, Setpoint, Truth};
+    use crate::{Command, Disturbance, Estimate, Health, Imu, Odometry, Outputs, Progress, Setpoint, Truth};
     use proptest::prelude::*;
 
     fn contiguous<M: Message>() {
@@ -100,6 +100,7 @@ mod tests {
     fn layouts_have_no_gap_and_schemas_say_what_memory_holds() {
         contiguous::<Imu>();
         contiguous::<Odometry>();
+        contiguous::<Outputs>();
         contiguous::<Estimate>();
         contiguous::<Command>();
         contiguous::<Setpoint>();

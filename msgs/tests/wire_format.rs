@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Progress, Setpoint, Truth,
-    VERSION, decode, encode,
+    Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint,
+    Truth, VERSION, decode, encode,
 };
 
 /// Calls a generic function for each message type.
@@ -18,6 +18,7 @@ macro_rules! for_each_message {
         [
             $function::<Imu>(),
             $function::<Odometry>(),
+            $function::<Outputs>(),
             $function::<Estimate>(),
             $function::<Command>(),
             $function::<Setpoint>(),

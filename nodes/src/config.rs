@@ -117,10 +117,9 @@ pub struct PlantConfig {
     pub initial: BTreeMap<String, f64>,
     /// Consecutive deadline misses after which a realtime plant goes to its failsafe.
     pub misses_to_failsafe: u32,
-    /// How long a lockstep plant waits for a command, s of wall-clock time.
-    pub lockstep_timeout_s: f64,
-    /// How long a lockstep plant waits for a recorder that has fallen behind, s of wall-clock time.
-    pub recorder_timeout_s: f64,
+    /// Longest wait of a lockstep plant for a command, s of wall-clock time. Absent: it waits as long as the nodes live
+    /// that answer, and the run does not depend on any clock.
+    pub answer_timeout_s: Option<f64>,
     /// Listen on topic `inject` for disturbances from outside.
     pub inject: bool,
 }
@@ -247,8 +246,7 @@ impl Default for PlantConfig {
             engine: Engine::Flying,
             initial: BTreeMap::new(),
             misses_to_failsafe: 5,
-            lockstep_timeout_s: 0.25,
-            recorder_timeout_s: 5.0,
+            answer_timeout_s: None,
             inject: false,
         }
     }

@@ -50,8 +50,10 @@ pub enum Fault {
     Stale,
     /// The command belongs to a step that the plant has not reached; refused.
     Early,
-    /// The step has its command already; refused.
+    /// The step has its command already, and this one is another; refused.
     Repeated,
+    /// The controller has no usable command for the awaited step, and says so.
+    Withheld,
     /// A value is beyond the input limits; the limit is applied instead.
     OutOfRange,
 }
@@ -71,12 +73,16 @@ pub struct Gate {
     limits: InputLimits,
     misses_to_failsafe: u32,
     accepted: Option<Applied>,
+    /// The newest command that was accepted.
+    newest: Option<Command>,
+    /// The answer to the awaited step has come, and cannot be used.
+    unusable: bool,
     last: Applied,
     consecutive_misses: u32,
     misses: u64,
     rejected: u64,
     /// The latest step that a command was for.
-    newest: Option<u64>,
+    newest_step: Option<u64>,
 }
 
 impl Gate {
@@ -86,39 +92,49 @@ impl Gate {
             limits,
             misses_to_failsafe: misses_to_failsafe.max(1),
             accepted: None,
+            unusable: false,
             last: Applied { u: limits.neutral(), flags: 0 },
             consecutive_misses: 0,
             misses: 0,
             rejected: 0,
             newest: None,
+            newest_step: None,
         }
     }
 
-    /// Takes a command in, when step `awaited` is the one that counts. Every fault counts as rejected, but what is only
-    /// late: its step was counted as a miss when it was closed.
+    /// Takes a command in, when step `awaited` is the one that counts. Every fault counts as rejected but what is only
+    /// late, because its step was counted as a miss when it was closed, and a command that was withheld. The newest
+    /// accepted command once more answers a measurement that was sent once more, and is no fault.
     ///
     /// # Errors
     /// The [`Fault`]; all but [`Fault::OutOfRange`] leave the gate as it was.
     #[inline]
     pub fn offer(&mut self, command: &Command, awaited: u64) -> Result<(), Fault> {
+        if self.newest.as_ref() == Some(command) {
+            return Ok(());
+        }
         let result = self.check(command, awaited);
         let excused = match result {
-            Ok(()) => true,
+            Ok(()) | Err(Fault::Withheld) => true,
             Err(Fault::Stale) => self.is_only_late(command.head.step),
             // The measurement of step 0 is repeated until it is answered, so its answer can come more than once.
             Err(Fault::Repeated) => command.head.step == 0,
             Err(_) => false,
         };
         self.rejected += u64::from(!excused);
+        self.unusable |= matches!(result, Err(Fault::Withheld | Fault::WrongCount | Fault::NotFinite));
+        if matches!(result, Ok(()) | Err(Fault::OutOfRange)) {
+            self.newest = Some(*command);
+        }
         if result != Err(Fault::Early) {
-            self.newest = self.newest.max(Some(command.head.step));
+            self.newest_step = self.newest_step.max(Some(command.head.step));
         }
         result
     }
 
     /// Whether a command for a step that is over is the first one for it: the missing answer, too late.
     fn is_only_late(&self, step: u64) -> bool {
-        step == 0 || self.newest.is_none_or(|newest| step > newest)
+        step == 0 || self.newest_step.is_none_or(|newest| step > newest)
     }
 
     #[inline]
@@ -131,6 +147,9 @@ impl Gate {
         }
         if self.accepted.is_some() {
             return Err(Fault::Repeated);
+        }
+        if command.flags & flags::WITHHELD != 0 {
+            return Err(Fault::Withheld);
         }
         if command.count as usize != count {
             return Err(Fault::WrongCount);
@@ -152,6 +171,12 @@ impl Gate {
         self.accepted.is_some()
     }
 
+    /// Whether the awaited step was answered, with a command or with one that cannot be used.
+    #[inline]
+    pub fn is_answered(&self) -> bool {
+        self.accepted.is_some() || self.unusable
+    }
+
     /// The command that will come into force, within the limits.
     pub fn accepted(&self) -> Option<Applied> {
         self.accepted
@@ -161,6 +186,7 @@ impl Gate {
     /// a single miss leads to the failsafe.
     #[inline]
     pub fn close(&mut self, failsafe_at_once: bool) -> Applied {
+        self.unusable = false;
         self.last = match self.accepted.take() {
             Some(applied) => {
                 self.consecutive_misses = 0;
@@ -283,8 +309,28 @@ mod tests {
         assert_eq!(gate.offer(&three, 0), Err(Fault::WrongCount));
         assert_eq!(gate.offer(&command(0, 7.0, 0.5), 0), Err(Fault::OutOfRange));
         assert_eq!(gate.rejected(), 5);
+        assert!(gate.is_answered() && gate.is_ready());
         let applied = gate.close(false);
         assert_eq!((applied.u[0], applied.flags), (1.0, flags::SATURATED));
+    }
+
+    #[test]
+    fn what_a_repeated_measurement_brings_is_no_fault() {
+        let mut gate = Gate::new(limits(), 3);
+        let first = command(0, 0.5, 0.6);
+        for _ in 0..3 {
+            gate.offer(&first, 0).unwrap();
+        }
+        gate.close(true);
+        gate.offer(&first, 1).unwrap();
+        assert!(!gate.is_answered(), "the answer to the step before answers nothing else");
+        let mut withheld = Command { count: 0, flags: flags::WITHHELD, ..command(1, 0.0, 0.0) };
+        withheld.head.seq = 1;
+        assert_eq!(gate.offer(&withheld, 1), Err(Fault::Withheld));
+        assert!(gate.is_answered() && !gate.is_ready());
+        assert_eq!(gate.close(true).flags, flags::HELD | flags::FAILSAFE);
+        assert!(!gate.is_answered());
+        assert_eq!((gate.rejected(), gate.misses()), (0, 1));
     }
 
     proptest! {

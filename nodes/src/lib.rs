@@ -28,13 +28,15 @@
 //!
 //! # When a node is lost
 //! - **Controller or estimator**: commands stop coming. In realtime the last one is held, and after
-//!   `misses_to_failsafe` misses the inputs go to neutral; in lockstep the plant waits `lockstep_timeout_s` for each
-//!   step and goes to neutral at once. The failsafe is told in `Health`, in `Truth` and on standard error. A
+//!   `misses_to_failsafe` misses the inputs go to neutral; in lockstep the plant waits
+//!   until another process has taken the node's place (or for `answer_timeout_s`, if it is set) and goes to neutral for
+//!   the step that nobody answered. A controller that lives and has no usable command says so, and the plant goes to
+//!   neutral at once. The failsafe is told in `Health`, in `Truth` and on standard error. A
 //!   restarted node joins at the step it hears first, and the first command on time ends the failsafe.
 //! - **Plant**: the others wait. A restarted plant begins a new run at step 0. Estimator and controller see the step
 //!   go back, and start anew as well; the recorder begins its next file (`log.2.mcap`).
-//! - **Recorder**: the loop goes on; a lockstep plant waits for it at most `recorder_timeout_s`, then until it
-//!   reports again not at all. A restarted recorder writes `log.2.mcap`: no log is overwritten.
+//! - **Recorder**: the loop goes on; a lockstep plant waits for it as long as it lives, and no longer for what
+//!   was on its way to one that has been replaced. A restarted recorder writes `log.2.mcap`: no log is overwritten.
 //! - **A node that only stood still** (`SIGSTOP`) finds a queue of old messages, answers them, and its late answers
 //!   are refused as stale. A realtime plant that stood still does not catch up: bench time stood still with it, and
 //!   every whole period that it was late counts as a miss.

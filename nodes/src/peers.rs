@@ -35,6 +35,8 @@ pub struct Peers {
     publisher: Publisher<Health>,
     subscriber: Subscriber<Health>,
     reports: [Option<PeerHealth>; Role::ALL.len()],
+    /// Roles whose process is another than before, until somebody asks.
+    replaced: [bool; Role::ALL.len()],
     listens_to: Vec<Role>,
     due: Instant,
     /// What the next report says; the owner keeps its counters up to date before each report.
@@ -56,6 +58,7 @@ impl Peers {
             publisher,
             subscriber,
             reports: [None; Role::ALL.len()],
+            replaced: [false; Role::ALL.len()],
             listens_to,
             due: Instant::now(),
             report,
@@ -107,6 +110,7 @@ impl Peers {
         }
         let report = &mut self.reports[role as usize];
         if report.is_none_or(|h| h.pid != health.pid) {
+            self.replaced[role as usize] = report.is_some();
             // Somebody new waits to hear this node.
             self.due = Instant::now();
         }
@@ -160,14 +164,20 @@ impl Peers {
         self.reports[role as usize]
     }
 
+    /// Whether another process has taken a role over since the last call, and runs: what was asked of the one before
+    /// will not be answered.
+    pub fn take_replaced(&mut self, role: Role) -> bool {
+        self.replaced[role as usize] && self.runs(role) && std::mem::take(&mut self.replaced[role as usize])
+    }
+
+    fn runs(&self, role: Role) -> bool {
+        let state = self.health(role).and_then(|peer| peer.state);
+        matches!(state, Some(NodeState::Running | NodeState::Failsafe))
+    }
+
     /// Peers among those listened to that are not yet `Running`.
     pub fn not_running(&self) -> impl Iterator<Item = Role> + '_ {
-        self.listens_to.iter().copied().filter(|&r| {
-            !matches!(
-                self.health(r),
-                Some(PeerHealth { state: Some(NodeState::Running | NodeState::Failsafe), .. })
-            )
-        })
+        self.listens_to.iter().copied().filter(|&r| !self.runs(r))
     }
 
     fn all_reported(&self) -> bool {

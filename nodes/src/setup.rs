@@ -110,11 +110,8 @@ fn check(config: &NodeConfig) -> Result<(), NodeError> {
     if config.steps == 0 {
         return wrong("steps", "0".into(), "a run has at least one step");
     }
-    for (field, value) in [
-        ("start_timeout_s", config.start_timeout_s),
-        ("plant.lockstep_timeout_s", config.plant.lockstep_timeout_s),
-        ("plant.recorder_timeout_s", config.plant.recorder_timeout_s),
-    ] {
+    let answer = config.plant.answer_timeout_s.map(|value| ("plant.answer_timeout_s", value));
+    for (field, value) in [("start_timeout_s", config.start_timeout_s)].into_iter().chain(answer) {
         if !(value > 0.0 && value <= 86_400.0) {
             return wrong(field, value.to_string(), "a time limit lies between 0 and 86400 s");
         }

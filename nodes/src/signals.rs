@@ -1,7 +1,7 @@
 //! How a vehicle's named signals travel in the fixed messages of the bus.
 
 use whirlstand_bridge::vehicle::FIELDS;
-use whirlstand_msgs::{Imu, MAX_INPUTS, MAX_STATES, Odometry, valid};
+use whirlstand_msgs::{Head, Imu, MAX_INPUTS, MAX_OUTPUTS, MAX_STATES, Message, Odometry, Outputs, valid};
 use whirlstand_vehicle::Vehicle;
 
 use crate::error::NodeError;
@@ -16,79 +16,32 @@ const GROUP: usize = 3;
 /// The validity bit of each group, within its message.
 const GROUP_BITS: [u32; FIELDS.len() / GROUP] = [valid::FIRST, valid::SECOND, valid::FIRST, valid::SECOND];
 
-/// The message field in which each output of a vehicle travels.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct OutputMap {
-    /// Field of output i, an index into [`FIELDS`].
-    fields: Vec<usize>,
-    odometry: bool,
+/// What the sensors report at one step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measurement {
+    /// Attitude and rates; every step has one, because it is what the others wait for.
+    pub imu: Imu,
+    /// Position and velocity.
+    pub odometry: Odometry,
+    /// Outputs that have no field of their own.
+    pub outputs: Outputs,
 }
 
-impl OutputMap {
-    /// Greatest number of outputs that a vehicle on the bus can have.
-    pub const MAX_OUTPUTS: usize = FIELDS.len();
-
-    /// The map for a vehicle.
-    ///
-    /// # Errors
-    /// [`NodeError::NotOnBus`] when an output has no place in `Imu` or `Odometry`, or when outputs that share a
-    /// validity bit have sensors of different rates.
-    pub fn new(vehicle: &Vehicle) -> Result<Self, NodeError> {
-        let refuse = |reason| NodeError::NotOnBus { vehicle: vehicle.name.clone(), reason };
-        let mut fields = Vec::with_capacity(vehicle.outputs.len());
-        for output in &vehicle.outputs {
-            let field = FIELDS.iter().position(|f| *f == output.name).ok_or_else(|| {
-                refuse(format!(
-                    "the bus has no field for output \"{}\"; the messages imu and odometry carry {}",
-                    output.name,
-                    FIELDS.join(", ")
-                ))
-            })?;
-            fields.push(field);
-        }
-        for (i, a) in vehicle.outputs.iter().enumerate() {
-            for (j, b) in vehicle.outputs.iter().enumerate().skip(i + 1) {
-                if fields[i] / GROUP == fields[j] / GROUP && a.every != b.every {
-                    return Err(refuse(format!(
-                        "outputs \"{}\" (every = {}) and \"{}\" (every = {}) come from one sensor on the bus and \
-                         need the same rate divider",
-                        a.name, a.every, b.name, b.every
-                    )));
-                }
-            }
-        }
-        let odometry = fields.iter().any(|&f| f >= IMU_FIELDS);
-        Ok(Self { fields, odometry })
+impl Measurement {
+    /// Nothing measured.
+    pub fn zeroed() -> Self {
+        Self { imu: Imu::zeroed(), odometry: Odometry::zeroed(), outputs: Outputs::zeroed() }
     }
 
-    /// Whether any output travels in `Odometry`.
-    pub fn has_odometry(&self) -> bool {
-        self.odometry
+    /// Sets the heads of all three messages.
+    pub fn set_head(&mut self, head: Head) {
+        (self.imu.head, self.odometry.head, self.outputs.head) = (head, head, head);
     }
 
-    /// Puts measured outputs, SI, into the two messages. The caller fills in the heads.
-    pub fn fill(&self, y: &[f64], fresh: &[bool], imu: &mut Imu, odometry: &mut Odometry) {
-        let mut values = [0.0; FIELDS.len()];
-        let mut bits = [0; GROUP_BITS.len()];
-        for ((&field, &value), &fresh) in self.fields.iter().zip(y).zip(fresh) {
-            values[field] = value;
-            bits[field / GROUP] = if fresh { GROUP_BITS[field / GROUP] } else { 0 };
-        }
-        [imu.roll, imu.pitch, imu.yaw, imu.roll_rate, imu.pitch_rate, imu.yaw_rate] =
-            [values[0], values[1], values[2], values[3], values[4], values[5]];
-        imu.valid = bits[0] | bits[1];
-        let o = odometry;
-        [o.longitudinal_position, o.lateral_position, o.height] = [values[6], values[7], values[8]];
-        [o.longitudinal_speed, o.lateral_speed, o.vertical_speed] = [values[9], values[10], values[11]];
-        o.valid = bits[2] | bits[3];
-    }
-
-    /// Reads outputs back. An output is fresh when its validity bit is set and its value is finite; returns
-    /// false when a value claimed to be fresh is not finite.
-    pub fn read(&self, imu: &Imu, odometry: Option<&Odometry>, y: &mut [f64], fresh: &mut [bool]) -> bool {
-        let none = Odometry { valid: 0, ..whirlstand_msgs::Message::zeroed() };
-        let o = odometry.unwrap_or(&none);
-        let values = [
+    /// The named fields in the order of [`FIELDS`].
+    fn fields(&self) -> [f64; FIELDS.len()] {
+        let (imu, o) = (&self.imu, &self.odometry);
+        [
             imu.roll,
             imu.pitch,
             imu.yaw,
@@ -101,18 +54,121 @@ impl OutputMap {
             o.longitudinal_speed,
             o.lateral_speed,
             o.vertical_speed,
-        ];
-        let bits = [imu.valid, imu.valid, o.valid, o.valid];
+        ]
+    }
+}
+
+/// Where an output travels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// In the field of `Imu` or `Odometry` of its name, an index into [`FIELDS`].
+    Field(usize),
+    /// In `Outputs`, under its number in the vehicle file.
+    Numbered,
+}
+
+/// The message field in which each output of a vehicle travels.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OutputMap {
+    /// Place of output i.
+    places: Vec<Place>,
+}
+
+impl OutputMap {
+    /// The map for a vehicle.
+    ///
+    /// # Errors
+    /// [`NodeError::NotOnBus`] for more outputs than [`MAX_OUTPUTS`], or when outputs that share a validity bit have
+    /// sensors of different rates.
+    pub fn new(vehicle: &Vehicle) -> Result<Self, NodeError> {
+        let refuse = |reason| NodeError::NotOnBus { vehicle: vehicle.name.clone(), reason };
+        let outputs = &vehicle.outputs;
+        if outputs.len() > MAX_OUTPUTS {
+            let reason = format!("it has {} outputs, the messages hold at most {MAX_OUTPUTS}", outputs.len());
+            return Err(refuse(reason));
+        }
+        let field = |name: &str| FIELDS.iter().position(|f| *f == name);
+        let places: Vec<_> =
+            outputs.iter().map(|o| field(&o.name).map_or(Place::Numbered, Place::Field)).collect();
+        for (i, a) in outputs.iter().enumerate() {
+            for (j, b) in outputs.iter().enumerate().skip(i + 1) {
+                let (Place::Field(p), Place::Field(q)) = (places[i], places[j]) else { continue };
+                if p / GROUP == q / GROUP && a.every != b.every {
+                    return Err(refuse(format!(
+                        "outputs \"{}\" (every = {}) and \"{}\" (every = {}) come from one sensor on the bus and \
+                         need the same rate divider",
+                        a.name, a.every, b.name, b.every
+                    )));
+                }
+            }
+        }
+        Ok(Self { places })
+    }
+
+    /// Whether any output travels in `Odometry`.
+    pub fn has_odometry(&self) -> bool {
+        self.places.iter().any(|p| matches!(p, Place::Field(f) if *f >= IMU_FIELDS))
+    }
+
+    /// Whether any output travels in `Outputs`.
+    pub fn has_outputs(&self) -> bool {
+        self.places.contains(&Place::Numbered)
+    }
+
+    /// Puts measured outputs, SI, into messages. The caller fills in the heads.
+    pub fn fill(&self, y: &[f64], fresh: &[bool]) -> Measurement {
+        let mut values = [0.0; FIELDS.len()];
+        let mut bits = [0; GROUP_BITS.len()];
+        let mut measurement = Measurement::zeroed();
+        let (imu, o, outputs) = (&mut measurement.imu, &mut measurement.odometry, &mut measurement.outputs);
+        for (i, ((&place, &value), &fresh)) in self.places.iter().zip(y).zip(fresh).enumerate() {
+            match place {
+                Place::Field(field) => {
+                    values[field] = value;
+                    bits[field / GROUP] = if fresh { GROUP_BITS[field / GROUP] } else { 0 };
+                }
+                Place::Numbered => {
+                    outputs.y[i] = value;
+                    outputs.valid |= u64::from(fresh) << i;
+                }
+            }
+        }
+        [imu.roll, imu.pitch, imu.yaw, imu.roll_rate, imu.pitch_rate, imu.yaw_rate] =
+            [values[0], values[1], values[2], values[3], values[4], values[5]];
+        imu.valid = bits[0] | bits[1];
+        [o.longitudinal_position, o.lateral_position, o.height] = [values[6], values[7], values[8]];
+        [o.longitudinal_speed, o.lateral_speed, o.vertical_speed] = [values[9], values[10], values[11]];
+        o.valid = bits[2] | bits[3];
+        measurement
+    }
+
+    /// Reads outputs back. An output is fresh when its validity bit is set and its value is finite; returns
+    /// false when a value claimed to be fresh is not finite.
+    pub fn read(&self, measurement: &Measurement, y: &mut [f64], fresh: &mut [bool]) -> bool {
+        let values = measurement.fields();
+        let (imu, odometry) = (measurement.imu.valid, measurement.odometry.valid);
+        let bits = [imu, imu, odometry, odometry];
         let mut clean = true;
-        for ((&field, value), fresh) in self.fields.iter().zip(y).zip(fresh) {
-            let claimed = bits[field / GROUP] & GROUP_BITS[field / GROUP] != 0;
-            let finite = values[field].is_finite();
-            clean &= finite || !claimed;
-            *fresh = claimed && finite;
-            *value = if finite { values[field] } else { 0.0 };
+        for (i, ((&place, value), fresh)) in self.places.iter().zip(y).zip(fresh).enumerate() {
+            let (read, claimed) = match place {
+                Place::Field(f) => (values[f], bits[f / GROUP] & GROUP_BITS[f / GROUP] != 0),
+                Place::Numbered => (measurement.outputs.y[i], measurement.outputs.valid >> i & 1 == 1),
+            };
+            clean &= read.is_finite() || !claimed;
+            *fresh = claimed && read.is_finite();
+            *value = if read.is_finite() { read } else { 0.0 };
         }
         clean
     }
+}
+
+/// Checks that a vehicle's signals have room in the messages.
+///
+/// # Errors
+/// [`NodeError::NotOnBus`].
+pub fn check_room(vehicle: &Vehicle) -> Result<(), NodeError> {
+    OutputMap::new(vehicle)?;
+    input_limits(vehicle).map(drop)
 }
 
 /// The limits of the vehicle's inputs.
@@ -145,40 +201,55 @@ pub fn input_limits(vehicle: &Vehicle) -> Result<InputLimits, NodeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_msgs::Message;
+
+    fn travels(vehicle: &Vehicle) -> Measurement {
+        let map = OutputMap::new(vehicle).unwrap();
+        let n = vehicle.outputs.len();
+        let y = (0..n).map(|i| 0.5 + i as f64).collect::<Vec<_>>();
+        let measurement = map.fill(&y, &vec![true; n]);
+        let (mut back, mut fresh) = (vec![0.0; n], vec![false; n]);
+        assert!(map.read(&measurement, &mut back, &mut fresh));
+        assert_eq!(back, y, "{}", vehicle.name);
+        assert!(fresh.iter().all(|f| *f), "{}", vehicle.name);
+        assert_eq!(map.has_odometry(), measurement.odometry.valid != 0, "{}", vehicle.name);
+        assert_eq!(map.has_outputs(), measurement.outputs.valid != 0, "{}", vehicle.name);
+        measurement
+    }
 
     #[test]
     fn every_built_in_vehicle_travels_and_reads_back() {
         for name in whirlstand_vehicle::builtin_names() {
             let vehicle = Vehicle::builtin(name).unwrap();
-            let map = OutputMap::new(&vehicle).unwrap();
+            let mut measurement = travels(&vehicle);
+            measurement.imu.roll = f64::NAN;
             let n = vehicle.outputs.len();
-            let y = (0..n).map(|i| 0.5 + i as f64).collect::<Vec<_>>();
-            let (mut imu, mut odometry) = (Imu::zeroed(), Odometry::zeroed());
-            map.fill(&y, &vec![true; n], &mut imu, &mut odometry);
             let (mut back, mut fresh) = (vec![0.0; n], vec![false; n]);
-            assert!(map.read(&imu, Some(&odometry), &mut back, &mut fresh));
-            assert_eq!(back, y, "{name}");
-            assert!(fresh.iter().all(|f| *f), "{name}");
-            assert_eq!(map.has_odometry(), odometry.valid != 0, "{name}");
-            imu.roll = f64::NAN;
-            assert!(!map.read(&imu, None, &mut back, &mut fresh));
+            assert!(!OutputMap::new(&vehicle).unwrap().read(&measurement, &mut back, &mut fresh));
             let roll = vehicle.output_index("roll").unwrap();
             assert!(!fresh[roll] && back[roll] == 0.0);
         }
     }
 
     #[test]
-    fn what_has_no_field_is_refused_by_name() {
+    fn an_output_of_any_name_travels_under_its_number() {
         let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
-        vehicle.outputs[0].name = "rotor_speed".into();
-        let error = OutputMap::new(&vehicle).unwrap_err().to_string();
-        assert!(error.contains("rotor_speed") && error.contains("longitudinal_position"), "{error}");
+        vehicle.outputs[1].name = "rotor_speed".into();
+        let measurement = travels(&vehicle);
+        assert_eq!((measurement.outputs.valid, measurement.outputs.y[1]), (2, 1.5));
+        vehicle.outputs.iter_mut().enumerate().for_each(|(i, o)| o.name = format!("y{i}"));
+        assert_eq!(travels(&vehicle).imu.valid, 0);
+    }
+
+    #[test]
+    fn what_has_no_room_is_refused_by_name() {
         let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
         let roll = vehicle.output_index("roll").unwrap();
         vehicle.outputs[roll].every = 3;
         let error = OutputMap::new(&vehicle).unwrap_err().to_string();
         assert!(error.contains("rate divider"), "{error}");
+        let output = vehicle.outputs[0].clone();
+        vehicle.outputs = vec![output; 33];
+        assert!(OutputMap::new(&vehicle).unwrap_err().to_string().contains("33 outputs"));
         let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
         let input = vehicle.inputs[0].clone();
         vehicle.inputs = vec![input; 9];

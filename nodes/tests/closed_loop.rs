@@ -185,7 +185,7 @@ impl Loop {
 #[test]
 fn each_node_can_leave_and_come_back() {
     let mut config = common::config("restarts", 1_000_000);
-    config.plant.lockstep_timeout_s = 0.01;
+    config.plant.answer_timeout_s = Some(0.01);
     let mut bench = Loop::new(config);
     let flying = |t: &Truth| t.flags == 0;
     bench.until(|t| t.head.step == 50);

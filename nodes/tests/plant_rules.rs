@@ -67,7 +67,7 @@ impl Rig {
 fn config(name: &str) -> NodeConfig {
     let mut config = common::config(name, 1000);
     config.peers.clear();
-    config.plant.lockstep_timeout_s = 0.02;
+    config.plant.answer_timeout_s = Some(0.02);
     config
 }
 

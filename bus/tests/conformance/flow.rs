@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, RecvError, Transport, WaitStrategy};
 use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Progress, Setpoint, Truth,
+    Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint, Truth,
 };
 
 use crate::stage::{PATIENCE, Stage, at, bytes, next, until_heard};
@@ -33,6 +33,7 @@ pub fn every_message_arrives_as_it_was_sent(transport: Transport) {
     let (here, there) = (stage.join("here"), stage.join("there"));
     round_trip::<Imu>(&here, &there);
     round_trip::<Odometry>(&here, &there);
+    round_trip::<Outputs>(&here, &there);
     round_trip::<Estimate>(&here, &there);
     round_trip::<Command>(&here, &there);
     round_trip::<Setpoint>(&here, &there);

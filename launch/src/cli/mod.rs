@@ -201,6 +201,9 @@ pub(crate) struct OverrideArgs {
     /// Seed of every random number.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// In lockstep, longest wait for a command, in seconds or with a unit [default: as long as the nodes live].
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    pub answer_timeout: Option<f64>,
     /// Sets any key of the launch file, for example controller.law=lqr or effects.0.magnitude=3; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,

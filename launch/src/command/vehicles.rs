@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use whirlstand_nodes::signals::check_room;
 use whirlstand_vehicle::{Vehicle, builtin_names, template_names};
 
 use super::vehicle_new::vehicle_new;
@@ -111,6 +112,9 @@ fn check(v: &Vehicle, json: bool) -> Result<(), Failure> {
         |&(re, im): &(f64, f64)| if im == 0.0 { format!("{re:.4}") } else { format!("{re:.4}{im:+.4}i") };
     row("poles", poles.iter().map(pole).collect::<Vec<_>>().join(", "));
     text.push_str(&format!("{}\n", style::good("The vehicle file is valid.")));
+    if let Err(error) = check_room(v) {
+        text.push_str(&format!("{}\n", style::bad(&format!("{error}"))));
+    }
     print(&text)
 }
 
@@ -132,5 +136,6 @@ fn description(v: &Vehicle, poles: &[(f64, f64)]) -> Value {
             "effect": e.kind().name(), "where": e.place(),
             "parameters": e.parameters().collect::<std::collections::BTreeMap<_, _>>() })).collect::<Vec<_>>(),
         "poles": poles,
+        "not_on_bench": check_room(v).err().map(|e| e.to_string()),
     })
 }

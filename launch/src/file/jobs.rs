@@ -86,6 +86,9 @@ fn apply(document: &mut Document, overrides: &OverrideArgs, no_log: bool) -> Res
         })?;
         set(format!("--seed {seed}"), "seed", value.into())?;
     }
+    if let Some(timeout) = overrides.answer_timeout {
+        set(format!("--answer-timeout {timeout}"), "plant.answer_timeout_s", timeout.into())?;
+    }
     if no_log {
         set("--no-log".into(), "recorder.enabled", false.into())?;
     }

@@ -6,7 +6,6 @@ use std::path::Path;
 use whirlstand_bus::ZenohConfig;
 use whirlstand_control::{Selector, Weights};
 use whirlstand_msgs::units::Unit;
-use whirlstand_msgs::{MAX_INPUTS, MAX_STATES};
 use whirlstand_nodes::config::{
     NodeConfig, PlantConfig, RealtimeOptions, RecorderConfig, Role, SignalChange, VehicleSource,
 };
@@ -165,21 +164,14 @@ impl Planner<'_> {
         if !(1.0..1e15).contains(&steps) {
             return fail("duration_s", format!("the run would have {steps} steps; at least one is expected"));
         }
-        let (states, inputs) = (self.vehicle.states.len(), self.vehicle.inputs.len());
-        if states > MAX_STATES || inputs > MAX_INPUTS {
-            return fail(
-                "vehicle",
-                format!(
-                    "{} has {states} states and {inputs} inputs; a bench carries at most {MAX_STATES} and {MAX_INPUTS}",
-                    file.vehicle
-                ),
-            );
+        if let Err(error) = whirlstand_nodes::signals::check_room(&self.vehicle) {
+            return fail("vehicle", error.to_string());
         }
         for (section, key, value) in [
-            ("plant", "lockstep_timeout_s", file.plant.lockstep_timeout_s),
-            ("plant", "recorder_timeout_s", file.plant.recorder_timeout_s),
-            ("plant", "start_timeout_s", Seconds(start_timeout_s(file))),
+            ("plant", "answer_timeout_s", file.plant.answer_timeout_s),
+            ("plant", "start_timeout_s", Some(Seconds(start_timeout_s(file)))),
         ] {
+            let Some(value) = value else { continue };
             self.check_time(at![section, key], value.0)?;
         }
         if file.plant.misses_to_failsafe == 0 {
@@ -268,8 +260,7 @@ impl Planner<'_> {
             engine: section.engine,
             initial,
             misses_to_failsafe: section.misses_to_failsafe,
-            lockstep_timeout_s: section.lockstep_timeout_s.0,
-            recorder_timeout_s: section.recorder_timeout_s.0,
+            answer_timeout_s: section.answer_timeout_s.map(|s| s.0),
             inject: section.inject,
         })
     }

@@ -87,10 +87,8 @@ pub(crate) struct PlantSection {
     pub initial: BTreeMap<String, Amount>,
     /// Consecutive misses until the failsafe.
     pub misses_to_failsafe: u32,
-    /// Longest wall-clock wait for a command in lockstep.
-    pub lockstep_timeout_s: Seconds,
-    /// Longest wall-clock wait for the recorder in lockstep.
-    pub recorder_timeout_s: Seconds,
+    /// Longest wall-clock wait for a command in lockstep; as long as the nodes live unless it is set.
+    pub answer_timeout_s: Option<Seconds>,
     /// Longest wall-clock wait for the other nodes before step 0; 10 s, or 120 s for an autopilot, which has to start
     /// and to be armed.
     pub start_timeout_s: Option<Seconds>,
@@ -105,8 +103,7 @@ impl Default for PlantSection {
             engine: node.engine,
             initial: BTreeMap::new(),
             misses_to_failsafe: node.misses_to_failsafe,
-            lockstep_timeout_s: Seconds(node.lockstep_timeout_s),
-            recorder_timeout_s: Seconds(node.recorder_timeout_s),
+            answer_timeout_s: node.answer_timeout_s.map(Seconds),
             start_timeout_s: None,
             inject: node.inject,
         }

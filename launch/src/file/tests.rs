@@ -85,6 +85,7 @@ fn the_command_line_is_stronger_than_a_variant_and_a_variant_than_the_file() {
     let overrides = OverrideArgs {
         mode: Some(ModeArg::Lockstep),
         transport: Some(TransportArg::Zenoh),
+        answer_timeout: None,
         duration: Some(3.0),
         seed: Some(9),
         set: vec!["plant.engine=off".into()],

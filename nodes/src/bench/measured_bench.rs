@@ -34,7 +34,7 @@ pub(super) fn config(
         peers: vec![Role::Estimator, Role::Controller],
         start_timeout_s: 20.0,
         telemetry: false,
-        plant: PlantConfig { lockstep_timeout_s: 2.0, ..PlantConfig::default() },
+        plant: PlantConfig::default(),
         estimator: EstimatorConfig::default(),
         controller: ControllerConfig::new(LawKind::Lqr),
         recorder: None,

@@ -10,7 +10,7 @@ mod profile;
 use std::time::Instant;
 
 use whirlstand_bus::{Bus, Publisher, Subscriber};
-use whirlstand_msgs::{Command, Estimate, Health, Message, NodeState, Setpoint};
+use whirlstand_msgs::{Command, Estimate, Health, Message, NodeState, Setpoint, flags};
 
 use crate::clock::{Clock, Turn};
 use crate::config::{NodeConfig, Role};
@@ -81,7 +81,8 @@ impl Controller {
         if estimate.count as usize != self.states || estimate.x[..self.states].iter().any(|v| !v.is_finite())
         {
             self.refused += 1;
-            return Ok(());
+            let withheld = Command { head: estimate.head, flags: flags::WITHHELD, ..Command::zeroed() };
+            return Ok(self.commands.send(&withheld)?);
         }
         match self.last {
             Some(last) if step == last.head.step => return Ok(self.commands.send_again(&last)?),

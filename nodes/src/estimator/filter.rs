@@ -1,13 +1,13 @@
 //! The Kalman filter, wired to the vehicle's sensors.
 
 use whirlstand_control::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, SampledPlant, Sensors};
-use whirlstand_msgs::{Estimate, Head, Imu, MAX_INPUTS, Message, Odometry, flags};
+use whirlstand_msgs::{Estimate, Head, MAX_INPUTS, MAX_OUTPUTS, Message, flags};
 use whirlstand_vehicle::{Engine, Output, Vehicle};
 
 use crate::config::NodeConfig;
 use crate::error::NodeError;
 use crate::setup::Setup;
-use crate::signals::OutputMap;
+use crate::signals::{Measurement, OutputMap};
 
 /// Noise that the filter assumes of a sensor that declares none, in SI units: small against every sensor that
 /// flies, and large enough for the arithmetic.
@@ -62,7 +62,7 @@ impl Filter {
 
     /// A step without a measurement.
     pub(super) fn predict(&mut self, u_before: &[f64; MAX_INPUTS]) {
-        let y = [0.0; OutputMap::MAX_OUTPUTS];
+        let y = [0.0; MAX_OUTPUTS];
         let u = &u_before[..self.inputs];
         self.estimator.step(&y[..self.outputs], 0, u, u);
     }
@@ -70,15 +70,14 @@ impl Filter {
     /// A step with a measurement; false when a value in it could not be used.
     pub(super) fn step(
         &mut self,
-        imu: &Imu,
-        odometry: Option<&Odometry>,
+        measurement: &Measurement,
         u_before: &[f64; MAX_INPUTS],
         u_now: &[f64; MAX_INPUTS],
     ) -> bool {
-        let mut y = [0.0; OutputMap::MAX_OUTPUTS];
-        let mut fresh = [false; OutputMap::MAX_OUTPUTS];
+        let mut y = [0.0; MAX_OUTPUTS];
+        let mut fresh = [false; MAX_OUTPUTS];
         let (y, fresh) = (&mut y[..self.outputs], &mut fresh[..self.outputs]);
-        let clean = self.map.read(imu, odometry, y, fresh);
+        let clean = self.map.read(measurement, y, fresh);
         let valid = fresh.iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
         self.estimator.step(y, valid, &u_before[..self.inputs], &u_now[..self.inputs]);
         clean

@@ -2,19 +2,21 @@
 //!
 //! For `Imu` j the filter predicts with the inputs that were in force over `[t_j-1, t_j)`, which is command j-2
 //! under the same rule that the plant obeys ([`Gate`]), and then takes the fresh measurements in. A measurement
-//! whose companions are still on their way over another link (the command, or the `Odometry` of the same step)
-//! waits for them, for a bounded time.
+//! whose companions are still on their way over another link (the command, or `Odometry` and `Outputs` of the same step)
+//! waits for them: in realtime for a bounded time, in lockstep until they come, or until the plant has said with a
+//! measurement that it missed the command as well.
 //!
 //! It can join at any step: the first measurement that it hears starts the filter. Steps that go back mean that
 //! the plant was restarted, and start it anew; a repeated step is answered with the same estimate again.
 
+mod companion;
 mod filter;
 mod history;
 
 use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, Publisher, Subscriber};
-use whirlstand_msgs::{Command, Estimate, Health, Imu, MAX_INPUTS, NodeState, Odometry};
+use whirlstand_msgs::{Command, Estimate, Health, Imu, MAX_INPUTS, NodeState, Odometry, Outputs, flags};
 
 use crate::clock::{Clock, Turn};
 use crate::config::{Mode, NodeConfig, Role};
@@ -24,6 +26,8 @@ use crate::gate::Gate;
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
+use crate::signals::Measurement;
+use companion::Companion;
 use filter::Filter;
 pub use filter::filter_of;
 use history::{History, LONGEST_GAP};
@@ -31,13 +35,14 @@ use history::{History, LONGEST_GAP};
 /// Queue for measurements and commands.
 const DEPTH: usize = 64;
 
-/// Longest wait in lockstep for what belongs to a measurement and has not come yet.
-const COMPANIONS: Duration = Duration::from_millis(50);
+/// Longest wait in lockstep for the command of a foreign program, of which nobody hears whether it lives.
+const FOREIGN_COMMAND: Duration = Duration::from_secs(2);
 
 /// The estimator as a state machine.
 pub struct Estimator {
     imus: Subscriber<Imu>,
-    odometries: Option<Subscriber<Odometry>>,
+    odometry: Companion<Odometry>,
+    outputs: Companion<Outputs>,
     commands: Subscriber<Command>,
     estimates: Publisher<Estimate>,
     peers: Peers,
@@ -48,9 +53,14 @@ pub struct Estimator {
     lockstep: bool,
     /// The command that measurement j needs is j minus this.
     lag: u64,
-    companions: Duration,
+    /// Longest wait for what belongs to a measurement and has not come yet; none in lockstep, where it comes as long
+    /// as the process lives that sends it.
+    companions: Option<Duration>,
+    /// The process that would have sent what the pending measurement waits for is another now.
+    orphaned: bool,
+    /// Flags of the measurement that was answered last.
+    imu_flags: u32,
     pending: Option<(Imu, Instant)>,
-    odometry: Option<Odometry>,
     last: Option<Estimate>,
     steps: u64,
     refused: u64,
@@ -68,10 +78,10 @@ impl Estimator {
             .into_iter()
             .filter(|&r| r == Role::Plant || config.peers.contains(&r))
             .collect();
-        let odometries = if setup.map.has_odometry() { Some(bus.subscriber(DEPTH)?) } else { None };
         Ok(Self {
             imus: bus.subscriber(DEPTH)?,
-            odometries,
+            odometry: Companion::open(bus, setup.map.has_odometry(), DEPTH)?,
+            outputs: Companion::open(bus, setup.map.has_outputs(), DEPTH)?,
             commands: bus.subscriber(DEPTH)?,
             estimates: bus.publisher()?,
             peers: Peers::open(bus, Role::Estimator, listens_to)?,
@@ -82,11 +92,13 @@ impl Estimator {
             gate,
             lockstep: config.mode == Mode::Lockstep,
             companions: match config.mode {
-                Mode::Lockstep => COMPANIONS,
-                Mode::Realtime => Duration::from_nanos(config.period_ns / 4),
+                Mode::Lockstep if config.peers.contains(&Role::Controller) => None,
+                Mode::Lockstep => Some(FOREIGN_COMMAND),
+                Mode::Realtime => Some(Duration::from_nanos(config.period_ns / 4)),
             },
+            orphaned: false,
+            imu_flags: 0,
             pending: None,
-            odometry: None,
             last: None,
             steps: 0,
             refused: 0,
@@ -100,26 +112,25 @@ impl Estimator {
         Ok(())
     }
 
-    fn take_odometry(&mut self, step: u64) -> Result<(), NodeError> {
-        if let Some(odometries) = &mut self.odometries {
-            // Odometry of later steps stays in the queue until its measurement is looked at.
-            while self.odometry.is_none_or(|o| o.head.step < step) {
-                let Some(odometry) = receive(odometries, &mut self.refused)? else { break };
-                self.odometry = Some(odometry);
-            }
-        }
-        Ok(())
-    }
-
     fn is_complete(&self, imu: &Imu) -> bool {
         let step = imu.head.step;
         let follows = self.last.as_ref().is_some_and(|l| l.head.step + 1 == step);
         // After a miss commands are not coming, and waiting for each would make the next answers late as well.
         let command = !follows
-            || self.gate.applied().flags & whirlstand_msgs::flags::HELD != 0
+            || self.is_missed(imu)
             || step.checked_sub(self.lag).is_none_or(|needed| self.history.get(needed).is_some());
-        let odometry = self.odometries.is_none() || self.odometry.is_some_and(|o| o.head.step >= step);
-        command && odometry
+        command && self.odometry.has_reached(step) && self.outputs.has_reached(step)
+    }
+
+    /// Whether no command is coming for the step that `imu` needs. In lockstep the plant has said so with the
+    /// measurement at which that command would have come into force.
+    fn is_missed(&self, imu: &Imu) -> bool {
+        let flags = match (self.lockstep, self.lag) {
+            (true, 1) => imu.flags,
+            (true, _) => self.imu_flags,
+            (false, _) => self.gate.applied().flags,
+        };
+        flags & flags::HELD != 0
     }
 
     fn answer(&mut self, imu: &Imu) -> Result<(), NodeError> {
@@ -151,8 +162,9 @@ impl Estimator {
         }
         let u_before = self.gate.applied().u;
         let u_now = if self.filter.has_feedthrough() { self.u_now(step) } else { u_before };
-        let odometry = self.odometry.filter(|o| o.head.step == step);
-        let clean = self.filter.step(imu, odometry.as_ref(), &u_before, &u_now);
+        let measurement =
+            Measurement { imu: *imu, odometry: self.odometry.at(step), outputs: self.outputs.at(step) };
+        let clean = self.filter.step(&measurement, &u_before, &u_now);
         self.refused += u64::from(!clean);
         let estimate = self.last.insert(self.filter.estimate(imu.head));
         self.estimates.send(estimate)?;
@@ -195,7 +207,7 @@ impl Estimator {
         report.head.step = self.last.map_or(0, |l| l.head.step);
         report.steps = self.steps;
         report.deadline_misses = 0;
-        report.lost = [self.commands.lost(), self.odometries.as_ref().map_or(0, Subscriber::lost)]
+        report.lost = [self.commands.lost(), self.odometry.lost(), self.outputs.lost()]
             .into_iter()
             .fold(self.imus.lost(), u64::saturating_add);
         report.rejected = self.refused;
@@ -217,15 +229,20 @@ impl Follower for Estimator {
                 }
             },
         };
-        self.take_odometry(imu.head.step)?;
+        self.odometry.take(imu.head.step, &mut self.refused)?;
+        self.outputs.take(imu.head.step, &mut self.refused)?;
         if !self.is_complete(&imu) {
             self.take_commands()?;
-            if !self.is_complete(&imu) && clock.now().saturating_duration_since(since) < self.companions {
+            let waited = clock.now().saturating_duration_since(since);
+            let patient = !self.orphaned && self.companions.is_none_or(|longest| waited < longest);
+            if patient && !self.is_complete(&imu) {
                 self.pending = Some((imu, since));
                 return Ok(Turn::Idle);
             }
         }
         self.answer(&imu)?;
+        self.imu_flags = imu.flags;
+        self.orphaned = false;
         if clock.is_exact() {
             self.peers.record_latency(clock.now().saturating_duration_since(since));
         }
@@ -234,12 +251,18 @@ impl Follower for Estimator {
 
     fn housekeeping(&mut self, now: Instant) -> Result<(), NodeError> {
         self.count();
-        self.peers.turn(now)
+        self.peers.turn(now)?;
+        let replaced = [Role::Plant, Role::Controller].map(|role| self.peers.take_replaced(role));
+        self.orphaned |= self.pending.is_some() && replaced.contains(&true);
+        Ok(())
     }
 
     fn wake_at(&self) -> Instant {
         let due = self.peers.due();
-        self.pending.map_or(due, |(_, since)| due.min(since + self.companions))
+        match (self.pending, self.companions) {
+            (Some((_, since)), Some(longest)) => due.min(since + longest),
+            _ => due,
+        }
     }
 
     fn is_due(&self, now: Instant) -> bool {

@@ -31,6 +31,16 @@ const COMMAND_DEPTH: usize = 16;
 /// First repetition of an unanswered step 0, and all later ones.
 const REPEAT: Duration = Duration::from_millis(200);
 
+/// After this time without an answer a lockstep plant sends its measurement again: a program that was started again
+/// has not heard it, and one that has answers with the same command again.
+const REPEAT_IN_LOOP: Duration = Duration::from_secs(1);
+
+/// Time between two lines that tell whom a lockstep plant waits for.
+const TELL: Duration = Duration::from_secs(5);
+
+/// Longest wait for the last command when the run is ended before its last step.
+const LAST_COMMAND: Duration = Duration::from_millis(250);
+
 /// Longest latency told apart; longer ones count as this.
 const LONGEST_LATENCY_NS: u64 = 60_000_000_000;
 
@@ -42,8 +52,8 @@ enum Phase {
     Answering { until: Instant, repeat: Instant },
     /// In the loop.
     Looping,
-    /// The last step is out; its command completes the log.
-    Ending { until: Instant },
+    /// The last step is out; its command completes the log. A lockstep plant that was not asked to end waits for it.
+    Ending { until: Option<Instant> },
     /// Over.
     Ended,
 }
@@ -53,7 +63,8 @@ pub struct Plant {
     mode: Mode,
     period_ns: u64,
     steps: u64,
-    lockstep_timeout: Duration,
+    /// Longest wait for an answer in lockstep, where one was asked for.
+    answer_timeout: Option<Duration>,
     start_timeout: Duration,
     simulation: Simulation,
     gate: Gate,
@@ -65,6 +76,9 @@ pub struct Plant {
     step: u64,
     /// When the last step was published.
     published: Instant,
+    /// When it was published last, with its repetitions, and when somebody was told of the wait.
+    repeated: Instant,
+    told: Instant,
     /// The awaited command has been noticed.
     answered: bool,
     /// Bench time 0 of a realtime run.
@@ -89,11 +103,7 @@ impl Plant {
     pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let plant = &config.plant;
         let recorder = config.recorder.is_some() && config.mode == Mode::Lockstep;
-        let pace = if recorder {
-            Some(Pace::open(bus, Duration::from_secs_f64(plant.recorder_timeout_s))?)
-        } else {
-            None
-        };
+        let pace = if recorder { Some(Pace::open(bus)?) } else { None };
         let commands = bus.subscriber(COMMAND_DEPTH)?;
         let simulation = Simulation::open(bus, config, setup)?;
         let mut listens_to = config.peers.clone();
@@ -107,7 +117,7 @@ impl Plant {
             mode: config.mode,
             period_ns: config.period_ns,
             steps: config.steps,
-            lockstep_timeout: Duration::from_secs_f64(plant.lockstep_timeout_s),
+            answer_timeout: plant.answer_timeout_s.map(Duration::from_secs_f64),
             start_timeout,
             simulation,
             gate: Gate::new(setup.limits, plant.misses_to_failsafe),
@@ -117,6 +127,8 @@ impl Plant {
             phase: Phase::Joining { until: now + start_timeout },
             step: 0,
             published: now,
+            repeated: now,
+            told: now,
             answered: false,
             origin: MonotonicTime(0),
             overruns: 0,
@@ -153,8 +165,9 @@ impl Plant {
     pub fn wake_at(&self) -> Instant {
         let due = self.peers.due();
         match self.phase {
-            Phase::Looping => due.min(self.published + self.lockstep_timeout),
-            Phase::Joining { until } | Phase::Ending { until } => due.min(until),
+            Phase::Looping => self.answer_timeout.map_or(due, |longest| due.min(self.published + longest)),
+            Phase::Joining { until } => due.min(until),
+            Phase::Ending { until } => until.map_or(due, |until| due.min(until)),
             Phase::Answering { until, repeat } => due.min(until).min(repeat),
             Phase::Ended => due,
         }
@@ -187,8 +200,9 @@ impl Plant {
     pub fn stop(&mut self) {
         self.phase = match self.phase {
             Phase::Looping | Phase::Answering { .. } if self.step > 0 => {
-                Phase::Ending { until: self.published + self.lockstep_timeout }
+                Phase::Ending { until: Some(self.published + LAST_COMMAND) }
             }
+            Phase::Ending { until: None } => Phase::Ending { until: Some(Instant::now() + LAST_COMMAND) },
             Phase::Ending { .. } => return,
             _ => Phase::Ended,
         };
@@ -231,6 +245,7 @@ impl Plant {
             return Ok(Turn::Worked);
         }
         if now < until {
+            self.tell_wait(now);
             return Ok(Turn::Idle);
         }
         let missing = self.peers.not_running().collect();
@@ -260,6 +275,7 @@ impl Plant {
             return Err(NodeError::NoAnswer { waited_s: self.start_timeout.as_secs_f64(), rejected });
         }
         if now >= repeat {
+            self.tell_wait(now);
             self.simulation.repeat_measurement()?;
             self.phase = Phase::Answering { until, repeat: now + REPEAT };
         }
@@ -274,26 +290,82 @@ impl Plant {
             return Ok(if self.answered && !had { Turn::Worked } else { Turn::Idle });
         }
         let now = clock.now();
-        if !self.gate.is_ready() && now < self.published + self.lockstep_timeout {
-            self.housekeeping(now)?;
+        self.housekeeping(now)?;
+        if !self.is_settled(now) {
+            self.wait_on(now)?;
             return Ok(Turn::Idle);
         }
-        if let Some(pace) = &mut self.pace
-            && !pace.may_go_on(self.step, now)?
-        {
-            self.housekeeping(now)?;
-            return Ok(Turn::Idle);
+        if let Some(pace) = &mut self.pace {
+            if self.peers.take_replaced(Role::Recorder) {
+                pace.forget();
+            }
+            if !pace.may_go_on(self.step)? {
+                self.tell_wait(now);
+                return Ok(Turn::Idle);
+            }
         }
         self.advance(clock, true)?;
-        self.housekeeping(now)?;
         Ok(Turn::Worked)
     }
 
-    fn end(&mut self, clock: &mut Clock, until: Instant) -> Result<Turn, NodeError> {
+    /// Whether the present step can be closed in lockstep: it was answered, or it will not be, because the process
+    /// that was asked is another now. A wall clock decides only where somebody asked for it.
+    fn is_settled(&mut self, now: Instant) -> bool {
+        let replaced = [Role::Estimator, Role::Controller].map(|role| self.peers.take_replaced(role));
+        self.gate.is_answered()
+            || replaced.contains(&true)
+            || self.answer_timeout.is_some_and(|longest| now >= self.published + longest)
+    }
+
+    /// Asks again, and says whom the plant waits for.
+    fn wait_on(&mut self, now: Instant) -> Result<(), NodeError> {
+        if now >= self.repeated + REPEAT_IN_LOOP {
+            self.repeated = now;
+            self.simulation.repeat_measurement()?;
+        }
+        self.tell_wait(now);
+        Ok(())
+    }
+
+    /// Says every few seconds whom the plant waits for.
+    fn tell_wait(&mut self, now: Instant) {
+        if now < self.told.max(self.published) + TELL {
+            return;
+        }
+        self.told = now;
+        let waited_s = now.duration_since(self.published).as_secs();
+        let whom = self.awaited();
+        let step = self.step.saturating_sub(1);
+        tracing::warn!(step, "waiting for {whom} for {waited_s} s; the bench stands still meanwhile");
+    }
+
+    fn awaited(&self) -> String {
+        if matches!(self.phase, Phase::Joining { .. }) {
+            let missing: Vec<_> = self.peers.not_running().map(Role::name).collect();
+            return format!("the {}", missing.join(" and the "));
+        }
+        let step = self.step.saturating_sub(1);
+        let behind = |role: Role| self.peers.health(role).is_some_and(|peer| peer.step < step);
+        let whom = if self.gate.is_answered() {
+            "the recorder to catch up"
+        } else if behind(Role::Estimator) {
+            "the estimator"
+        } else if behind(Role::Controller) {
+            "the controller"
+        } else {
+            "a command"
+        };
+        whom.into()
+    }
+
+    fn end(&mut self, clock: &mut Clock, until: Option<Instant>) -> Result<Turn, NodeError> {
         self.take_commands(clock)?;
         let now = clock.now();
-        if !self.gate.is_ready() && now < until {
-            self.housekeeping(now)?;
+        self.housekeeping(now)?;
+        if !self.is_settled(now) && until.is_none_or(|until| now < until) {
+            if self.mode == Mode::Lockstep {
+                self.wait_on(now)?;
+            }
             return Ok(Turn::Idle);
         }
         self.looped = self.began.map_or(Duration::ZERO, |t| t.elapsed());
@@ -304,7 +376,8 @@ impl Plant {
     }
 
     fn begin_ending(&mut self) -> Result<Turn, NodeError> {
-        self.phase = Phase::Ending { until: self.published + self.lockstep_timeout };
+        let until = (self.mode == Mode::Realtime).then_some(self.published + LAST_COMMAND);
+        self.phase = Phase::Ending { until };
         Ok(Turn::Worked)
     }
 
@@ -333,6 +406,7 @@ impl Plant {
         self.answered = false;
         self.simulation.publish(self.step, &applied)?;
         self.published = clock.now();
+        self.repeated = self.published;
         self.simulation.integrate();
         self.step += 1;
         if self.gate.in_failsafe() != self.was_failsafe {

@@ -1,7 +1,5 @@
 //! Flow control: a lockstep plant does not run away from the recorder.
 
-use std::time::{Duration, Instant};
-
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Message, Progress};
 
@@ -19,26 +17,23 @@ const POLL_STEPS: u64 = WINDOW / 4;
 /// Keeps count of how far the recorder has come.
 pub(super) struct Pace {
     progress: Subscriber<Progress>,
-    patience: Duration,
     recorded: u64,
+    /// Nobody waits for a recorder that was replaced until the new one says something.
     present: bool,
-    waiting_since: Option<Instant>,
 }
 
 impl Pace {
-    pub(super) fn open(bus: &Bus, patience: Duration) -> Result<Self, NodeError> {
-        Ok(Self {
-            progress: bus.subscriber(QUEUE_DEPTH)?,
-            patience,
-            recorded: 0,
-            present: true,
-            waiting_since: None,
-        })
+    pub(super) fn open(bus: &Bus) -> Result<Self, NodeError> {
+        Ok(Self { progress: bus.subscriber(QUEUE_DEPTH)?, recorded: 0, present: true })
     }
 
-    /// Whether step `step` may be published now. After waiting in vain the recorder counts as absent, and
-    /// nobody waits for it until it says something again.
-    pub(super) fn may_go_on(&mut self, step: u64, now: Instant) -> Result<bool, NodeError> {
+    /// The recorder is another process now; what was on its way to the one before is lost.
+    pub(super) fn forget(&mut self) {
+        self.present = false;
+    }
+
+    /// Whether step `step` may be published now: a recorder that lives has room for it.
+    pub(super) fn may_go_on(&mut self, step: u64) -> Result<bool, NodeError> {
         if step.saturating_sub(self.recorded) < POLL_STEPS {
             return Ok(true);
         }
@@ -48,16 +43,6 @@ impl Pace {
             self.recorded = if p.written == 0 { step } else { p.head().step };
             self.present = true;
         }
-        if !self.present || step.saturating_sub(self.recorded) <= WINDOW {
-            self.waiting_since = None;
-            return Ok(true);
-        }
-        if now.duration_since(*self.waiting_since.get_or_insert(now)) < self.patience {
-            return Ok(false);
-        }
-        self.present = false;
-        self.waiting_since = None;
-        tracing::warn!(step, recorded = self.recorded, "the recorder does not keep up; going on without it");
-        Ok(true)
+        Ok(!self.present || step.saturating_sub(self.recorded) <= WINDOW)
     }
 }

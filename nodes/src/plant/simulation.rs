@@ -1,7 +1,7 @@
 //! The simulated vehicle and what it publishes.
 
 use whirlstand_bus::{Bus, Publisher, Subscriber};
-use whirlstand_msgs::{Disturbance, Head, Imu, MAX_STATES, Message, Odometry, Truth};
+use whirlstand_msgs::{Disturbance, Head, Imu, MAX_OUTPUTS, MAX_STATES, Message, Odometry, Outputs, Truth};
 use whirlstand_vehicle::Simulator;
 
 use crate::config::NodeConfig;
@@ -9,7 +9,7 @@ use crate::error::NodeError;
 use crate::gate::Applied;
 use crate::ports::receive;
 use crate::setup::Setup;
-use crate::signals::OutputMap;
+use crate::signals::{Measurement, OutputMap};
 
 /// Queue for disturbances from outside.
 const INJECT_DEPTH: usize = 16;
@@ -26,6 +26,7 @@ pub(super) struct Simulation {
     period_ns: u64,
     imu: Publisher<Imu>,
     odometry: Option<Publisher<Odometry>>,
+    numbered: Option<Publisher<Outputs>>,
     truth: Publisher<Truth>,
     disturbance: Publisher<Disturbance>,
     /// Truth and disturbance are wanted by somebody.
@@ -35,9 +36,10 @@ pub(super) struct Simulation {
     injected: [f64; MAX_STATES],
     published: Option<[f64; MAX_STATES]>,
     /// Of the present step, measured already unless the input of the same moment shows in it.
-    measured: Option<(Imu, Odometry)>,
+    measured: Option<Measurement>,
     feedthrough: bool,
-    last_imu: Imu,
+    /// What was published last.
+    last: Measurement,
     refused: u64,
     /// The vehicle's name, and names and bounds of its states.
     vehicle: String,
@@ -71,6 +73,7 @@ impl Simulation {
         let inject =
             if config.plant.inject { Some(bus.subscriber_on(INJECT_TOPIC, INJECT_DEPTH)?) } else { None };
         let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
+        let numbered = if setup.map.has_outputs() { Some(bus.publisher()?) } else { None };
         Ok(Self {
             simulator,
             map: setup.map.clone(),
@@ -80,6 +83,7 @@ impl Simulation {
             period_ns: config.period_ns,
             imu: bus.publisher()?,
             odometry,
+            numbered,
             truth: bus.publisher()?,
             disturbance: bus.publisher()?,
             telemetry: config.telemetry,
@@ -89,7 +93,7 @@ impl Simulation {
             published: None,
             measured: None,
             feedthrough: vehicle.d.iter().any(|v| *v != 0.0),
-            last_imu: Imu::zeroed(),
+            last: Measurement::zeroed(),
             refused: 0,
             bounds: vehicle.state_bounds(&x),
             names: vehicle.states.into_iter().map(|s| s.name).collect(),
@@ -105,31 +109,35 @@ impl Simulation {
         if self.telemetry {
             self.publish_truth(head, applied.flags)?;
         }
-        let (mut imu, mut odometry) = match self.measured.take() {
-            Some(measured) => measured,
-            None => self.measure(),
-        };
-        (imu.head, odometry.head) = (head, head);
+        let mut measured = self.measured.take().unwrap_or_else(|| self.measure());
+        measured.set_head(head);
+        measured.imu.flags = applied.flags;
+        self.last = measured;
         if let Some(publisher) = &mut self.odometry {
-            publisher.send(&odometry)?;
+            publisher.send(&measured.odometry)?;
         }
-        self.imu.send(&imu)?;
-        self.last_imu = imu;
-        Ok(())
+        if let Some(publisher) = &mut self.numbered {
+            publisher.send(&measured.outputs)?;
+        }
+        Ok(self.imu.send(&measured.imu)?)
     }
 
-    fn measure(&mut self) -> (Imu, Odometry) {
-        let (mut imu, mut odometry) = (Imu::zeroed(), Odometry::zeroed());
-        let mut y = [0.0; OutputMap::MAX_OUTPUTS];
+    fn measure(&mut self) -> Measurement {
+        let mut y = [0.0; MAX_OUTPUTS];
         let y = &mut y[..self.outputs];
         y.copy_from_slice(self.simulator.measure());
-        self.map.fill(y, self.simulator.fresh(), &mut imu, &mut odometry);
-        (imu, odometry)
+        self.map.fill(y, self.simulator.fresh())
     }
 
-    /// Publishes the last measurement again, for a peer that was not there yet.
+    /// Publishes the last measurement again, for a peer that was not there yet, or whose answer was lost with it.
     pub(super) fn repeat_measurement(&mut self) -> Result<(), NodeError> {
-        Ok(self.imu.send_again(&self.last_imu)?)
+        if let Some(publisher) = &mut self.odometry {
+            publisher.send_again(&self.last.odometry)?;
+        }
+        if let Some(publisher) = &mut self.numbered {
+            publisher.send_again(&self.last.outputs)?;
+        }
+        Ok(self.imu.send_again(&self.last.imu)?)
     }
 
     /// Advances the vehicle by one period, and measures while the others work where the next input cannot show.

@@ -2,7 +2,7 @@
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_logs::{Channel, LogWriter};
-use whirlstand_msgs::{Command, Disturbance, Estimate, Imu, Message, Odometry, Setpoint, Truth};
+use whirlstand_msgs::{Command, Disturbance, Estimate, Imu, Message, Odometry, Outputs, Setpoint, Truth};
 
 use crate::error::NodeError;
 use crate::ports::receive;

@@ -23,7 +23,7 @@ use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Begin, Event, Par
 use whirlstand_bridge::mixer::Mixer;
 use whirlstand_bridge::sensors::{SensorModel, Sensors, StateMap};
 use whirlstand_bus::{Bus, Publisher};
-use whirlstand_msgs::{Command, Health, Message, NodeState, Setpoint};
+use whirlstand_msgs::{Command, Head, Health, Message, NodeState, Setpoint, flags};
 
 use crate::clock::{Clock, Turn};
 use crate::config::{Mode, NodeConfig, Role};
@@ -256,14 +256,14 @@ impl Hil {
                 None => tracing::warn!(step, "{} flies again", self.name),
             }
         }
+        let head = Head { seq: 0, step, stamp_ns: step * self.period.as_nanos() as u64 };
         if let Err(fault) = verdict
             && fault != Fault::Disarmed
         {
-            return Ok(());
+            let withheld = Command { head, flags: flags::WITHHELD, ..Command::zeroed() };
+            return Ok(self.commands.send(&withheld)?);
         }
-        let mut command = Command { count: count as u32, u, ..Command::zeroed() };
-        command.head.step = step;
-        command.head.stamp_ns = step * self.period.as_nanos() as u64;
+        let command = Command { head, count: count as u32, u, ..Command::zeroed() };
         self.commands.send(&command)?;
         let mut setpoint = Setpoint::zeroed();
         setpoint.head = command.head;

@@ -86,6 +86,6 @@ fn apply(shared: &mut SharedVehicle, command: &Command) {
             shared.vehicle.command(&[f64::NAN], now);
             shared.flush();
         }
-        Err(Fault::WrongCount | Fault::Stale | Fault::Early | Fault::Repeated) => {}
+        Err(Fault::WrongCount | Fault::Stale | Fault::Early | Fault::Repeated | Fault::Withheld) => {}
     }
 }

@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use whirlstand_bridge::channels::Input;
 use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bridge::mavlink::Signing;
-use whirlstand_bridge::vehicle::{Bench, Vehicle};
+use whirlstand_bridge::vehicle::{Bench, FIELDS, Vehicle};
 
 use super::requirements::read_key;
 use crate::config::NodeConfig;
@@ -33,6 +33,14 @@ pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -
         }
         None => None,
     };
+    if let Some(output) = setup.vehicle.outputs.iter().find(|o| !FIELDS.contains(&o.name.as_str())) {
+        let reason = format!(
+            "a bridge reads no output \"{}\" from a vehicle; it can carry {}",
+            output.name,
+            FIELDS.join(", ")
+        );
+        return Err(NodeError::NotOnBus { vehicle: setup.vehicle.name.clone(), reason });
+    }
     let bench = Bench {
         inputs: inputs_of(&setup.vehicle),
         rate_hz: 1e9 / config.period_ns as f64,

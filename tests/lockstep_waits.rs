@@ -1,0 +1,90 @@
+//! Lockstep knows no wall clock: a bench whose nodes stand still for as long as it pleases flies the same flight.
+
+mod support;
+
+use std::path::Path;
+
+use support::bench::{all_ready, ready, signal};
+use support::{json, run, spawn, whirlstand};
+use whirlstand_test_harness::undisturbed;
+
+/// Long enough that every node can be stopped within it.
+const DURATION_S: &str = "200";
+
+fn flight<'a>(out: &'a str, transport: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    // A node that stands still says nothing of its health, and would be killed for it.
+    let patient = [
+        "nodes.plant.hang_timeout_s=100",
+        "nodes.estimator.hang_timeout_s=100",
+        "nodes.controller.hang_timeout_s=100",
+        "nodes.recorder.hang_timeout_s=100",
+    ];
+    let set = patient.into_iter().flat_map(|key| ["--set", key]);
+    [
+        "run",
+        "quadrotor",
+        "--mode",
+        "lockstep",
+        "--duration",
+        DURATION_S,
+        "--transport",
+        transport,
+        "--out",
+        out,
+    ]
+    .into_iter()
+    .chain(set)
+    .chain(more.iter().copied())
+    .collect()
+}
+
+#[track_caller]
+fn assert_same(a: &Path, b: &Path) {
+    let diff = run(["log".as_ref(), "diff".as_ref(), a.as_os_str(), b.as_os_str()]);
+    assert_eq!(diff.code(), 0, "{}\n{}", diff.stdout, diff.stderr);
+}
+
+#[test]
+fn nodes_that_stand_still_change_nothing() {
+    undisturbed(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name).to_str().expect("utf-8 path").to_string();
+        let reference = path("reference");
+        run(flight(&reference, "inproc", &[])).success();
+        for transport in ["iceoryx2", "zenoh"] {
+            let out = path(transport);
+            let told = ["--log-level", "debug"];
+            let mut bench = spawn(whirlstand(flight(&out, transport, &told)));
+            let nodes = ["estimator", "controller", "recorder"];
+            for (node, pid) in nodes.into_iter().zip(all_ready(&mut bench, nodes)) {
+                signal(pid, libc::SIGSTOP);
+                bench.wait_for_stderr(&format!("waiting for the {node}"));
+                signal(pid, libc::SIGCONT);
+            }
+            bench.finish().success();
+            let timing = &json(dir.path().join(transport).join("summary.json"))["timing"];
+            assert_eq!((&timing["deadline_misses"], &timing["lost"]), (&0.into(), &0.into()), "{timing}");
+            assert_same(&Path::new(&reference).join("log.mcap"), &Path::new(&out).join("log.mcap"));
+        }
+    });
+}
+
+#[test]
+fn an_answer_timeout_is_for_those_who_ask_for_one() {
+    undisturbed(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().to_str().expect("utf-8 path");
+        let args =
+            ["run", "quadrotor", "--no-log", "--mode", "lockstep", "--duration", "1000 h", "--out", out];
+        let more = ["--answer-timeout", "100 ms", "--log-level", "debug"];
+        let mut bench = spawn(whirlstand(args.into_iter().chain(more)));
+        let pid = ready(&mut bench, "controller");
+        bench.wait_for_stderr("steps/s");
+        signal(pid, libc::SIGSTOP);
+        bench.wait_for_stderr("FAILSAFE");
+        signal(pid, libc::SIGCONT);
+        bench.wait_for_stderr("failsafe over");
+        bench.signal(libc::SIGTERM);
+        assert_eq!(bench.finish().code(), 143);
+    });
+}
