@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crossbeam_queue::ArrayQueue;
+use serde_json::Value;
 use whirlstand_msgs::{Message, decode, encode};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;

@@ -3,9 +3,9 @@
 // Every test file compiles this module for itself and uses its own part of it.
 #![allow(dead_code, reason = "shared by test files that each use a part")]
 
+pub mod bench;
 pub mod flight;
 pub mod flood;
-pub mod bench;
 pub mod foreign;
 pub mod relay;
 

@@ -164,7 +164,7 @@ impl Planner<'_> {
         if !(1.0..1e15).contains(&steps) {
             return fail("duration_s", format!("the run would have {steps} steps; at least one is expected"));
         }
-        if let Err(error) = whirlstand_nodes::signals::check_room(&self.vehicle) {
+        if let Err(error) = whirlstand_nodes::signals::check_room(self.vehicle) {
             return fail("vehicle", error.to_string());
         }
         for (section, key, value) in [

@@ -1,6 +1,5 @@
 //! One run of one bench: in this process, or as processes under the supervisor.
 
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use whirlstand_bus::Transport;

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use whirlstand_bus::{
-    Bus, BusConfig, LauncherToken, Subscriber, Transport, WaitStrategy, ZenohConfig, over_tls, zenoh_configuration,
+    Bus, BusConfig, LauncherToken, Subscriber, Transport, WaitStrategy, ZenohConfig, over_tls,
+    zenoh_configuration,
 };
 use whirlstand_msgs::Health;
 use whirlstand_nodes::config::{Mode, Role};
@@ -62,7 +63,8 @@ impl Listener {
         let bus = Bus::open(&own).map_err(Failure::mend)?;
         let token = bus.announce_launcher().map_err(Failure::mend)?;
         let health = bus.subscriber::<Health>(256).map_err(Failure::mend)?;
-        let listener = Self { _token: token, bus, health, bench: config.bench.clone(), folder, refused: false };
+        let listener =
+            Self { _token: token, bus, health, bench: config.bench.clone(), folder, refused: false };
         if let Some(folder) = &listener.folder {
             folder.update(&listener.locators())?;
         }
