@@ -5,6 +5,7 @@ use whirlstand_msgs::{
     valid,
 };
 
+use crate::hole::Hole;
 use crate::log::Log;
 use crate::read_error::ReadError;
 use crate::stream::{LogStream, RawMessage};
@@ -40,6 +41,14 @@ macro_rules! bench_message {
         }
 
         impl BenchMessage {
+            /// Bench time of the message, ns; `None` for health, which carries the wall clock's.
+            pub fn bench_ns(&self) -> Option<u64> {
+                match self {
+                    $(Self::$message(m) => Some(m.head.stamp_ns),)*
+                    Self::Health(_) => None,
+                }
+            }
+
             /// The message as its type; `None` when no bench records its topic.
             fn decode(raw: &RawMessage<'_>) -> Result<Option<Self>, ReadError> {
                 Ok(match raw.topic.name.strip_prefix('/') {
@@ -66,6 +75,13 @@ impl Log {
     /// [`ReadError::Io`] when the file has gone since.
     pub fn bench_messages(&self) -> Result<BenchMessages, ReadError> {
         Ok(BenchMessages { stream: self.stream()? })
+    }
+}
+
+impl BenchMessages {
+    /// What could not be written, as the files read so far say.
+    pub fn holes(&self) -> Vec<Hole> {
+        self.stream.holes().collect()
     }
 }
 

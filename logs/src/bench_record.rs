@@ -41,43 +41,66 @@ pub enum BenchRecordError {
 struct Group {
     prefix: &'static str,
     signals: Vec<SignalInfo>,
+    /// Whether any of them is asked for; without, nothing is held.
+    kept: bool,
     stamps: Vec<u64>,
     /// Row by row, one value a signal.
     values: Vec<f64>,
 }
 
 impl Group {
-    fn new(prefix: &'static str, signals: &[SignalInfo]) -> Self {
-        Self { prefix, signals: signals.to_vec(), stamps: Vec::new(), values: Vec::new() }
+    fn new(prefix: &'static str, signals: &[SignalInfo], asked: &dyn Fn(&str) -> bool) -> Self {
+        let kept = signals.iter().any(|signal| asked(&format!("{prefix}{}", signal.name)));
+        Self { prefix, signals: signals.to_vec(), kept, stamps: Vec::new(), values: Vec::new() }
     }
 
     fn push(&mut self, stamp_ns: u64, values: &[f64]) {
+        if !self.kept {
+            return;
+        }
         let used = values.iter().copied().chain(std::iter::repeat(f64::NAN)).take(self.signals.len());
         self.values.extend(used);
         self.stamps.push(stamp_ns);
     }
 
-    /// One column a signal over the common axis. Of two rows with one stamp the later holds.
-    fn columns(&self, axis: &[u64]) -> Vec<Vec<f64>> {
-        let width = self.signals.len();
-        let mut columns = vec![vec![f64::NAN; axis.len()]; width];
+    /// The column of one signal over the common axis. Of two rows with one stamp the later holds.
+    fn column(&self, signal: usize, axis: &[u64]) -> Vec<f64> {
+        let mut column = vec![f64::NAN; axis.len()];
         let mut at = 0;
-        for (stamp, row) in self.stamps.iter().zip(self.values.chunks(width.max(1))) {
+        for (stamp, row) in self.stamps.iter().zip(self.values.chunks(self.signals.len().max(1))) {
             // Rows come in order but for a restart: look on from the last one first.
             if axis.get(at) != Some(stamp) {
                 at = axis.partition_point(|t| t < stamp);
             }
-            for (column, value) in columns.iter_mut().zip(row) {
-                column[at] = *value;
-            }
+            column[at] = row[signal];
             at += 1;
         }
-        columns
+        column
+    }
+}
+
+/// Every time of which the log has a message, ns, ascending.
+#[derive(Default)]
+struct Axis(Vec<u64>);
+
+impl Axis {
+    fn take(&mut self, stamp_ns: u64) {
+        match self.0.last() {
+            Some(last) if *last >= stamp_ns => {
+                // Topics follow each other in the file: most of these times are there.
+                if let Err(at) = self.0.binary_search(&stamp_ns) {
+                    self.0.insert(at, stamp_ns);
+                }
+            }
+            _ => self.0.push(stamp_ns),
+        }
     }
 }
 
 /// All groups of a bench.
 struct Groups {
+    axis: Axis,
+    any_truth: bool,
     sensors: Vec<(Group, Vec<SensorField>)>,
     applied: Group,
     truth: Group,
@@ -90,7 +113,7 @@ struct Groups {
 }
 
 impl Groups {
-    fn new(info: &BenchInfo) -> Self {
+    fn new(info: &BenchInfo, asked: &dyn Fn(&str) -> bool) -> Self {
         let sensors = [Imu::TOPIC, Odometry::TOPIC, Outputs::TOPIC].map(|topic| {
             let (signals, fields): (Vec<_>, Vec<_>) = info
                 .outputs
@@ -99,29 +122,38 @@ impl Groups {
                 .filter_map(|(i, o)| Some((o.clone(), SensorField::of(&o.name, i)?)))
                 .filter(|(_, field)| field.topic == topic)
                 .unzip();
-            (Group::new("", &signals), fields)
+            (Group::new("", &signals, asked), fields)
         });
         let rates: Vec<_> =
             info.states.iter().map(|s| SignalInfo::new(&s.name, per_second(&s.unit))).collect();
+        let group = |prefix, signals: &[SignalInfo]| Group::new(prefix, signals, asked);
+        let (applied, command) = (group("", &info.inputs), group("command.", &info.inputs));
         Self {
+            axis: Axis::default(),
+            any_truth: false,
             sensors: sensors.into(),
-            applied: Group::new("", &info.inputs),
-            truth: Group::new("truth.", &info.states),
-            estimate: Group::new("estimate.", &info.states),
-            deviation: Group::new("estimate.std.", &info.states),
-            setpoint: Group::new("setpoint.", &info.states),
-            stick: Group::new("setpoint.stick.", &info.inputs),
-            command: Group::new("command.", &info.inputs),
-            disturbance: Group::new("disturbance.", &rates),
+            truth: group("truth.", &info.states),
+            estimate: group("estimate.", &info.states),
+            deviation: group("estimate.std.", &info.states),
+            setpoint: group("setpoint.", &info.states),
+            stick: group("setpoint.stick.", &info.inputs),
+            // Without truth, commands stand for what was applied.
+            command: Group { kept: command.kept || applied.kept, ..command },
+            applied,
+            disturbance: group("disturbance.", &rates),
         }
     }
 
     fn take(&mut self, message: &BenchMessage) {
+        if let Some(stamp_ns) = message.bench_ns() {
+            self.axis.take(stamp_ns);
+        }
         match message {
             BenchMessage::Imu(m) => self.sensor(0, m),
             BenchMessage::Odometry(m) => self.sensor(1, m),
             BenchMessage::Outputs(m) => self.sensor(2, m),
             BenchMessage::Truth(m) => {
+                self.any_truth = true;
                 self.truth.push(m.head.stamp_ns, &m.x);
                 self.applied.push(m.head.stamp_ns, &m.u);
             }
@@ -146,31 +178,39 @@ impl Groups {
         group.push(message.head().stamp_ns, &values);
     }
 
-    fn into_record(mut self, origin: String, period_ns: u64) -> Result<Record, RecordError> {
-        if self.applied.stamps.is_empty() {
+    fn into_record(
+        mut self,
+        origin: String,
+        period_ns: u64,
+        asked: &dyn Fn(&str) -> bool,
+    ) -> Result<Record, RecordError> {
+        if !self.any_truth {
             // A real vehicle tells no truth: it applies Command k over [t_k+1, t_k+2).
             self.applied.values.clone_from(&self.command.values);
             self.applied.stamps = self.command.stamps.iter().map(|t| t.saturating_add(period_ns)).collect();
+            self.applied.stamps.iter().for_each(|stamp| self.axis.take(*stamp));
         }
-        let held = self.disturbance;
-        let groups: Vec<Group> = self
-            .sensors
-            .into_iter()
-            .map(|(group, _)| group)
-            .chain([self.applied, self.truth, self.estimate, self.deviation])
-            .chain([self.setpoint, self.stick, self.command])
-            .collect();
-        let mut axis: Vec<u64> =
-            groups.iter().chain([&held]).flat_map(|g| g.stamps.iter().copied()).collect();
-        axis.sort_unstable();
-        axis.dedup();
+        let axis = self.axis.0;
+        let held = self.disturbance.prefix;
         let mut record = Record::new(origin, axis.iter().map(|ns| *ns as f64 / 1e9).collect())?;
-        for group in groups.iter().chain([&held]).filter(|g| !g.stamps.is_empty()) {
-            for (signal, mut values) in group.signals.iter().zip(group.columns(&axis)) {
-                if group.prefix == held.prefix {
+        let sensors = self.sensors.into_iter().map(|(group, _)| group);
+        let groups = sensors.chain([self.applied, self.truth, self.estimate, self.deviation]).chain([
+            self.setpoint,
+            self.stick,
+            self.command,
+            self.disturbance,
+        ]);
+        for group in groups.filter(|group| !group.stamps.is_empty()) {
+            for (i, signal) in group.signals.iter().enumerate() {
+                let name = format!("{}{}", group.prefix, signal.name);
+                if !asked(&name) {
+                    continue;
+                }
+                let mut values = group.column(i, &axis);
+                if group.prefix == held {
                     hold(&mut values, 0.0);
                 }
-                record.push(format!("{}{}", group.prefix, signal.name), &signal.unit, values)?;
+                record.push(name, &signal.unit, values)?;
             }
         }
         Ok(record)
@@ -200,11 +240,20 @@ fn per_second(unit: &str) -> String {
 /// # Errors
 /// [`BenchRecordError`].
 pub fn bench_record(log: &Log) -> Result<Record, BenchRecordError> {
+    bench_record_of(log, &|_| true)
+}
+
+/// As [`bench_record`], with those signals only whose names are `asked` for: the others need no memory. The times are those
+/// of the whole log.
+///
+/// # Errors
+/// [`BenchRecordError`].
+pub fn bench_record_of(log: &Log, asked: &dyn Fn(&str) -> bool) -> Result<Record, BenchRecordError> {
     let origin = log.path().display().to_string();
     let info = log.info().ok_or_else(|| BenchRecordError::NotABench { path: origin.clone() })?;
-    let mut groups = Groups::new(info);
+    let mut groups = Groups::new(info, asked);
     for message in log.bench_messages()? {
         groups.take(&message?);
     }
-    Ok(groups.into_record(origin, info.period_ns)?)
+    Ok(groups.into_record(origin, info.period_ns, asked)?)
 }

@@ -291,5 +291,6 @@ pub(crate) fn remarks(stream: &LogStream) -> Vec<String> {
     let damaged = stream.damage().iter().map(|Damage { file, offset, reason }| {
         format!("{} is damaged at byte {offset}: {reason}", file.display())
     });
-    cut.chain(damaged).collect()
+    let holes = stream.holes().map(|hole| hole.to_string());
+    cut.chain(damaged).chain(holes).collect()
 }

@@ -18,6 +18,7 @@ use crate::log_file::{Damage, Ending};
 use crate::read::{AnyReadError, Kind, kind};
 use crate::record::Record;
 use crate::sampling::{Gap, Sampling};
+use crate::segments::missing_files;
 use crate::topics::Topics;
 use crate::ulog::ulog_topics;
 use crate::wall_clock::carries_wall_clock;
@@ -184,7 +185,8 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
         Some((from, to)) => Some((t.min(&from).to_owned(), t.max(&to).to_owned())),
     });
     let mut offered: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    let mut all = remarks(&stream);
+    let mut all = joined(path, stream.endings().len());
+    all.extend(remarks(&stream));
     if log.info().is_none() {
         let Catalogue { signals, unreadable } = catalogue(&log)?;
         for signal in signals {
@@ -215,6 +217,14 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
         remarks: all,
         ..empty(path, "mcap")
     })
+}
+
+/// That several files are one log, and which of them are missing.
+fn joined(path: &Path, files: usize) -> Vec<String> {
+    let one = (files > 1).then(|| format!("{files} files are read in order as one log"));
+    let missing =
+        missing_files(path).into_iter().map(|file| format!("{} is missing between them", file.display()));
+    one.into_iter().chain(missing).collect()
 }
 
 /// Types of the bench whose messages have no rate.

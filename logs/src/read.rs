@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::bench_record::{BenchRecordError, bench_record};
+use crate::bench_record::{BenchRecordError, bench_record, bench_record_of};
 use crate::blackbox::{self, BlackboxError, read_blackbox};
 use crate::csv_file::{CsvError, read_csv, write_csv};
 use crate::dataflash::{self, DataflashError, read_dataflash};
@@ -16,6 +16,7 @@ use crate::mapping::{MapError, Mapping, MissingSource};
 use crate::multi::MultiError;
 use crate::read_error::ReadError;
 use crate::record::{Record, SignalError};
+use crate::segments::Segments;
 use crate::ulog::{UlogError, read_ulog};
 
 /// Why a log cannot be read.
@@ -97,7 +98,8 @@ pub enum Kind {
 /// # Errors
 /// What the system says.
 pub fn kind(path: &Path) -> std::io::Result<Kind> {
-    if path.is_dir() {
+    // The first file of a log may have been removed by its recorder.
+    if path.is_dir() || !path.exists() && Segments::of(path).files().next().is_some() {
         return Ok(Kind::Mcap);
     }
     let mut start = Vec::new();
@@ -147,6 +149,31 @@ pub fn read(path: impl AsRef<Path>, mappings: &[Mapping]) -> Result<Record, AnyR
             }
         }
     }
+}
+
+/// As [`read`], of a log of this program with these signals only, if it has all of them and nothing is mapped: the others
+/// need no memory.
+///
+/// # Errors
+/// [`AnyReadError`].
+pub fn read_signals(
+    path: impl AsRef<Path>,
+    mappings: &[Mapping],
+    signals: &[&str],
+) -> Result<Record, AnyReadError> {
+    let path = path.as_ref();
+    let of_bench = mappings.is_empty() && kind(path).is_ok_and(|kind| kind == Kind::Mcap);
+    if of_bench
+        && let Ok(log) = Log::open(path)
+        && log.info().is_some()
+    {
+        let record = bench_record_of(&log, &|name| signals.contains(&name))?;
+        if record.signals().len() == signals.len() {
+            return Ok(record);
+        }
+    }
+    // What is missing is told with the names of all that there is.
+    read(path, mappings)
 }
 
 /// Writes a log of any known kind as one wide CSV, with `signals` only, or all if there are none.

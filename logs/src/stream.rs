@@ -1,6 +1,6 @@
 //! The messages of an MCAP log in file order, over all its files.
 //!
-//! A recorder that was restarted goes on in another file: `log.mcap`, `log.2.mcap`, `log.3.mcap` are one log.
+//! A recorder that was restarted, or whose file reached its size, goes on in another file: see [`crate::segments`].
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -8,8 +8,10 @@ use std::sync::Arc;
 
 use whirlstand_msgs::Message;
 
+use crate::hole::Hole;
 use crate::log_file::{AttachedFile, Damage, Ending, LogFile, Step, Topic};
 use crate::read_error::ReadError;
+use crate::segments::log_files;
 use crate::writer::CDR_HEADER;
 
 /// A message as it stands in the log.
@@ -77,32 +79,6 @@ pub struct LogStream {
     ended: bool,
 }
 
-/// The files of the log that begins at `path`: the file itself and its later ones. A folder stands for the
-/// `log.mcap` in it.
-///
-/// # Errors
-/// [`ReadError::NoLog`] for a folder without one.
-pub fn log_files(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, ReadError> {
-    let path = path.as_ref();
-    let first = if path.is_dir() { path.join("log.mcap") } else { path.to_path_buf() };
-    if path.is_dir() && !first.is_file() {
-        return Err(ReadError::NoLog { path: path.into() });
-    }
-    let mut all = vec![first.clone()];
-    let parts = first.file_stem().zip(first.extension());
-    if let Some((stem, extension)) = parts {
-        for n in 2u32.. {
-            let name = format!("{}.{n}.{}", stem.to_string_lossy(), extension.to_string_lossy());
-            let next = first.with_file_name(name);
-            if !next.is_file() {
-                break;
-            }
-            all.push(next);
-        }
-    }
-    Ok(all)
-}
-
 impl LogStream {
     /// Opens a log, and its later files if there are any.
     ///
@@ -152,6 +128,8 @@ impl LogStream {
         match self.current.next()? {
             Step::Messages => {}
             Step::Metadata(name, map) => self.metadata.push((name, map)),
+            // Every file of a log has the launch file and the vehicle in it.
+            Step::Attached(file) if self.attached.contains(&file) => {}
             Step::Attached(file) => self.attached.push(file),
             Step::End(ending) => {
                 self.endings.push((self.current_path.clone(), ending));
@@ -169,6 +147,12 @@ impl LogStream {
             }
         }
         Ok(())
+    }
+
+    /// What could not be written, as the files met so far say.
+    pub fn holes(&self) -> impl Iterator<Item = Hole> {
+        let holes = self.metadata.iter().filter(|(name, _)| name == Hole::METADATA_NAME);
+        holes.map(|(_, map)| Hole::from_map(map))
     }
 
     /// Metadata records met so far: name and texts.

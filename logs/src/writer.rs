@@ -22,7 +22,6 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -32,6 +31,8 @@ use mcap::{Attachment, Compression, McapError, WriteOptions};
 use whirlstand_msgs::Message;
 
 use crate::bench_info::{BenchInfo, METADATA_NAME};
+use crate::hole::Hole;
+use crate::output::Output;
 use crate::wall_clock::carries_wall_clock;
 
 /// CDR, plain, in this machine's byte order (OMG DDS-RTPS 2.5, section 10.2.1.2): 0 is big-endian, 1 little-endian.
@@ -57,13 +58,41 @@ pub enum WriteError {
         source: std::io::Error,
     },
     /// The file cannot be written, for example because the disk is full.
-    #[error("cannot write the log {path}: {source}")]
+    #[error("cannot write the log {path}: {}", reason(source))]
     Write {
         /// The file.
         path: PathBuf,
         /// What the MCAP writer says.
         source: McapError,
     },
+}
+
+impl WriteError {
+    /// What is wrong, without the file's name: `disk full` and the like.
+    pub fn reason(&self) -> String {
+        match self {
+            Self::Create { source, .. } => io_reason(source),
+            Self::Write { source, .. } => reason(source),
+        }
+    }
+}
+
+/// What the writer says, in short where a user knows it by another name.
+fn reason(error: &McapError) -> String {
+    match error {
+        McapError::Io(error) => io_reason(error),
+        other => other.to_string(),
+    }
+}
+
+fn io_reason(error: &std::io::Error) -> String {
+    use std::io::ErrorKind;
+    match error.kind() {
+        ErrorKind::StorageFull => "disk full".into(),
+        ErrorKind::QuotaExceeded => "disk quota exceeded".into(),
+        ErrorKind::FileTooLarge => "the file reached the greatest size that the system allows".into(),
+        _ => error.to_string(),
+    }
 }
 
 /// A topic of the log, for messages of type `M`.
@@ -84,14 +113,17 @@ pub struct Written {
 
 /// Writes one MCAP file.
 pub struct LogWriter {
-    inner: mcap::Writer<BufWriter<File>>,
+    inner: mcap::Writer<Output>,
     path: PathBuf,
     scratch: Vec<u8>,
     /// Latest bench time in the log, ns: where messages that carry wall-clock time are put on the time axis.
     bench_ns: u64,
     messages: u64,
-    unflushed: bool,
+    /// Messages that have been handed to the operating system.
+    flushed: u64,
     next_flush: Option<Instant>,
+    /// The file, for its size and to be synced.
+    file: File,
 }
 
 impl LogWriter {
@@ -100,16 +132,29 @@ impl LogWriter {
     /// # Errors
     /// [`WriteError`] when the file cannot be created or written.
     pub fn create(path: impl AsRef<Path>, info: &BenchInfo) -> Result<Self, WriteError> {
+        Self::create_in_chunks(path, info, CHUNK_BYTES)
+    }
+
+    /// As [`Self::create`], with chunks of at most `chunk_bytes`, for a file that is to remain small.
+    ///
+    /// # Errors
+    /// As [`Self::create`].
+    pub fn create_in_chunks(
+        path: impl AsRef<Path>,
+        info: &BenchInfo,
+        chunk_bytes: u64,
+    ) -> Result<Self, WriteError> {
         let path = path.as_ref().to_path_buf();
         let file = File::create(&path).map_err(|source| WriteError::Create { path: path.clone(), source })?;
         let options = WriteOptions::new()
             .library(concat!("whirlstand/", env!("CARGO_PKG_VERSION")))
             .compression(Some(Compression::Lz4))
-            .chunk_size(Some(CHUNK_BYTES))
+            .chunk_size(Some(chunk_bytes.min(CHUNK_BYTES)))
             // Chunks are put together in memory and written whole, never patched in the file.
             .disable_seeking(true);
         let write = |source| WriteError::Write { path: path.clone(), source };
-        let mut inner = options.create(BufWriter::new(file)).map_err(write)?;
+        let output = file.try_clone().map(Output::new).map_err(|e| write(e.into()))?;
+        let mut inner = options.create(output).map_err(write)?;
         inner
             .write_metadata(&Metadata { name: METADATA_NAME.into(), metadata: info.to_map() })
             .map_err(write)?;
@@ -120,9 +165,40 @@ impl LogWriter {
             scratch: Vec::with_capacity(1024),
             bench_ns: 0,
             messages: 0,
-            unflushed: false,
+            flushed: 0,
             next_flush: None,
+            file,
         })
+    }
+
+    /// Says in the log that messages before it are missing. It is on disk when this returns.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn tell_hole(&mut self, hole: &Hole) -> Result<(), WriteError> {
+        let metadata = Metadata { name: Hole::METADATA_NAME.into(), metadata: hole.to_map() };
+        self.inner.write_metadata(&metadata).and_then(|()| self.inner.flush()).map_err(|e| self.failed(e))
+    }
+
+    /// Size of the file so far, bytes; what waits for its chunk is not in it.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn bytes(&self) -> std::io::Result<u64> {
+        Ok(self.file.metadata()?.len())
+    }
+
+    /// Messages that were added since the last flush, and may not have reached the file.
+    pub fn unflushed(&self) -> u64 {
+        self.messages - self.flushed
+    }
+
+    /// Another handle of the file, to sync it from another thread.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn file(&self) -> std::io::Result<File> {
+        self.file.try_clone()
     }
 
     /// Puts a file's text inside the log, for example the launch file. It is on disk when this returns.
@@ -189,7 +265,6 @@ impl LogWriter {
         self.scratch.extend_from_slice(bytemuck::bytes_of(message));
         self.inner.write_to_known_channel(&header, &self.scratch).map_err(|e| self.failed(e))?;
         self.messages += 1;
-        self.unflushed = true;
         Ok(())
     }
 
@@ -209,7 +284,7 @@ impl LogWriter {
             return Ok(false);
         }
         self.next_flush = Some(now + FLUSH_INTERVAL);
-        if !self.unflushed {
+        if self.unflushed() == 0 {
             return Ok(false);
         }
         self.flush()?;
@@ -221,22 +296,30 @@ impl LogWriter {
     /// # Errors
     /// [`WriteError::Write`].
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        self.unflushed = false;
-        self.inner.flush().map_err(|e| self.failed(e))
+        self.inner.flush().map_err(|e| self.failed(e))?;
+        self.flushed = self.messages;
+        Ok(())
     }
 
     /// Writes index and footer, and syncs the file to disk.
     ///
     /// # Errors
     /// [`WriteError::Write`].
-    pub fn finish(mut self) -> Result<Written, WriteError> {
+    pub fn finish(self) -> Result<Written, WriteError> {
+        let path = self.path.clone();
+        let (written, file) = self.finish_unsynced()?;
+        file.sync_all().map_err(|source| WriteError::Write { path, source: source.into() })?;
+        Ok(written)
+    }
+
+    /// Writes index and footer. The file is the caller's to sync, which may take the time that the disk needs.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn finish_unsynced(mut self) -> Result<(Written, File), WriteError> {
         self.inner.finish().map_err(|e| self.failed(e))?;
-        let path = self.path;
-        let write = |source: std::io::Error| WriteError::Write { path: path.clone(), source: source.into() };
-        let file = self.inner.into_inner().into_inner().map_err(|e| write(e.into_error()))?;
-        file.sync_all().map_err(write)?;
-        let bytes = file.metadata().map_err(write)?.len();
-        Ok(Written { messages: self.messages, bytes })
+        let bytes = self.bytes().map_err(|e| self.failed(e.into()))?;
+        Ok((Written { messages: self.messages, bytes }, self.file))
     }
 
     fn failed(&self, source: McapError) -> WriteError {

@@ -202,14 +202,23 @@ pub enum LawKind {
 }
 
 /// Options of the recorder.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecorderConfig {
     /// The log, for example `out/log.mcap`; a restarted recorder writes `out/log.2.mcap`, and so on.
     pub path: String,
-    /// Files that one recorder begins at most: one for each start of the plant.
-    #[serde(default = "most_files")]
-    pub most_files: u32,
+    /// Runs that one recorder begins at most: one for each start of the plant.
+    #[serde(default = "most_runs")]
+    pub most_runs: u32,
+    /// Size at which the next file begins, bytes.
+    #[serde(default)]
+    pub max_bytes: Option<u64>,
+    /// Bench time after which the next file begins, ns.
+    #[serde(default)]
+    pub max_duration_ns: Option<u64>,
+    /// So many files are kept, the last ones; without, all.
+    #[serde(default)]
+    pub segments: Option<u32>,
     /// The launch file's text, kept inside the log.
     #[serde(default)]
     pub launch_text: String,
@@ -337,7 +346,7 @@ fn native_peers() -> Vec<Role> {
 }
 
 /// The plant's first start, and the restarts that a launch file allows if it says nothing.
-fn most_files() -> u32 {
+fn most_runs() -> u32 {
     4
 }
 

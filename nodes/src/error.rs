@@ -64,6 +64,9 @@ pub enum NodeError {
         /// How long the plant waited, s.
         waited_s: f64,
     },
+    /// The last part of the log could not be written.
+    #[error("the log lacks its end: {0}")]
+    LogEndMissing(whirlstand_logs::Hole),
     /// Nobody answered the first measurement.
     #[error(
         "no usable command came for step 0 within {waited_s} s ({rejected} were refused): the chain from imu over \

@@ -16,9 +16,8 @@ fn truth_that_goes_back_begins_no_more_files_than_the_plant_has_starts() {
     let mut config = common::config("forged-truth", 100);
     config.recorder = Some(RecorderConfig {
         path: folder.path().join("log.mcap").to_string_lossy().into_owned(),
-        most_files: 3,
-        launch_text: String::new(),
-        version: String::new(),
+        most_runs: 3,
+        ..RecorderConfig::default()
     });
     let setup = Setup::new(&config).unwrap();
     let bus = Bus::open(&BusConfig::new(&config.bench, "rig", Transport::Inproc)).unwrap();

@@ -2,7 +2,6 @@
 
 mod comparison_page;
 mod correlation;
-mod decimate;
 mod diagnosis_page;
 mod diagnosis_signals;
 mod diagnosis_tables;
@@ -16,7 +15,6 @@ mod run_page;
 mod text_diff;
 
 pub use comparison_page::comparison_report;
-pub use decimate::decimate;
 pub use diagnosis_page::diagnosis_report;
 pub use identification_page::identification_report;
 pub use outcome::{Expected, Outcome};

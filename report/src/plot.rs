@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::decimate::decimate;
+use whirlstand_logs::decimate;
 
 /// How a trace is drawn. The page maps it to colour, width and dash, for light and for dark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -1,6 +1,6 @@
 //! The report of a run, or of several variants of it.
 
-use whirlstand_msgs::{LATENCY_BUCKETS, flags, latency_bucket_upper_ns};
+use whirlstand_msgs::{LATENCY_BUCKETS, latency_bucket_upper_ns};
 
 use super::ReportError;
 use super::figures_table::{estimator_table, expected_table, input_table, output_table, timing_table};
@@ -10,8 +10,8 @@ use super::plot::{Plot, Span, SpanKind, Style, Trace};
 use whirlstand_evaluate::metrics::nis_bounds;
 use whirlstand_evaluate::run::Run;
 use whirlstand_evaluate::summary::RunSummary;
+use whirlstand_logs::Line;
 use whirlstand_logs::shown::{shown_factor, shown_unit};
-use whirlstand_logs::stats::moving_average;
 
 /// The report of a bench: one run, or several variants side by side.
 ///
@@ -23,7 +23,7 @@ pub fn run_report(
     outcome: &Outcome,
     runs: &[&Run],
 ) -> Result<String, ReportError> {
-    let summaries: Vec<RunSummary> = runs.iter().map(|r| RunSummary::of(r)).collect();
+    let summaries: Vec<RunSummary> = runs.iter().map(|run| run.figures.clone()).collect();
     let page = Page {
         kind: "run report".into(),
         title: name.into(),
@@ -117,24 +117,19 @@ fn spans(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Span> {
         }
     }
     for run in runs {
-        for (flag, kind) in [(flags::HELD, SpanKind::Held), (flags::FAILSAFE, SpanKind::Failsafe)] {
-            let mut parts = run.flagged(flag).0;
-            let mut gap = 0.002 * run.end_s();
-            while parts.len() > MOST_SPANS {
-                let mut joined: Vec<(f64, f64)> = Vec::new();
-                for part in parts {
-                    match joined.last_mut() {
-                        Some(last) if part.0 - last.1 <= gap => last.1 = part.1,
-                        _ => joined.push(part),
-                    }
-                }
-                parts = joined;
-                gap *= 2.0;
-            }
+        let (held, failsafe) = (&run.lines.held, &run.lines.failsafe);
+        for (parts, kind) in [(held, SpanKind::Held), (failsafe, SpanKind::Failsafe)] {
+            let parts = parts.at_most(MOST_SPANS, 0.002 * run.figures.duration_s);
             spans.extend(parts.into_iter().map(|(from, until)| Span { from, until, kind }));
         }
     }
     spans
+}
+
+/// A line of a run in the unit of its plot.
+fn trace(name: impl Into<String>, variant: usize, style: Style, line: &Line, factor: f64) -> Trace {
+    let (t, y) = line.points();
+    Trace::new(name, variant, style, &t, &scaled(&y, factor))
 }
 
 fn scaled(values: &[f64], factor: f64) -> Vec<f64> {
@@ -152,30 +147,24 @@ fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
         if i >= run.vehicle.outputs.len() {
             continue;
         }
-        let line = |name: String, style, t: &[f64], y: &[f64]| {
-            Trace::new(name, variant, style, t, &scaled(y, factor))
-        };
-        let main = !run.truth.is_empty();
-        let measured = &run.measured[i];
-        if !measured.is_empty() {
+        let lines = &run.lines.outputs[i];
+        let line = |name: String, style, line: &Line| trace(name, variant, style, line, factor);
+        let main = !lines.truth.is_empty();
+        if !lines.measured.is_empty() {
             let hidden = several && main;
-            plot.traces.push(
-                line("measured".into(), Style::Sensor, &measured.t, &measured.signals[0]).hide_if(hidden),
-            );
+            plot.traces.push(line("measured".into(), Style::Sensor, &lines.measured).hide_if(hidden));
         }
         if main {
             let name = if several { run.name.clone() } else { "truth".into() };
-            plot.traces.push(line(name, Style::Main, &run.truth.t, &run.output_of(&run.truth, i)));
+            plot.traces.push(line(name, Style::Main, &lines.truth));
         }
-        if !run.estimate.is_empty() {
-            let estimate = run.output_of(&run.estimate, i);
+        if !lines.estimate.is_empty() {
             let style = if main { Style::Second } else { Style::Main };
-            plot.traces
-                .push(line("estimate".into(), style, &run.estimate.t, &estimate).hide_if(several && main));
+            plot.traces.push(line("estimate".into(), style, &lines.estimate).hide_if(several && main));
         }
-        let w = run.wanted(i);
-        if wanted.is_none() && w.iter().any(|v| v.is_finite()) {
-            wanted = Some(line("setpoint".into(), Style::Wanted, &run.setpoint.t, &w));
+        let setpoint = line("setpoint".into(), Style::Wanted, &lines.wanted);
+        if wanted.is_none() && setpoint.y.iter().any(|v| v.is_finite()) {
+            wanted = Some(setpoint);
         }
     }
     plot.traces.extend(wanted);
@@ -190,17 +179,12 @@ fn input_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
     let mut plot = Plot::over_time(format!("input-{i}"), input.name.clone(), shown_unit(&si));
     let (mut least, mut most, mut end) = (0.0f64, 0.0f64, 0.0f64);
     for (variant, run) in runs.iter().enumerate() {
-        let applied = run.truth.signals.get(run.vehicle.states.len() + i).filter(|u| !u.is_empty());
-        let (t, u) = match (applied, run.command.signals.get(i)) {
-            (Some(u), _) => (&run.truth.t, u),
-            (None, Some(u)) => (&run.command.t, u),
-            (None, None) => continue,
-        };
-        let u = scaled(u, factor);
-        (least, most) = u.iter().fold((least, most), |(l, m), v| (l.min(*v), m.max(*v)));
-        end = end.max(run.end_s());
+        let Some(line) = run.lines.inputs.get(i) else { continue };
         let name = if runs.len() > 1 { run.name.clone() } else { "applied".into() };
-        plot.traces.push(Trace::new(name, variant, Style::Held, t, &u));
+        let applied = trace(name, variant, Style::Held, line, factor);
+        (least, most) = applied.y.iter().fold((least, most), |(l, m), v| (l.min(*v), m.max(*v)));
+        end = end.max(run.figures.duration_s);
+        plot.traces.push(applied);
     }
     // A limit far beyond all commands would only flatten them.
     for (limit, near) in [(input.upper, most), (input.lower, least)] {
@@ -217,58 +201,51 @@ fn input_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
     plot
 }
 
+/// Fewest steps with an estimate that are worth a plot.
+const FEWEST_ESTIMATES: u64 = 8;
+
 fn estimator_plots(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Plot> {
-    let run = runs[0];
-    let n = run.vehicle.states.len();
-    let estimate = &run.estimate;
-    if estimate.t.len() < 8 {
-        return Vec::new();
-    }
-    let mut nis_plot = Plot::over_time("nis", "NIS over its degrees of freedom, mean over 1 s", "");
-    let half = ((0.5 / run.period_s()).round() as usize).max(1);
+    let nis = nis_plot(runs, summaries);
+    let errors = runs.first().map_or(Vec::new(), |run| error_plots(run, &summaries[..1]));
+    nis.into_iter().chain(errors).collect()
+}
+
+fn nis_plot(runs: &[&Run], summaries: &[RunSummary]) -> Option<Plot> {
+    let mut plot = Plot::over_time("nis", "NIS over its degrees of freedom, mean over 1 s", "");
     for (variant, run) in runs.iter().enumerate() {
-        let e = &run.estimate;
-        let (Some(nis), Some(dof)) = (e.signals.get(2 * n), e.signals.get(2 * n + 1)) else { continue };
-        // A step without a fresh measurement has nothing to judge.
-        let used: Vec<usize> = (0..e.t.len()).filter(|&k| dof[k] > 0.0 && nis[k].is_finite()).collect();
-        if used.len() < 8 {
+        let nis = &run.lines.nis;
+        if nis.steps < FEWEST_ESTIMATES {
             continue;
         }
-        let pick = |f: &dyn Fn(usize) -> f64| used.iter().map(|&k| f(k)).collect::<Vec<f64>>();
-        let (sum, degrees) =
-            (moving_average(&pick(&|k| nis[k]), half), moving_average(&pick(&|k| dof[k]), half));
-        let ratio: Vec<f64> = sum.iter().zip(&degrees).map(|(a, b)| a / b).collect();
-        nis_plot.traces.push(Trace::new(run.name.clone(), variant, Style::Main, &pick(&|k| e.t[k]), &ratio));
+        plot.traces.push(trace(run.name.clone(), variant, Style::Main, &nis.ratio, 1.0));
         if variant == 0 {
-            let (low, high) = nis_bounds(degrees[degrees.len() / 2] * (2 * half + 1) as f64);
-            let ends = [e.t[0], e.t[e.t.len() - 1]];
+            let (low, high) = nis_bounds(nis.degrees());
+            let ends = [nis.ends_s.0, nis.ends_s.1];
             for (name, bound) in [("95 % interval", high), ("95 % interval", low)] {
-                nis_plot.traces.push(Trace::new(name, 0, Style::Limit, &ends, &[bound, bound]));
+                plot.traces.push(Trace::new(name, 0, Style::Limit, &ends, &[bound, bound]));
             }
         }
     }
-    nis_plot.spans = spans(runs, summaries);
-    let mut plots = if nis_plot.traces.is_empty() { Vec::new() } else { vec![nis_plot] };
-    if run.truth.t != estimate.t {
-        return plots;
-    }
-    for (i, state) in run.vehicle.states.iter().enumerate() {
+    plot.spans = spans(runs, summaries);
+    (!plot.traces.is_empty()).then_some(plot)
+}
+
+fn error_plots(run: &Run, summaries: &[RunSummary]) -> Vec<Plot> {
+    let states = run.vehicle.states.iter().zip(&run.lines.errors).enumerate();
+    let plots = states.filter(|(_, (_, lines))| !lines.error.is_empty()).map(|(i, (state, lines))| {
         let si = state.unit.si_symbol();
         let factor = shown_factor(&si);
         let mut plot =
             Plot::over_time(format!("error-{i}"), format!("{} estimate error", state.name), shown_unit(&si));
-        let error: Vec<f64> =
-            estimate.signals[i].iter().zip(&run.truth.signals[i]).map(|(e, x)| factor * (e - x)).collect();
-        plot.traces.push(Trace::new("error", 0, Style::Main, &estimate.t, &error));
-        for (name, sign) in [("± 2 std", 2.0), ("± 2 std", -2.0)] {
-            let bound = scaled(&estimate.signals[n + i], sign * factor);
-            plot.traces.push(Trace::new(name, 0, Style::Limit, &estimate.t, &bound));
+        plot.traces.push(trace("error", 0, Style::Main, &lines.error, factor));
+        for sign in [2.0, -2.0] {
+            plot.traces.push(trace("± 2 std", 0, Style::Limit, &lines.claimed, sign * factor));
         }
-        plot.spans = spans(&runs[..1], &summaries[..1]);
+        plot.spans = spans(&[run], summaries);
         plot.height = 230;
-        plots.push(plot);
-    }
-    plots
+        plot
+    });
+    plots.collect()
 }
 
 fn latency_plot(runs: &[&Run]) -> Option<Plot> {

@@ -10,7 +10,7 @@ use whirlstand_report::{Expected, Outcome, run_report};
 fn a_log_gives_the_figures_of_its_run() {
     let folder = tempfile::tempdir().unwrap();
     let run = Run::open(bench_log(folder.path(), "stiff", 0.001), "stiff", None).unwrap();
-    let s = RunSummary::of(&run);
+    let s = run.figures;
     assert_eq!((s.seed, s.mode.as_str(), s.period_s), (1, "lockstep", 0.005));
     assert_eq!(s.disturbances.len(), 1, "{:?}", s.disturbances);
     let event = &s.disturbances[0];
@@ -52,7 +52,7 @@ fn a_softer_loop_is_moved_further() {
     let folder = tempfile::tempdir().unwrap();
     let peak = |name: &str, effort: f64| {
         let run = Run::open(bench_log(folder.path(), name, effort), name, None).unwrap();
-        RunSummary::of(&run).outputs["roll"].peak.unwrap()
+        run.figures.outputs["roll"].peak.unwrap()
     };
     assert!(peak("soft", 1.0) > 1.5 * peak("stiff", 1e-4));
 }

@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use whirlstand_logs::stats::{mean, rms};
-
 /// Effort of one input over a run, in the unit of the input.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Effort {
@@ -20,17 +18,60 @@ pub struct Effort {
     pub saturated: f64,
 }
 
-/// Effort of an input `u` sampled every `period_s` seconds with the given limits, all in one unit.
-pub fn effort(u: &[f64], period_s: f64, lower: f64, upper: f64) -> Effort {
-    let margin = if (upper - lower).is_finite() { 1e-9 * (upper - lower).abs() } else { 0.0 };
-    let at_limit = u.iter().filter(|&&v| v <= lower + margin || v >= upper - margin).count();
-    let variation: f64 = u.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
-    Effort {
-        mean: mean(u),
-        rms: rms(u),
-        peak: u.iter().fold(0.0, |m, v| v.abs().max(m)),
-        travel_per_s: if u.len() > 1 { variation / ((u.len() - 1) as f64 * period_s) } else { 0.0 },
-        saturated: if u.is_empty() { 0.0 } else { at_limit as f64 / u.len() as f64 },
+/// The effort of an input while its samples come.
+#[derive(Debug, Clone)]
+pub(crate) struct EffortSum {
+    lower: f64,
+    upper: f64,
+    count: u64,
+    sum: f64,
+    square: f64,
+    peak: f64,
+    variation: f64,
+    at_limit: u64,
+    before: Option<f64>,
+}
+
+impl EffortSum {
+    /// An input with the given limits.
+    pub fn new(lower: f64, upper: f64) -> Self {
+        let margin = if (upper - lower).is_finite() { 1e-9 * (upper - lower).abs() } else { 0.0 };
+        Self {
+            lower: lower + margin,
+            upper: upper - margin,
+            count: 0,
+            sum: 0.0,
+            square: 0.0,
+            peak: 0.0,
+            variation: 0.0,
+            at_limit: 0,
+            before: None,
+        }
+    }
+
+    /// Takes the next sample, in the unit of the limits.
+    pub fn take(&mut self, u: f64) {
+        self.count += 1;
+        self.sum += u;
+        self.square += u * u;
+        self.peak = u.abs().max(self.peak);
+        self.at_limit += u64::from(u <= self.lower || u >= self.upper);
+        if let Some(before) = self.before.replace(u) {
+            self.variation += (u - before).abs();
+        }
+    }
+
+    /// The effort of what came, a sample every `period_s` seconds.
+    pub fn finish(&self, period_s: f64) -> Effort {
+        let share = |sum: f64| if self.count > 0 { sum / self.count as f64 } else { 0.0 };
+        let length = self.count.saturating_sub(1) as f64 * period_s;
+        Effort {
+            mean: share(self.sum),
+            rms: share(self.square).sqrt(),
+            peak: self.peak,
+            travel_per_s: if self.count > 1 { self.variation / length } else { 0.0 },
+            saturated: share(self.at_limit as f64),
+        }
     }
 }
 
@@ -38,10 +79,16 @@ pub fn effort(u: &[f64], period_s: f64, lower: f64, upper: f64) -> Effort {
 mod tests {
     use super::*;
 
+    fn effort(u: impl IntoIterator<Item = f64>, period_s: f64, lower: f64, upper: f64) -> Effort {
+        let mut sum = EffortSum::new(lower, upper);
+        u.into_iter().for_each(|u| sum.take(u));
+        sum.finish(period_s)
+    }
+
     #[test]
     fn a_saturated_square_wave() {
-        let u: Vec<f64> = (0..1001).map(|i| if (i / 100) % 2 == 0 { 1.0 } else { -0.5 }).collect();
-        let e = effort(&u, 0.01, -1.0, 1.0);
+        let u = (0..1001).map(|i| if (i / 100) % 2 == 0 { 1.0 } else { -0.5 });
+        let e = effort(u, 0.01, -1.0, 1.0);
         // Ten changes of 1.5 in ten seconds.
         assert!((e.travel_per_s - 1.5).abs() < 1e-12);
         assert!((e.saturated - 501.0 / 1001.0).abs() < 1e-12);
@@ -52,7 +99,7 @@ mod tests {
 
     #[test]
     fn without_limits_nothing_saturates() {
-        assert_eq!(effort(&[5.0, -5.0], 0.1, f64::NEG_INFINITY, f64::INFINITY).saturated, 0.0);
-        assert_eq!(effort(&[], 0.1, -1.0, 1.0).rms, 0.0);
+        assert_eq!(effort([5.0, -5.0], 0.1, f64::NEG_INFINITY, f64::INFINITY).saturated, 0.0);
+        assert_eq!(effort([], 0.1, -1.0, 1.0).rms, 0.0);
     }
 }

@@ -3,10 +3,8 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use whirlstand_msgs::flags;
-
-use crate::run::Run;
-use whirlstand_logs::stats::{chi_square_quantile, rms};
+use whirlstand_logs::stats::chi_square_quantile;
+use whirlstand_msgs::{Estimate, flags};
 
 /// Errors of one estimated state against the truth, SI.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -50,104 +48,152 @@ pub fn nis_bounds(degrees: f64) -> (f64, f64) {
 /// A claimed standard deviation this close to the one at the end of the part has converged.
 const CONVERGED_WITHIN: f64 = 1.1;
 
-/// Consistency of the estimator of `run` until bench time `until_s`, s. `None` without an estimate with a NIS.
-///
-/// Convergence is what the estimator flags. One that flags nothing before `until_s` (the gains of a filter with bias
-/// states go on falling, slowly, for minutes) is judged from where the standard deviation of every state has come
-/// within 10 % of what it is at `until_s`.
-pub fn consistency(run: &Run, until_s: f64) -> Option<Consistency> {
-    let n = run.vehicle.states.len();
-    let estimate = &run.estimate;
-    let column = |i: usize| estimate.signals.get(2 * n + i);
-    let (nis, dof, flag) = (column(0)?, column(1)?, column(2)?);
-    let end = estimate.t.partition_point(|t| *t < until_s);
-    let flagged: Vec<usize> = (0..end).filter(|&k| flag[k] as u32 & flags::CONVERGED != 0).collect();
-    let used = if flagged.is_empty() { (settled_from(run, end)..end).collect() } else { flagged };
-    let judged = || used.iter().filter(|&&k| dof[k] > 0.0 && nis[k].is_finite());
-    let degrees: f64 = judged().map(|&k| dof[k]).sum();
-    if degrees == 0.0 {
-        return None;
-    }
-    let nis_ratio = judged().map(|&k| nis[k]).sum::<f64>() / degrees;
-    let (low, high) = nis_bounds(degrees);
-    let mut states = BTreeMap::new();
-    for (i, state) in run.vehicle.states.iter().enumerate() {
-        let (mut errors, mut claimed) = (Vec::new(), Vec::new());
-        for &k in &used {
-            // Truth and estimate of a step have one stamp.
-            let at = run.truth.t.partition_point(|t| *t < estimate.t[k] - 1e-10);
-            if run.truth.t.get(at).is_some_and(|t| (t - estimate.t[k]).abs() < 1e-9) {
-                errors.push(estimate.signals[i][k] - run.truth.signals[i][at]);
-                claimed.push(estimate.signals[n + i][k]);
-            }
-        }
-        if errors.is_empty() {
-            continue;
-        }
-        let inside = errors.iter().zip(&claimed).filter(|(e, s)| e.abs() <= 2.0 * **s).count();
-        states.insert(
-            state.name.clone(),
-            StateError {
-                rms: rms(&errors),
-                claimed_std: rms(&claimed),
-                within_two_std: inside as f64 / errors.len() as f64,
-            },
-        );
-    }
-    Some(Consistency {
-        nis_ratio,
-        low,
-        high,
-        consistent: (low..=high).contains(&nis_ratio),
-        from_s: used.first().map_or(0.0, |&k| estimate.t[k]),
-        steps: used.len(),
-        states,
-    })
+/// Sums over the errors of one state.
+#[derive(Debug, Clone, Copy, Default)]
+struct ErrorSum {
+    square: f64,
+    claimed: f64,
+    inside: u64,
+    count: u64,
 }
 
-/// First step from which on no state claims a standard deviation beyond [`CONVERGED_WITHIN`] times the one at step
-/// `end - 1`.
-fn settled_from(run: &Run, end: usize) -> usize {
-    let n = run.vehicle.states.len();
-    let Some(last) = end.checked_sub(1) else { return 0 };
-    let unsettled =
-        |k: &usize| run.estimate.signals[n..2 * n].iter().any(|std| std[*k] > CONVERGED_WITHIN * std[last]);
-    (0..end).rev().find(unsettled).map_or(0, |k| k + 1)
+/// Sums over the steps that are judged.
+#[derive(Debug, Clone, Default)]
+struct Sums {
+    nis: f64,
+    degrees: f64,
+    from_s: f64,
+    steps: usize,
+    states: Vec<ErrorSum>,
+}
+
+impl Sums {
+    fn take(&mut self, t: f64, estimate: &Estimate, truth: Option<&[f64]>, states: usize) {
+        if self.steps == 0 {
+            self.from_s = t;
+        }
+        self.steps += 1;
+        let degrees = f64::from(estimate.dof);
+        if degrees > 0.0 && estimate.nis.is_finite() {
+            self.nis += estimate.nis;
+            self.degrees += degrees;
+        }
+        self.states.resize(states, ErrorSum::default());
+        let Some(truth) = truth else { return };
+        for (((sum, x), std), truth) in self.states.iter_mut().zip(&estimate.x).zip(&estimate.std).zip(truth)
+        {
+            let error = x - truth;
+            sum.square += error * error;
+            sum.claimed += std * std;
+            sum.inside += u64::from(error.abs() <= 2.0 * std);
+            sum.count += 1;
+        }
+    }
+}
+
+/// The consistency of an estimator while its estimates come.
+///
+/// Convergence is what the estimator flags. One that flags nothing until the end of the part (the gains of a filter with
+/// bias states go on falling, slowly, for minutes) is judged from where the standard deviation of every state has come
+/// within 10 % of what it is there.
+#[derive(Debug, Clone)]
+pub(crate) struct ConsistencySum {
+    until_s: f64,
+    states: usize,
+    /// What no state may claim beyond, from where the filter has converged.
+    most_claimed: Vec<f64>,
+    flagged: Sums,
+    settled: Sums,
+}
+
+impl ConsistencySum {
+    /// Judges `states` states until bench time `until_s`, s, where the filter claims the standard deviations `claimed`.
+    pub fn new(states: usize, until_s: f64, claimed: &[f64]) -> Self {
+        let most_claimed = claimed.iter().take(states).map(|std| CONVERGED_WITHIN * std).collect();
+        Self { until_s, states, most_claimed, flagged: Sums::default(), settled: Sums::default() }
+    }
+
+    /// Takes the estimate of time `t`, s, and the true states of the same step.
+    pub fn take(&mut self, t: f64, estimate: &Estimate, truth: Option<&[f64]>) {
+        if t >= self.until_s {
+            return;
+        }
+        if estimate.flags & flags::CONVERGED != 0 {
+            self.flagged.take(t, estimate, truth, self.states);
+        }
+        if estimate.std.iter().zip(&self.most_claimed).any(|(std, most)| std > most) {
+            self.settled = Sums::default();
+        } else if self.flagged.steps == 0 {
+            self.settled.take(t, estimate, truth, self.states);
+        }
+    }
+
+    /// The consistency, with the names of the states; `None` without an estimate with a NIS.
+    pub fn finish<'a>(self, names: impl IntoIterator<Item = &'a String>) -> Option<Consistency> {
+        let sums = if self.flagged.steps > 0 { self.flagged } else { self.settled };
+        if sums.degrees == 0.0 {
+            return None;
+        }
+        let nis_ratio = sums.nis / sums.degrees;
+        let (low, high) = nis_bounds(sums.degrees);
+        let states =
+            names.into_iter().zip(&sums.states).filter(|(_, sum)| sum.count > 0).map(|(name, sum)| {
+                let count = sum.count as f64;
+                let error = StateError {
+                    rms: (sum.square / count).sqrt(),
+                    claimed_std: (sum.claimed / count).sqrt(),
+                    within_two_std: sum.inside as f64 / count,
+                };
+                (name.clone(), error)
+            });
+        Some(Consistency {
+            nis_ratio,
+            low,
+            high,
+            consistent: (low..=high).contains(&nis_ratio),
+            from_s: sums.from_s,
+            steps: sums.steps,
+            states: states.collect(),
+        })
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_logs::BenchInfo;
     use whirlstand_logs::testing::noise;
-    use whirlstand_msgs::{Estimate, Head, Message};
-    use whirlstand_vehicle::Vehicle;
+    use whirlstand_msgs::{Head, Message};
 
-    /// A run whose filter claims `1 + 5 exp(-t)` and whose innovations have `scale` times their claimed size.
-    fn run(scale: f64, flag_from: Option<u64>) -> Run {
-        let mut run =
-            Run::empty("run", BenchInfo::default(), Vehicle::builtin("quadrotor").expect("it is built in"));
+    /// Consistency until `until_s` of a filter that claims `1 + 5 exp(-t)` and whose innovations have `scale` times their
+    /// claimed size.
+    fn consistency(scale: f64, flag_from: Option<u64>, until_s: f64) -> Option<Consistency> {
         let e = noise(8_000, 17);
-        for k in 0..2_000u64 {
-            let t = k as f64 * 5e-3;
-            let at = 4 * k as usize;
-            let mut estimate = Estimate {
-                head: Head { seq: k, step: k, stamp_ns: k * 5_000_000 },
-                nis: e[at..at + 4].iter().map(|v| (scale * v).powi(2)).sum(),
-                dof: 4,
-                count: 4,
-                flags: if flag_from.is_some_and(|from| k >= from) { flags::CONVERGED } else { 0 },
-                ..Estimate::zeroed()
-            };
-            estimate.std[..4].fill(1.0 + 5.0 * (-t).exp());
-            run.take_estimate(&estimate);
-        }
-        run
+        let estimates: Vec<Estimate> = (0..2_000u64)
+            .map(|k| {
+                let t = k as f64 * 5e-3;
+                let at = 4 * k as usize;
+                let mut estimate = Estimate {
+                    head: Head { seq: k, step: k, stamp_ns: k * 5_000_000 },
+                    nis: e[at..at + 4].iter().map(|v| (scale * v).powi(2)).sum(),
+                    dof: 4,
+                    count: 4,
+                    flags: if flag_from.is_some_and(|from| k >= from) { flags::CONVERGED } else { 0 },
+                    ..Estimate::zeroed()
+                };
+                estimate.std[..4].fill(1.0 + 5.0 * (-t).exp());
+                estimate
+            })
+            .collect();
+        let time = |estimate: &Estimate| estimate.head.stamp_ns as f64 * 1e-9;
+        let last = estimates.iter().rfind(|estimate| time(estimate) < until_s)?;
+        let mut sum = ConsistencySum::new(4, until_s, &last.std);
+        estimates.iter().for_each(|estimate| sum.take(time(estimate), estimate, None));
+        sum.finish([])
     }
 
     #[test]
     fn a_filter_that_flags_nothing_is_judged_once_its_claims_have_come_down() {
-        let c = consistency(&run(1.0, None), 9.0).expect("a figure");
+        let c = consistency(1.0, None, 9.0).expect("a figure");
         // 5 exp(-t) is a tenth of what is claimed at 9 s, 1 + 5 exp(-9), at 3.9 s.
         assert!((c.from_s - 3.91).abs() < 0.02, "{c:?}");
         assert!(c.consistent && c.low < 1.0 && c.high > 1.0, "{c:?}");
@@ -156,14 +202,14 @@ mod tests {
 
     #[test]
     fn what_the_estimator_flags_goes_first() {
-        let c = consistency(&run(1.0, Some(400)), 9.0).expect("a figure");
+        let c = consistency(1.0, Some(400), 9.0).expect("a figure");
         assert!((c.from_s - 2.0).abs() < 1e-9, "{c:?}");
     }
 
     #[test]
     fn an_overconfident_filter_is_not_consistent() {
-        let c = consistency(&run(1.3, None), f64::INFINITY).expect("a figure");
+        let c = consistency(1.3, None, f64::INFINITY).expect("a figure");
         assert!(!c.consistent && (c.nis_ratio - 1.69).abs() < 0.1, "{c:?}");
-        assert!(consistency(&run(1.0, None), 0.0).is_none());
+        assert!(consistency(1.0, None, 0.0).is_none());
     }
 }

@@ -1,8 +1,9 @@
 //! When something happened in a run: steps of the setpoint and onsets of disturbances.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
-use crate::run::Run;
 use whirlstand_logs::stats::median;
 
 /// A disturbance that set in during a run.
@@ -20,76 +21,257 @@ pub struct DisturbanceEvent {
     pub magnitude: f64,
 }
 
-/// Onsets of disturbances in a run, in the order of time.
+/// Number of changes up to which their median is exact; beyond, it is that of a histogram.
+const EXACT_CHANGES: usize = 1 << 16;
+
+/// Bits of a float below the ten leading ones of its mantissa: numbers that agree in the rest are in one bucket,
+/// within a thousandth of each other.
+const BUCKET_BITS: u32 = 42;
+
+/// Sizes of the changes of a disturbance from message to message.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Changes {
+    before: f64,
+    count: usize,
+    first: Vec<f64>,
+    buckets: BTreeMap<u64, usize>,
+}
+
+impl Changes {
+    /// Takes the next value.
+    pub fn take(&mut self, value: f64) {
+        let change = (value - std::mem::replace(&mut self.before, value)).abs();
+        if change == 0.0 {
+            return;
+        }
+        self.count += 1;
+        if self.first.len() < EXACT_CHANGES {
+            self.first.push(change);
+        }
+        *self.buckets.entry(change.to_bits() >> BUCKET_BITS).or_default() += 1;
+    }
+
+    /// Whether the disturbance is published at every step, as turbulence or a sine are.
+    fn continuous(&self) -> bool {
+        self.count > 20
+    }
+
+    fn median(&self) -> f64 {
+        if self.count <= self.first.len() {
+            return median(&self.first);
+        }
+        let mut seen = 0;
+        let middle = self.buckets.iter().find(|(_, count)| {
+            seen += **count;
+            2 * seen >= self.count
+        });
+        middle.map_or(0.0, |(bucket, _)| f64::from_bits(bucket << BUCKET_BITS))
+    }
+}
+
+/// The disturbance of one state's derivative while onsets are looked for.
+#[derive(Debug, Clone)]
+struct StateOnsets {
+    name: String,
+    continuous: bool,
+    threshold: f64,
+    before: f64,
+    /// Nothing but zeros so far.
+    still: bool,
+    /// Onsets that are not over: value before, change, number of the event.
+    open: Vec<(f64, f64, usize)>,
+}
+
+/// Finds the onsets of disturbances in a run, in the order of time.
 ///
 /// What is published at every step (turbulence, a sine) sets in where it starts, unless that is the first step,
 /// and where it jumps by ten times the median of its changes. Onsets within 50 ms of each other are one.
-pub fn disturbance_events(run: &Run) -> Vec<DisturbanceEvent> {
-    let t = &run.disturbance.t;
-    let end = run.end_s();
-    let first_step = 1.5 * run.period_s();
-    let mut events: Vec<DisturbanceEvent> = Vec::new();
-    for (signal, state) in run.disturbance.signals.iter().zip(&run.vehicle.states) {
-        let mut before = 0.0;
-        let changes: Vec<(usize, f64)> = signal
-            .iter()
-            .enumerate()
-            .map(|(i, v)| (i, v - std::mem::replace(&mut before, *v)))
-            .filter(|(_, change)| *change != 0.0)
-            .collect();
-        let sizes: Vec<f64> = changes.iter().map(|(_, c)| c.abs()).collect();
-        let continuous = changes.len() > 20;
-        let threshold = if continuous { 10.0 * median(&sizes) } else { 0.0 };
-        for (i, change) in changes {
-            let old = signal[i] - change;
-            // The end of a pulse is not a disturbance of its own.
-            let ends = signal[i].abs() < old.abs() && old.signum() == -change.signum();
-            let starts = i == 0 || continuous && signal[..i].iter().all(|v| *v == 0.0);
-            if ends && !continuous || change.abs() <= threshold && !starts || starts && t[i] < first_step {
+#[derive(Debug, Clone)]
+pub(crate) struct Onsets {
+    states: Vec<StateOnsets>,
+    any: bool,
+    first_step_s: f64,
+    end_s: f64,
+    events: Vec<DisturbanceEvent>,
+}
+
+impl Onsets {
+    /// `changes` are those of the states called `names`, over the whole run, which ends at `end_s`.
+    pub fn new(names: &[String], changes: &[Changes], period_s: f64, end_s: f64) -> Self {
+        let states = names.iter().zip(changes).map(|(name, changes)| StateOnsets {
+            name: name.clone(),
+            continuous: changes.continuous(),
+            threshold: if changes.continuous() { 10.0 * changes.median() } else { 0.0 },
+            before: 0.0,
+            still: true,
+            open: Vec::new(),
+        });
+        Self { states: states.collect(), any: false, first_step_s: 1.5 * period_s, end_s, events: Vec::new() }
+    }
+
+    /// Takes the next message: its time, and the disturbance of every state's derivative.
+    pub fn take(&mut self, t: f64, values: &[f64]) {
+        let first = !std::mem::replace(&mut self.any, true);
+        for (state, value) in self.states.iter_mut().zip(values.iter().copied()) {
+            let events = &mut self.events;
+            state.open.retain(|(old, change, event)| {
+                let over = (value - old).abs() < 0.5 * change.abs();
+                if over {
+                    events[*event].until_s = t;
+                }
+                !over
+            });
+            let old = std::mem::replace(&mut state.before, value);
+            let still = state.still;
+            state.still &= value == 0.0;
+            let change = value - old;
+            if change == 0.0 {
                 continue;
             }
-            let back = signal[i..].iter().position(|v| (v - old).abs() < 0.5 * change.abs());
-            let until_s = back.map_or(end, |k| t[i + k]);
+            // The end of a pulse is not a disturbance of its own.
+            let ends = value.abs() < old.abs() && old.signum() == -change.signum();
+            let starts = first || state.continuous && still;
+            if ends && !state.continuous
+                || change.abs() <= state.threshold && !starts
+                || starts && t < self.first_step_s
+            {
+                continue;
+            }
+            state.open.push((old, change, events.len()));
             events.push(DisturbanceEvent {
-                at_s: t[i],
-                until_s,
+                at_s: t,
+                until_s: self.end_s,
                 place: state.name.clone(),
                 magnitude: change,
             });
         }
     }
-    events.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    let mut merged: Vec<DisturbanceEvent> = Vec::new();
-    for event in events {
-        match merged.last_mut() {
-            Some(last) if event.at_s - last.at_s < 0.05 => {
-                last.until_s = last.until_s.max(event.until_s);
-                if !last.place.split(", ").any(|p| p == event.place) {
-                    last.place = format!("{}, {}", last.place, event.place);
+
+    /// The onsets.
+    pub fn finish(self) -> Vec<DisturbanceEvent> {
+        let mut merged: Vec<DisturbanceEvent> = Vec::new();
+        for event in self.events {
+            match merged.last_mut() {
+                Some(last) if event.at_s - last.at_s < 0.05 => {
+                    last.until_s = last.until_s.max(event.until_s);
+                    if !last.place.split(", ").any(|p| p == event.place) {
+                        last.place = format!("{}, {}", last.place, event.place);
+                    }
+                    if event.magnitude.abs() > last.magnitude.abs() {
+                        last.magnitude = event.magnitude;
+                    }
                 }
-                if event.magnitude.abs() > last.magnitude.abs() {
-                    last.magnitude = event.magnitude;
-                }
+                _ => merged.push(event),
             }
-            _ => merged.push(event),
         }
+        merged
     }
-    merged
 }
 
-/// Steps of a setpoint: `(time, new value)`. Starts with the first value that is tracked; a value that does not
-/// last a tenth of a second is part of a ramp, which has no step response.
-pub fn setpoint_steps(t: &[f64], wanted: &[f64]) -> Vec<(f64, f64)> {
-    let mut steps: Vec<(f64, f64)> = Vec::new();
-    let mut before = f64::NAN;
-    for (t, w) in t.iter().zip(wanted) {
-        if w.is_finite() && *w != before {
-            steps.push((*t, *w));
-        }
-        before = *w;
+/// How long a setpoint has to last for its change to be a step: what changes faster is part of a ramp, which has no
+/// step response; s.
+const LASTING_S: f64 = 0.1;
+
+/// Finds the steps of a setpoint, which start with the first value that is tracked.
+#[derive(Debug, Clone)]
+pub(crate) struct SetpointSteps {
+    steps: Vec<(f64, f64)>,
+    before: f64,
+}
+
+impl SetpointSteps {
+    /// Before the first message.
+    pub fn new() -> Self {
+        Self { steps: Vec::new(), before: f64::NAN }
     }
-    let end = t.last().copied().unwrap_or(0.0);
-    let lasting: Vec<bool> =
-        (0..steps.len()).map(|i| steps.get(i + 1).map_or(end + 0.1, |s| s.0) - steps[i].0 >= 0.1).collect();
-    steps.into_iter().zip(lasting).filter(|(_, lasts)| *lasts).map(|(s, _)| s).collect()
+
+    /// Takes the setpoint at time `t`, s; NaN where nothing is tracked. A time before that of the last message forgets what
+    /// came from then on.
+    pub fn take(&mut self, t: f64, wanted: f64) {
+        if self.steps.last().is_some_and(|step| step.0 >= t) {
+            self.steps.truncate(self.steps.partition_point(|step| step.0 < t));
+            self.before = self.steps.last().map_or(f64::NAN, |step| step.1);
+        }
+        if wanted.is_finite() && wanted != self.before {
+            self.steps.pop_if(|last| t - last.0 < LASTING_S);
+            self.steps.push((t, wanted));
+        }
+        self.before = wanted;
+    }
+
+    /// Time and new value of every step.
+    pub fn finish(self) -> Vec<(f64, f64)> {
+        self.steps
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_logs::testing::noise;
+
+    fn onsets(rows: &[(f64, f64)]) -> Vec<DisturbanceEvent> {
+        let mut changes = Changes::default();
+        rows.iter().for_each(|(_, v)| changes.take(*v));
+        let mut onsets = Onsets::new(&["roll_rate".to_string()], &[changes], 1e-3, 100.0);
+        rows.iter().for_each(|(t, v)| onsets.take(*t, &[*v]));
+        onsets.finish()
+    }
+
+    #[test]
+    fn a_pulse_is_one_event_and_a_step_lasts() {
+        let events = onsets(&[(6.0, 3.0), (6.2, 0.0), (20.0, -1.0)]);
+        let found: Vec<_> = events.iter().map(|e| (e.at_s, e.until_s, e.magnitude)).collect();
+        assert_eq!(found, [(6.0, 6.2, 3.0), (20.0, 100.0, -1.0)]);
+    }
+
+    #[test]
+    fn a_gust_stands_out_of_turbulence_of_any_length() {
+        // More changes than are kept exactly.
+        for n in [5_000, 2 * EXACT_CHANGES] {
+            let e = noise(n, 3);
+            let gust = |i: usize| if (4_000..4_100).contains(&i) { 50.0 } else { 0.0 };
+            let rows: Vec<_> = (0..n).map(|i| (i as f64 * 1e-3, 0.1 * e[i] + gust(i))).collect();
+            let events = onsets(&rows);
+            let found: Vec<_> = events.iter().map(|e| (e.at_s, e.until_s.to_bits())).collect();
+            assert_eq!(found, [(4.0, 4.1f64.to_bits()), (4.1, events[1].until_s.to_bits())], "{events:?}");
+        }
+    }
+
+    #[test]
+    fn the_median_of_many_changes_is_within_a_thousandth() {
+        let mut changes = Changes::default();
+        let n = 4 * EXACT_CHANGES;
+        let (mut value, mut sizes) = (0.0, Vec::new());
+        for e in noise(n, 5) {
+            value += e;
+            changes.take(value);
+            sizes.push(e.abs());
+        }
+        let exact = median(&sizes);
+        assert!((changes.median() / exact - 1.0).abs() < 2e-3, "{} {exact}", changes.median());
+        assert!(changes.first.len() == EXACT_CHANGES && changes.buckets.len() < 40_000);
+    }
+
+    #[test]
+    fn a_ramp_has_no_steps_but_its_end() {
+        let mut steps = SetpointSteps::new();
+        for k in 0..300 {
+            let t = k as f64 * 0.01;
+            steps.take(t, if t < 1.0 { 0.0 } else { (t - 1.0).min(1.0) });
+        }
+        let found = steps.finish();
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert_eq!(found[0], (0.0, 0.0));
+        assert!((found[1].0 - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_restart_forgets_later_steps() {
+        let mut steps = SetpointSteps::new();
+        for (t, w) in [(0.0, 0.0), (1.0, 1.0), (3.0, 0.0), (0.0, 0.0), (1.0, 2.0)] {
+            steps.take(t, w);
+        }
+        assert_eq!(steps.finish(), [(0.0, 0.0), (1.0, 2.0)]);
+    }
 }

@@ -5,16 +5,22 @@ mod disturbance;
 mod effort;
 mod estimator;
 mod events;
+mod judge;
 mod step;
 mod timing;
 mod window;
 
 pub use disturbance::{Recovery, recovery};
-pub use effort::{Effort, effort};
-pub use estimator::{Consistency, StateError, consistency, nis_bounds};
-pub use events::{DisturbanceEvent, disturbance_events, setpoint_steps};
+pub use effort::Effort;
+pub(crate) use effort::EffortSum;
+pub(crate) use estimator::ConsistencySum;
+pub use estimator::{Consistency, StateError, nis_bounds};
+pub use events::DisturbanceEvent;
+pub(crate) use events::{Changes, Onsets, SetpointSteps};
+pub(crate) use judge::{Judge, Judgement, Part};
 pub use step::{StepResponse, step_response};
-pub use timing::{Latency, NodeTiming, Timing, latency, timing, total};
+pub(crate) use timing::{FailsafeSteps, timing};
+pub use timing::{Latency, NodeTiming, Timing, latency, total};
 
 /// Integral of `f(y)` over `t` by the trapezium rule.
 pub fn integral(t: &[f64], y: &[f64], f: impl Fn(f64) -> f64) -> f64 {

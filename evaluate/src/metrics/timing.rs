@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use whirlstand_msgs::{flags, latency_bucket_upper_ns};
+use whirlstand_msgs::latency_bucket_upper_ns;
 
-use crate::run::{NodeHealth, Run};
+use crate::health::NodeHealth;
 
 /// Percentiles of a latency, us. Each is the upper edge of the histogram's bucket that holds it (two buckets an
 /// octave), so the true value is at most 29 % lower; never more than `max`.
@@ -95,8 +95,8 @@ pub fn total(counts: impl IntoIterator<Item = u64>) -> u64 {
 }
 
 fn node_timing(health: &NodeHealth) -> NodeTiming {
-    let lives = health.lives();
-    let sum = |f: fn(&whirlstand_msgs::Health) -> u64| total(lives.iter().map(|h| f(h)));
+    let lives = &health.lives;
+    let sum = |f: fn(&whirlstand_msgs::Health) -> u64| total(lives.iter().map(f));
     let max_ns = lives.iter().map(|h| h.latency_max_ns).max().unwrap_or(0);
     NodeTiming {
         steps: sum(|h| h.steps),
@@ -106,6 +106,17 @@ fn node_timing(health: &NodeHealth) -> NodeTiming {
         restarts: lives.len().saturating_sub(1) as u64,
         latency: latency(&health.histogram(), max_ns),
     }
+}
+
+/// Steps of a run in failsafe.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct FailsafeSteps {
+    /// All of them.
+    pub steps: u64,
+    /// Those at the end, without a break.
+    pub at_end: u64,
+    /// Steps of the run.
+    pub of_steps: u64,
 }
 
 impl Timing {
@@ -119,12 +130,11 @@ impl Timing {
     }
 }
 
-/// Timing figures of a run. Misses are counted by the plant; without its health, held steps stand for them.
-pub fn timing(run: &Run) -> Timing {
+/// Timing figures of a run from the health of its nodes and its numbers of held steps and of steps in failsafe. Misses are
+/// counted by the plant; without its health, held steps stand for them.
+pub(crate) fn timing(health: &[NodeHealth], held_steps: u64, failsafe: FailsafeSteps) -> Timing {
     let nodes: BTreeMap<String, NodeTiming> =
-        run.health.iter().map(|h| (h.node.clone(), node_timing(h))).collect();
-    let held_steps = run.flagged(flags::HELD).1;
-    let (failsafe_steps, failsafe_at_end) = (run.flagged(flags::FAILSAFE).1, run.failsafe_at_end());
+        health.iter().map(|h| (h.node.clone(), node_timing(h))).collect();
     let mut timing = Timing {
         deadline_misses: nodes.get("plant").map_or(held_steps, |p| p.deadline_misses),
         held_steps,
@@ -133,7 +143,7 @@ pub fn timing(run: &Run) -> Timing {
         nodes,
         ..Timing::default()
     };
-    timing.witness_failsafe(failsafe_steps, failsafe_at_end, run.truth.t.len() as u64);
+    timing.witness_failsafe(failsafe.steps, failsafe.at_end, failsafe.of_steps);
     timing
 }
 

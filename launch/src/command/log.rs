@@ -1,6 +1,6 @@
 //! `whirlstand log info|export|diff`.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 
 use sha2::{Digest, Sha256};
@@ -56,15 +56,16 @@ pub(crate) fn read(path: &Path, map: &[String]) -> Result<Record, Failure> {
     whirlstand_logs::read(path, &mappings(map)?).map_err(Failure::mend)
 }
 
-/// SHA-256 of a file; of a folder's log.
+/// SHA-256 of a log: of all its files, one after the other.
 ///
 /// # Errors
-/// When it cannot be read.
+/// When one cannot be read.
 pub(crate) fn hash(path: &Path) -> Result<String, Failure> {
-    let file: PathBuf = if path.is_dir() { path.join("log.mcap") } else { path.into() };
-    let mut reader = std::fs::File::open(&file).map_err(|e| Failure::file("read", &file, &e))?;
     let mut hash = Sha256::new();
-    std::io::copy(&mut reader, &mut hash).map_err(|e| Failure::file("read", &file, &e))?;
+    for file in whirlstand_logs::log_files(path).map_err(Failure::mend)? {
+        let mut reader = std::fs::File::open(&file).map_err(|e| Failure::file("read", &file, &e))?;
+        std::io::copy(&mut reader, &mut hash).map_err(|e| Failure::file("read", &file, &e))?;
+    }
     Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
 }
 
@@ -80,9 +81,11 @@ pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result
     let own = vehicle.map.iter().filter(|(name, _)| !given.iter().any(|m| m.name == *name));
     let own = own.map(|(name, source)| format!("{name}={source}").parse::<Mapping>());
     let mut own = own.collect::<Result<Vec<_>, _>>().map_err(wrong)?;
+    let outputs = vehicle.outputs.iter().map(|output| output.name.as_str());
+    let signals: Vec<&str> = outputs.chain(vehicle.inputs.iter().map(|input| input.name.as_str())).collect();
     loop {
         let all: Vec<Mapping> = given.iter().chain(&own).cloned().collect();
-        match whirlstand_logs::read(path, &all) {
+        match whirlstand_logs::read_signals(path, &all, &signals) {
             Ok(record) => return in_units_of(vehicle, record, &given),
             Err(error) => {
                 let missing = error.missing_source().map(|missing| missing.name.clone());

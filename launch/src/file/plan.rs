@@ -14,12 +14,15 @@ use whirlstand_vehicle::{Effect, Vehicle};
 use super::amount::{Amount, Seconds};
 use super::document::{Document, LaunchError, Step, at};
 use super::expect;
-use super::schema::{LaunchFile, NodeSection, Restart};
+use super::schema::{LaunchFile, NodeSection, RecorderSection, Restart};
 use super::security::Security;
 use super::wording::unknown;
 
 /// Fastest loop that can be asked for, Hz.
 const FASTEST_HZ: f64 = 100_000.0;
+
+/// Smallest size that a file of the log can be limited to, bytes: launch file and vehicle are in every one of them.
+const LEAST_LOG_BYTES: u64 = 50_000;
 
 /// A bench, ready to be started.
 #[derive(Debug, Clone)]
@@ -88,9 +91,12 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         controller: file.controller.clone(),
         recorder: recorded.then(|| RecorderConfig {
             path: String::new(),
-            most_files: starts_of_the_plant(&nodes),
+            most_runs: starts_of_the_plant(&nodes),
             launch_text: with_overrides(document),
             version: env!("CARGO_PKG_VERSION").into(),
+            max_bytes: file.recorder.max_size.map(|size| size.0),
+            max_duration_ns: file.recorder.max_duration.map(|length| (1e9 * length.0).round() as u64),
+            segments: file.recorder.segments,
         }),
         setpoint: planner.changes("setpoint", &file.setpoint, true)?,
         stick: planner.changes("stick", &file.stick, false)?,
@@ -174,6 +180,7 @@ impl Planner<'_> {
             let Some(value) = value else { continue };
             self.check_time(at![section, key], value.0)?;
         }
+        self.check_recorder(&file.recorder)?;
         if file.plant.misses_to_failsafe == 0 {
             let here = at!["plant", "misses_to_failsafe"];
             return Err(self.document.error_at(here, "at least 1 miss must come before the failsafe"));
@@ -191,6 +198,26 @@ impl Planner<'_> {
     }
 
     /// A time limit that makes sense.
+    fn check_recorder(&self, recorder: &RecorderSection) -> Result<(), LaunchError> {
+        let fail = |key: &str, message: String| Err(self.document.error_at(at!["recorder", key], message));
+        if let Some(size) = recorder.max_size.filter(|size| size.0 < LEAST_LOG_BYTES) {
+            return fail(
+                "max_size",
+                format!("at least {LEAST_LOG_BYTES} bytes are expected, not {}", size.0),
+            );
+        }
+        if let Some(length) = recorder.max_duration {
+            self.check_time(at!["recorder", "max_duration"], length.0)?;
+        }
+        match recorder.segments {
+            Some(0) => fail("segments", "at least 1 file must be kept".into()),
+            Some(_) if recorder.max_size.is_none() && recorder.max_duration.is_none() => {
+                fail("segments", "no file is ever full: give max_size or max_duration as well".into())
+            }
+            _ => Ok(()),
+        }
+    }
+
     pub(super) fn check_time(&self, here: &[Step<'_>], value: f64) -> Result<(), LaunchError> {
         if value > 0.0 && value <= 86_400.0 {
             return Ok(());

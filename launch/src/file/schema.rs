@@ -8,7 +8,7 @@ use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
 use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig};
 
-use super::amount::{Amount, Seconds};
+use super::amount::{Amount, Bytes, Seconds};
 
 /// A launch file as it is written; [`super::plan`] makes a runnable bench of it.
 #[derive(Debug, Clone, Deserialize)]
@@ -116,11 +116,17 @@ impl Default for PlantSection {
 pub(crate) struct RecorderSection {
     /// Whether the run keeps a log.
     pub enabled: bool,
+    /// Size at which the log goes on in the next file.
+    pub max_size: Option<Bytes>,
+    /// Bench time after which the log goes on in the next file.
+    pub max_duration: Option<Seconds>,
+    /// So many files are kept, the last ones.
+    pub segments: Option<u32>,
 }
 
 impl Default for RecorderSection {
     fn default() -> Self {
-        Self { enabled: true }
+        Self { enabled: true, max_size: None, max_duration: None, segments: None }
     }
 }
 

@@ -54,7 +54,10 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
             None
         }
     });
-    let figures = recorded.as_ref().map(RunSummary::of);
+    if let Some(run) = &recorded {
+        problems.extend(gaps(run, &ran.outcome.health));
+    }
+    let figures = recorded.as_ref().map(|run| run.figures.clone());
     let restarts: u64 = ran.outcome.restarts.iter().map(|(_, n)| u64::from(*n)).sum();
     let mut timing = figures.as_ref().map_or_else(|| reported(&ran.outcome.health), |f| f.timing.clone());
     // The launcher knows; from the log alone, a node that died before its first report leaves no trace.
@@ -85,6 +88,23 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
         problems,
         log: ran.log,
     }
+}
+
+/// How much earlier than the run its log may end, s: what a killed recorder had not yet handed over.
+const LOG_END_S: f64 = 1.0;
+
+/// What is missing in the log of a run.
+fn gaps(run: &Run, health: &HealthTable) -> Vec<String> {
+    let mut gaps: Vec<String> = run.holes.iter().map(|hole| hole.to_string()).collect();
+    let figures = &run.figures;
+    let end_s = health.get("plant").map_or(0.0, |plant| plant.latest.head.step as f64 * figures.period_s);
+    if figures.duration_s + LOG_END_S < end_s {
+        gaps.push(format!(
+            "the log ends at {:.3} s, the run at {end_s:.3} s: what came then could not be written",
+            figures.duration_s
+        ));
+    }
+    gaps
 }
 
 /// Timing figures as the nodes reported them to the launcher.

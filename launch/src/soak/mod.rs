@@ -79,7 +79,7 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
         node.section.max_restarts = u32::MAX;
     }
     if let Some(recorder) = &mut plan.config.recorder {
-        recorder.most_files = u32::MAX;
+        recorder.most_runs = u32::MAX;
     }
     Ok(plan)
 }

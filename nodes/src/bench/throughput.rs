@@ -94,9 +94,9 @@ pub(super) fn recorded(options: &Options) -> Result<Vec<Figure>, BenchError> {
         config.telemetry = true;
         config.recorder = Some(RecorderConfig {
             path: folder.join("log.mcap").to_string_lossy().into_owned(),
-            most_files: 1,
-            launch_text: String::new(),
+            most_runs: 1,
             version: env!("CARGO_PKG_VERSION").into(),
+            ..RecorderConfig::default()
         });
         let flown = fly(options, &config, &[]);
         // The log is only a means here; leaving it behind is all that can go wrong.

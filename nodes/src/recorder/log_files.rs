@@ -1,19 +1,35 @@
-//! The files of a recorder: `log.mcap`, `log.2.mcap`, `log.3.mcap` and so on.
+//! The files of a recorder: `log.mcap`, `log.2.mcap`, `log.3.mcap` and so on, and how large they may become.
 
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use whirlstand_logs::bench_info::{LAUNCH_ATTACHMENT, VEHICLE_ATTACHMENT};
-use whirlstand_logs::{BenchInfo, LogWriter, SignalInfo};
+use whirlstand_logs::{BenchInfo, LogWriter, Segments, SignalInfo, WriteError};
 
 use crate::config::{Mode, NodeConfig, RecorderConfig};
-use crate::error::NodeError;
 use crate::setup::Setup;
 
+/// Chunks of a file of limited size: so many at least make it up.
+const FEWEST_CHUNKS: u64 = 8;
+
+/// When a file is full.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    /// Its size, bytes.
+    pub(super) bytes: Option<u64>,
+    /// Its length in bench time, ns.
+    pub(super) duration_ns: Option<u64>,
+    /// So many files are kept.
+    files: Option<usize>,
+}
+
 pub(super) struct LogFiles {
-    base: PathBuf,
+    /// The files that there are, those of an earlier recorder of this run among them.
+    segments: Segments,
+    /// The files that this recorder wrote, and has not removed.
     paths: Vec<PathBuf>,
-    most: usize,
+    current: PathBuf,
+    limits: Limits,
     info: BenchInfo,
     launch_text: String,
     vehicle_text: String,
@@ -42,64 +58,68 @@ impl LogFiles {
             ..BenchInfo::default()
         };
         Self {
-            base: PathBuf::from(&recorder.path),
+            segments: Segments::of(Path::new(&recorder.path)),
             paths: Vec::new(),
-            most: recorder.most_files as usize,
+            current: PathBuf::from(&recorder.path),
+            limits: Limits {
+                bytes: recorder.max_bytes,
+                duration_ns: recorder.max_duration_ns,
+                files: recorder.segments.map(|n| n as usize),
+            },
             info,
             launch_text: recorder.launch_text.clone(),
             vehicle_text: config.vehicle.text.clone(),
         }
     }
 
-    /// Creates the next file; never touches one that exists.
-    pub(super) fn next(&mut self) -> Result<LogWriter, NodeError> {
-        let path = free_path(&self.base);
+    /// When a file is full.
+    pub(super) fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Creates the next file; never touches one that exists, but for the oldest when there are more than are to be kept.
+    pub(super) fn next(&mut self) -> Result<LogWriter, WriteError> {
+        self.current = self.segments.next();
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         self.info.started_unix_ns = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-        let mut log = LogWriter::create(&path, &self.info)?;
-        log.attach(LAUNCH_ATTACHMENT, "application/toml", self.launch_text.as_bytes())?;
-        log.attach(VEHICLE_ATTACHMENT, "application/toml", self.vehicle_text.as_bytes())?;
-        self.paths.push(path);
+        let log = self.begin().inspect_err(|_| self.remove(&self.current))?;
+        self.segments.add(&self.current);
+        self.paths.push(self.current.clone());
+        while let Some(oldest) = self.limits.files.and_then(|most| self.segments.pop_oldest_beyond(most)) {
+            self.remove(&oldest);
+            self.paths.retain(|path| *path != oldest);
+        }
         Ok(log)
     }
 
-    /// Whether no further file may be begun: the plant cannot have been started more often.
-    pub(super) fn are_all(&self) -> bool {
-        self.paths.len() >= self.most
+    fn begin(&self) -> Result<LogWriter, WriteError> {
+        let most = self.limits.bytes.map_or(u64::MAX, |bytes| bytes / FEWEST_CHUNKS);
+        let mut log = LogWriter::create_in_chunks(&self.current, &self.info, most)?;
+        log.attach(LAUNCH_ATTACHMENT, "application/toml", self.launch_text.as_bytes())?;
+        log.attach(VEHICLE_ATTACHMENT, "application/toml", self.vehicle_text.as_bytes())?;
+        Ok(log)
+    }
+
+    /// Takes the file that was begun last away again.
+    pub(super) fn discard(&mut self) {
+        self.remove(&self.current);
+        self.paths.retain(|path| *path != self.current);
+        self.segments.remove(&self.current);
+    }
+
+    fn remove(&self, path: &Path) {
+        if let Err(error) = std::fs::remove_file(path)
+            && error.kind() != std::io::ErrorKind::NotFound
+        {
+            tracing::warn!("cannot remove {}: {error}", path.display());
+        }
     }
 
     pub(super) fn current(&self) -> &Path {
-        self.paths.last().unwrap_or(&self.base)
+        &self.current
     }
 
     pub(super) fn paths(&self) -> &[PathBuf] {
         &self.paths
-    }
-}
-
-/// `base`, or when it exists the first of `stem.2.ext`, `stem.3.ext`, ... that does not.
-fn free_path(base: &Path) -> PathBuf {
-    let stem = base.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let extension = base.extension().unwrap_or_default().to_string_lossy().into_owned();
-    let numbered = (2u32..).map(|n| base.with_file_name(format!("{stem}.{n}.{extension}")));
-    std::iter::once(base.to_path_buf())
-        .chain(numbered)
-        .find(|path| !path.exists())
-        .unwrap_or_else(|| base.to_path_buf())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_log_is_ever_overwritten() {
-        let folder = tempfile::tempdir().unwrap();
-        let base = folder.path().join("log.mcap");
-        for name in ["log.mcap", "log.2.mcap", "log.3.mcap"] {
-            let path = free_path(&base);
-            assert_eq!(path.file_name().unwrap(), name);
-            std::fs::write(path, b"x").unwrap();
-        }
     }
 }

@@ -3,18 +3,21 @@
 //! It looks at its queues at a steady pace instead of being woken by every message: nobody in the loop pays a
 //! system call for it, and a lockstep plant waits when it falls behind (see [`whirlstand_msgs::Progress`]).
 //!
-//! Each file holds one uninterrupted run. A recorder that finds `log.mcap` in place was restarted and writes
+//! Each file holds a part of one uninterrupted run. A recorder that finds `log.mcap` in place was restarted and writes
 //! `log.2.mcap`, then `log.3.mcap`; so does a recorder that sees the steps go back, which means that the plant
-//! was restarted. It begins no more files than the plant can have starts: whatever else goes back is refused and counted.
+//! was restarted, one whose file has reached its size or length, and one that could not write for a time. It begins no
+//! more runs than the plant can have starts: whatever else goes back is refused and counted.
 
 mod log_files;
+mod sink;
+mod sync;
 mod topic;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, Publisher};
-use whirlstand_logs::{Channel, LogWriter};
+use whirlstand_logs::Channel;
 use whirlstand_msgs::{Health, Message, NodeState, Progress};
 
 use crate::clock::Turn;
@@ -23,6 +26,7 @@ use crate::error::NodeError;
 use crate::peers::Peers;
 use crate::setup::Setup;
 use log_files::LogFiles;
+use sink::Sink;
 pub use topic::QUEUE_DEPTH;
 use topic::Topics;
 
@@ -37,20 +41,23 @@ const LAST_MESSAGES: Duration = Duration::from_secs(2);
 
 /// The recorder as a state machine.
 pub struct Recorder {
-    files: LogFiles,
-    log: Option<LogWriter>,
+    sink: Sink,
     topics: Topics,
-    health: Channel<Health>,
+    /// `None` while no file can be written.
+    health: Option<Channel<Health>>,
     progress: Publisher<Progress>,
     peers: Peers,
     awaits: Vec<Role>,
     /// Step and count that were last reported to the plant.
     reported: Option<(u64, u64)>,
-    written_before: u64,
     refused: u64,
+    /// Runs of the plant so far, and at most.
+    runs: u32,
+    most_runs: u32,
     /// Whether a run that the plant cannot have begun was told of.
     refused_run: bool,
     stopping: Option<Instant>,
+    ended: bool,
     period_ns: u64,
 }
 
@@ -65,25 +72,25 @@ impl Recorder {
             value: "nothing".into(),
             reason: "a recorder needs to know where to write".into(),
         })?;
-        let mut files = LogFiles::new(config, recorder, setup);
-        let mut log = files.next()?;
+        let mut sink = Sink::open(LogFiles::new(config, recorder, setup))?;
         let listens_to: Vec<Role> = [Role::Plant, Role::Estimator, Role::Controller]
             .into_iter()
             .filter(|&r| r == Role::Plant || config.peers.contains(&r))
             .collect();
         Ok(Self {
-            topics: Topics::open(bus, &mut log)?,
-            health: log.channel()?,
+            topics: Topics::open(bus, &mut sink)?,
+            health: sink.channel(),
             progress: bus.publisher()?,
             peers: Peers::open(bus, Role::Recorder, listens_to.clone())?,
             awaits: listens_to,
-            files,
-            log: Some(log),
+            sink,
             reported: None,
-            written_before: 0,
             refused: 0,
+            runs: 1,
+            most_runs: recorder.most_runs,
             refused_run: false,
             stopping: None,
+            ended: false,
             period_ns: config.period_ns,
         })
     }
@@ -91,34 +98,38 @@ impl Recorder {
     /// Writes the messages that wait.
     ///
     /// # Errors
-    /// The log cannot be written, or the transport fails.
+    /// The transport fails; at the end, when the last part of the log could not be written.
     pub fn turn(&mut self, now: Instant) -> Result<Turn, NodeError> {
-        let Some(mut log) = self.log.take() else { return Ok(Turn::Ended) };
-        let before = log.messages();
+        if self.ended {
+            return Ok(Turn::Ended);
+        }
+        if self.sink.is_file_due(now) && self.sink.begin_file() {
+            self.move_to_file();
+        }
+        let taken = self.taken();
         // Truth first: what it has reached bounds how much of the other topics can be waiting.
         for _ in 0..QUEUE_DEPTH {
             let Some(truth) = self.topics.truth.receive(&mut self.refused)? else { break };
             if self.topics.truth.step().is_some_and(|last| truth.head.step < last) {
-                if self.files.are_all() {
+                if self.runs >= self.most_runs {
                     self.refuse_run(truth.head.step);
                     continue;
                 }
-                log = self.begin_file(log)?;
+                self.begin_run();
             }
-            self.topics.truth.write(&mut log, &truth)?;
+            self.topics.truth.write(&mut self.sink, &truth);
         }
         let reached = self.topics.truth.step();
-        self.topics.drain_followers(&mut log, &mut self.refused)?;
+        self.topics.drain_followers(&mut self.sink, &mut self.refused)?;
         while let Some(health) = self.peers.receive()? {
             self.peers.update(&health);
-            log.write(&self.health, &health)?;
+            self.sink.write(self.health.as_ref(), &health);
         }
-        log.flush_if_due(now)?;
-        let worked = log.messages() != before;
-        self.tell(reached, self.written_before + log.messages())?;
-        self.count(log.messages());
+        self.sink.flush_if_due(now);
+        let worked = self.taken() != taken;
+        self.tell(reached, self.sink.written())?;
+        self.count();
         self.peers.turn(now)?;
-        self.log = Some(log);
         if let Some(until) = self.stopping {
             // One more look takes what came while this one was under way; whoever goes on publishing does not keep the
             // log from being finished.
@@ -136,33 +147,36 @@ impl Recorder {
 
     /// Number of messages that never reached the log.
     pub fn lost(&self) -> u64 {
-        self.topics.lost()
+        self.topics.lost() + self.sink.missed()
     }
 
     /// Number of messages in the log, all files of this recorder together.
     pub fn written(&self) -> u64 {
-        self.written_before + self.log.as_ref().map_or(0, LogWriter::messages)
+        self.sink.written()
+    }
+
+    /// Number of messages that came.
+    fn taken(&self) -> u64 {
+        self.sink.written() + self.sink.missed()
     }
 
     /// The health report of the recorder.
     pub fn health(&mut self) -> &Health {
-        let written = self.log.as_ref().map_or(0, LogWriter::messages);
-        self.count(written);
+        self.count();
         &self.peers.report
     }
 
-    /// The files written so far.
+    /// The files written so far that were not removed.
     pub fn paths(&self) -> &[PathBuf] {
-        self.files.paths()
+        self.sink.files().paths()
     }
 
     fn finish(&mut self) -> Result<Turn, NodeError> {
         self.peers.set_state(NodeState::Stopping);
         self.peers.publish(Instant::now())?;
-        if let Some(mut log) = self.log.take() {
-            log.write(&self.health, &self.peers.report)?;
-            self.written_before += log.finish()?.messages;
-        }
+        self.sink.write(self.health.as_ref(), &self.peers.report);
+        self.ended = true;
+        self.sink.finish()?;
         Ok(Turn::Ended)
     }
 
@@ -179,13 +193,19 @@ impl Recorder {
                 || reached(self.topics.command.step()) && reached(self.topics.setpoint.step()))
     }
 
-    fn begin_file(&mut self, log: LogWriter) -> Result<LogWriter, NodeError> {
-        self.written_before += log.finish()?.messages;
-        let mut log = self.files.next()?;
-        tracing::warn!(path = %self.files.current().display(), "the plant began a new run: next log file");
-        self.topics.move_to(&mut log)?;
-        self.health = log.channel()?;
-        Ok(log)
+    /// The plant was restarted.
+    fn begin_run(&mut self) {
+        self.runs += 1;
+        self.topics.begin_run();
+        if self.sink.begin_file() {
+            tracing::warn!(path = %self.sink.files().current().display(), "the plant began a new run: next log file");
+            self.move_to_file();
+        }
+    }
+
+    fn move_to_file(&mut self) {
+        self.topics.move_to(&mut self.sink);
+        self.health = self.sink.channel();
     }
 
     /// Leaves out a message that would begin a run which the plant cannot have begun.
@@ -193,7 +213,7 @@ impl Recorder {
         if !std::mem::replace(&mut self.refused_run, true) {
             tracing::warn!(
                 step,
-                files = self.files.paths().len(),
+                starts = self.most_runs,
                 "Truth goes back more often than the plant was started: somebody else publishes it, and it is left out"
             );
         }
@@ -214,11 +234,12 @@ impl Recorder {
         Ok(self.progress.send(&progress)?)
     }
 
-    fn count(&mut self, written: u64) {
-        let lost = self.lost();
+    fn count(&mut self) {
+        let (written, lost) = (self.sink.written(), self.lost());
         let report = &mut self.peers.report;
         report.head.step = self.topics.truth.step().unwrap_or(0);
-        report.steps = self.written_before + written;
+        // What was counted and then lost with its file is among the lost; a count that falls would be a restart.
+        report.steps = report.steps.max(written);
         report.lost = lost;
         report.rejected = self.refused;
     }

@@ -1,25 +1,26 @@
 //! The topics of the loop on their way into the log.
 
 use whirlstand_bus::{Bus, Subscriber};
-use whirlstand_logs::{Channel, LogWriter};
+use whirlstand_logs::Channel;
 use whirlstand_msgs::{Command, Disturbance, Estimate, Imu, Message, Odometry, Outputs, Setpoint, Truth};
 
 use crate::error::NodeError;
 use crate::ports::receive;
+use crate::recorder::sink::Sink;
 
 /// Queue of each topic.
 pub const QUEUE_DEPTH: usize = 1024;
 
 pub(super) struct Topic<M: Message> {
     subscriber: Subscriber<M>,
-    channel: Channel<M>,
+    /// `None` while no file can be written.
+    channel: Option<Channel<M>>,
     last: Option<M>,
 }
 
 impl<M: Message> Topic<M> {
-    fn open(bus: &Bus, log: &mut LogWriter) -> Result<Self, NodeError> {
-        let channel = log.channel()?;
-        Ok(Self { subscriber: bus.subscriber(QUEUE_DEPTH)?, channel, last: None })
+    fn open(bus: &Bus, sink: &mut Sink) -> Result<Self, NodeError> {
+        Ok(Self { subscriber: bus.subscriber(QUEUE_DEPTH)?, channel: sink.channel(), last: None })
     }
 
     /// The next message, if one waits. A message that only repeats the one before is skipped: while a bench
@@ -39,27 +40,21 @@ impl<M: Message> Topic<M> {
         Ok(None)
     }
 
-    pub(super) fn write(&mut self, log: &mut LogWriter, message: &M) -> Result<(), NodeError> {
+    pub(super) fn write(&mut self, sink: &mut Sink, message: &M) {
         self.last = Some(*message);
-        Ok(log.write(&self.channel, message)?)
+        sink.write(self.channel.as_ref(), message);
     }
 
     /// Writes what waits, at most one queue full, so that the turn ends even when the publisher is faster.
-    fn drain(&mut self, log: &mut LogWriter, refused: &mut u64) -> Result<(), NodeError> {
+    fn drain(&mut self, sink: &mut Sink, refused: &mut u64) -> Result<(), NodeError> {
         for _ in 0..QUEUE_DEPTH {
             let Some(message) = self.receive(refused)? else { break };
-            self.write(log, &message)?;
+            self.write(sink, &message);
         }
         Ok(())
     }
 
-    fn move_to(&mut self, log: &mut LogWriter) -> Result<(), NodeError> {
-        self.channel = log.channel()?;
-        self.last = None;
-        Ok(())
-    }
-
-    /// Step of the last message in this file.
+    /// Step of the last message of this run of the plant.
     pub(super) fn step(&self) -> Option<u64> {
         self.last.map(|m| m.head().step)
     }
@@ -79,25 +74,30 @@ macro_rules! topics {
         }
 
         impl Topics {
-            pub(super) fn open(bus: &Bus, log: &mut LogWriter) -> Result<Self, NodeError> {
-                Ok(Self { $leader: Topic::open(bus, log)?, $($name: Topic::open(bus, log)?,)* })
+            pub(super) fn open(bus: &Bus, sink: &mut Sink) -> Result<Self, NodeError> {
+                Ok(Self { $leader: Topic::open(bus, sink)?, $($name: Topic::open(bus, sink)?,)* })
             }
 
             /// Writes what waits on each topic but the leading one, at most one queue full of it.
             pub(super) fn drain_followers(
                 &mut self,
-                log: &mut LogWriter,
+                sink: &mut Sink,
                 refused: &mut u64,
             ) -> Result<(), NodeError> {
-                $(self.$name.drain(log, refused)?;)*
+                $(self.$name.drain(sink, refused)?;)*
                 Ok(())
             }
 
             /// Goes on in another file.
-            pub(super) fn move_to(&mut self, log: &mut LogWriter) -> Result<(), NodeError> {
-                self.$leader.move_to(log)?;
-                $(self.$name.move_to(log)?;)*
-                Ok(())
+            pub(super) fn move_to(&mut self, sink: &mut Sink) {
+                self.$leader.channel = sink.channel();
+                $(self.$name.channel = sink.channel();)*
+            }
+
+            /// Forgets the messages of the plant's run before.
+            pub(super) fn begin_run(&mut self) {
+                self.$leader.last = None;
+                $(self.$name.last = None;)*
             }
 
             /// Messages that never reached the recorder, all topics together.

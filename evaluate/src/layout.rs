@@ -1,0 +1,82 @@
+//! Where the signals of a vehicle stand in the messages of its bench.
+
+use whirlstand_logs::SensorField;
+use whirlstand_logs::bench_log::wanted;
+use whirlstand_msgs::{Message, Setpoint};
+use whirlstand_vehicle::Vehicle;
+
+/// ns to s.
+pub(crate) const NS: f64 = 1e-9;
+
+/// Bench time of a message, s.
+pub(crate) fn seconds<M: Message>(message: &M) -> f64 {
+    message.head().stamp_ns as f64 * NS
+}
+
+/// An output as a sum of states, and of inputs where the vehicle has a direct term: places and factors.
+#[derive(Debug, Clone)]
+struct Combination {
+    states: Vec<(usize, f64)>,
+    inputs: Vec<(usize, f64)>,
+}
+
+/// Where the signals of a vehicle stand.
+#[derive(Debug, Clone)]
+pub(crate) struct Layout {
+    /// Number of states.
+    pub states: usize,
+    /// Number of inputs.
+    pub inputs: usize,
+    outputs: Vec<Combination>,
+    sensors: Vec<Option<SensorField>>,
+}
+
+impl Layout {
+    pub fn new(vehicle: &Vehicle) -> Self {
+        let terms =
+            |row: Vec<f64>| row.into_iter().enumerate().filter(|(_, factor)| *factor != 0.0).collect();
+        let row = |i: usize| Combination {
+            states: terms(vehicle.c.row(i).iter().copied().collect()),
+            inputs: terms(vehicle.d.row(i).iter().copied().collect()),
+        };
+        Self {
+            states: vehicle.states.len(),
+            inputs: vehicle.inputs.len(),
+            outputs: (0..vehicle.outputs.len()).map(row).collect(),
+            sensors: vehicle
+                .outputs
+                .iter()
+                .enumerate()
+                .map(|(i, output)| SensorField::of(&output.name, i))
+                .collect(),
+        }
+    }
+
+    /// Number of outputs.
+    pub fn outputs(&self) -> usize {
+        self.outputs.len()
+    }
+
+    /// Output `i` at states `x` under inputs `u`; without inputs, of the states alone.
+    pub fn output(&self, i: usize, x: &[f64], u: &[f64]) -> f64 {
+        let sum = |terms: &[(usize, f64)], values: &[f64]| {
+            terms.iter().filter_map(|(at, factor)| Some(factor * values.get(*at)?)).sum::<f64>()
+        };
+        let combination = &self.outputs[i];
+        sum(&combination.states, x) + sum(&combination.inputs, u)
+    }
+
+    /// The value of every output that a setpoint asks for; NaN where one of its states is not tracked.
+    pub fn wanted(&self, setpoint: &Setpoint) -> Vec<f64> {
+        let states = wanted(setpoint);
+        (0..self.outputs()).map(|i| self.output(i, &states, &[])).collect()
+    }
+
+    /// What a sensor's message says afresh: output and value.
+    pub fn measured<M: Message>(&self, message: &M) -> impl Iterator<Item = (usize, f64)> {
+        self.sensors.iter().enumerate().filter_map(|(i, field)| {
+            let field = field.filter(|field| field.topic == M::TOPIC)?;
+            Some((i, field.read(message))).filter(|(_, value)| !value.is_nan())
+        })
+    }
+}

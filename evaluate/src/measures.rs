@@ -1,0 +1,206 @@
+//! The second look at a run's log: figures are summed up and lines thinned, message by message.
+
+use std::collections::BTreeMap;
+
+use whirlstand_logs::BenchMessage;
+use whirlstand_msgs::{Command, Estimate, Message, Setpoint, Truth, flags};
+use whirlstand_vehicle::Vehicle;
+
+use crate::health::NodeHealth;
+use crate::layout::{Layout, seconds};
+use crate::lines::{ErrorLines, Lines, NisLine, OutputLines};
+use crate::merge::Merge;
+use crate::metrics::{Consistency, ConsistencySum, Effort, EffortSum, FailsafeSteps, Timing, timing};
+use crate::output::OutputSum;
+use crate::summary::OutputFigures;
+use crate::survey::Survey;
+
+/// The signal that the outputs are judged from: the best one in the log.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Source {
+    Truth,
+    Estimate,
+    Measured,
+}
+
+/// What is made of a run's messages.
+pub(crate) struct Measured {
+    /// Figures of the outputs, by name.
+    pub outputs: BTreeMap<String, OutputFigures>,
+    /// Effort of the inputs, by name.
+    pub inputs: BTreeMap<String, Effort>,
+    pub estimator: Option<Consistency>,
+    pub timing: Timing,
+    pub lines: Lines,
+}
+
+/// Figures and lines of a run while its messages come in the order of their time.
+pub(crate) struct Measures<'a> {
+    layout: &'a Layout,
+    period_s: f64,
+    source: Source,
+    has_truth: bool,
+    outputs: Vec<OutputSum>,
+    inputs: Vec<EffortSum>,
+    consistency: ConsistencySum,
+    lines: Lines,
+    /// What is wanted of each output now; `None` before the first setpoint.
+    wanted: Option<Vec<f64>>,
+    /// The last truth.
+    truth: Option<Truth>,
+    failsafe: FailsafeSteps,
+}
+
+impl<'a> Measures<'a> {
+    pub fn new(vehicle: &Vehicle, layout: &'a Layout, survey: &Survey, period_s: f64) -> Self {
+        let (source, name) = match (survey.has(1), survey.has(2)) {
+            (true, _) => (Source::Truth, "truth"),
+            (false, true) => (Source::Estimate, "estimate"),
+            (false, false) => (Source::Measured, "measured"),
+        };
+        let outputs = vehicle.outputs.iter().zip(survey.parts()).zip(&survey.tracked);
+        let outputs = outputs.map(|((output, parts), tracked)| {
+            OutputSum::new(output.unit.si_symbol(), name, *tracked, output.noise, parts)
+        });
+        Self {
+            layout,
+            period_s,
+            source,
+            has_truth: survey.has(1),
+            outputs: outputs.collect(),
+            inputs: vehicle.inputs.iter().map(|input| EffortSum::new(input.lower, input.upper)).collect(),
+            consistency: ConsistencySum::new(layout.states, survey.first_onset_s(), &survey.claimed),
+            lines: Lines {
+                outputs: vec![OutputLines::default(); layout.outputs()],
+                inputs: vec![Default::default(); layout.inputs],
+                nis: NisLine::new(period_s),
+                errors: vec![ErrorLines::default(); layout.states],
+                ..Lines::default()
+            },
+            wanted: None,
+            truth: None,
+            failsafe: FailsafeSteps::default(),
+        }
+    }
+
+    /// Takes the next message; `coming` has those that follow.
+    pub fn take(&mut self, message: &BenchMessage, coming: &Merge) {
+        match message {
+            BenchMessage::Truth(m) => self.take_truth(m, coming),
+            BenchMessage::Estimate(m) => self.take_estimate(m, coming),
+            BenchMessage::Setpoint(m) => self.take_setpoint(m),
+            BenchMessage::Command(m) if m.flags & flags::WITHHELD != 0 => {}
+            BenchMessage::Command(m) => self.take_command(m),
+            BenchMessage::Imu(m) => self.take_measured(m, coming),
+            BenchMessage::Odometry(m) => self.take_measured(m, coming),
+            BenchMessage::Outputs(m) => self.take_measured(m, coming),
+            BenchMessage::Disturbance(_) | BenchMessage::Health(_) => {}
+        }
+    }
+
+    /// What is wanted of output `i` now: of the first setpoint, before it.
+    fn wanted(&self, i: usize, coming: &Merge) -> f64 {
+        match (&self.wanted, coming.next_setpoint()) {
+            (Some(wanted), _) => wanted[i],
+            (None, Some(BenchMessage::Setpoint(first))) => self.layout.wanted(first)[i],
+            _ => f64::NAN,
+        }
+    }
+
+    fn take_truth(&mut self, m: &Truth, coming: &Merge) {
+        let t = seconds(m);
+        let (x, u) = (&m.x[..self.layout.states], &m.u[..self.layout.inputs]);
+        for i in 0..self.outputs.len() {
+            let y = self.layout.output(i, x, u);
+            self.lines.outputs[i].truth.push(t, y);
+            let wanted = self.wanted(i, coming);
+            self.outputs[i].take(t, y, wanted);
+        }
+        self.take_inputs(t, u);
+        if m.flags & flags::HELD != 0 {
+            self.lines.held.take(t, self.period_s);
+        }
+        self.failsafe.of_steps += 1;
+        if m.flags & flags::FAILSAFE != 0 {
+            self.lines.failsafe.take(t, self.period_s);
+            self.failsafe.at_end += 1;
+        } else {
+            self.failsafe.at_end = 0;
+        }
+        self.truth = Some(*m);
+    }
+
+    fn take_estimate(&mut self, m: &Estimate, coming: &Merge) {
+        let t = seconds(m);
+        for i in 0..self.outputs.len() {
+            let y = self.layout.output(i, &m.x[..self.layout.states], &[]);
+            self.lines.outputs[i].estimate.push(t, y);
+            if self.source == Source::Estimate {
+                let wanted = self.wanted(i, coming);
+                self.outputs[i].take(t, y, wanted);
+            }
+        }
+        self.lines.nis.take(t, m.nis, f64::from(m.dof));
+        // Truth and estimate of a step have one stamp.
+        let truth = self.truth.filter(|truth| (seconds(truth) - t).abs() < 1e-9);
+        if let Some(truth) = &truth {
+            for (i, lines) in self.lines.errors.iter_mut().enumerate() {
+                lines.error.push(t, m.x[i] - truth.x[i]);
+                lines.claimed.push(t, m.std[i]);
+            }
+        }
+        self.consistency.take(t, m, truth.as_ref().map(|truth| &truth.x[..]));
+    }
+
+    fn take_setpoint(&mut self, m: &Setpoint) {
+        let wanted = self.layout.wanted(m);
+        for (lines, wanted) in self.lines.outputs.iter_mut().zip(&wanted) {
+            lines.wanted.push(seconds(m), *wanted);
+        }
+        self.wanted = Some(wanted);
+    }
+
+    fn take_command(&mut self, m: &Command) {
+        if !self.has_truth {
+            self.take_inputs(seconds(m), &m.u[..self.layout.inputs]);
+        }
+    }
+
+    fn take_inputs(&mut self, t: f64, u: &[f64]) {
+        for ((sum, line), u) in self.inputs.iter_mut().zip(&mut self.lines.inputs).zip(u) {
+            sum.take(*u);
+            line.push(t, *u);
+        }
+    }
+
+    /// Takes what a sensor measured afresh.
+    fn take_measured<M: Message>(&mut self, message: &M, coming: &Merge) {
+        let t = seconds(message);
+        for (i, y) in self.layout.measured(message) {
+            self.lines.outputs[i].measured.push(t, y);
+            if self.source == Source::Measured {
+                let wanted = self.wanted(i, coming);
+                self.outputs[i].take(t, y, wanted);
+            }
+        }
+    }
+
+    /// Figures and lines of all that came.
+    pub fn finish(mut self, vehicle: &Vehicle, health: &[NodeHealth]) -> Measured {
+        self.lines.nis.finish();
+        let outputs = vehicle.outputs.iter().zip(self.outputs);
+        let inputs = vehicle.inputs.iter().zip(&self.inputs);
+        let names = vehicle.states.iter().map(|state| &state.name);
+        Measured {
+            outputs: outputs.map(|(output, sum)| (output.name.clone(), sum.finish())).collect(),
+            inputs: inputs.map(|(input, sum)| (input.name.clone(), sum.finish(self.period_s))).collect(),
+            estimator: self.consistency.finish(names),
+            timing: timing(
+                health,
+                self.lines.held.steps,
+                FailsafeSteps { steps: self.lines.failsafe.steps, ..self.failsafe },
+            ),
+            lines: self.lines,
+        }
+    }
+}

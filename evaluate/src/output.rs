@@ -1,0 +1,152 @@
+//! The figures of one output while its record is read.
+
+use crate::metrics::{Judge, Judgement, Part, Recovery, StepResponse};
+use crate::summary::{MOST_LISTED, OutputFigures};
+
+/// The greatest of all values; none when there is none, or one of them is none.
+#[derive(Debug, Clone, Copy, Default)]
+struct Worst {
+    any: bool,
+    never: bool,
+    greatest: Option<f64>,
+}
+
+impl Worst {
+    fn take(&mut self, value: Option<f64>) {
+        self.any = true;
+        self.never |= value.is_none();
+        self.greatest = match (self.greatest, value) {
+            (Some(a), Some(b)) => Some(a.max(b)),
+            (a, b) => a.or(b),
+        };
+    }
+
+    fn value(&self) -> Option<f64> {
+        self.greatest.filter(|_| !self.never)
+    }
+
+    /// Whether all had a value; `None` when there was none.
+    fn all(&self) -> Option<bool> {
+        self.any.then_some(!self.never)
+    }
+}
+
+/// Steps and disturbances of an output.
+#[derive(Debug, Clone, Default)]
+struct Events {
+    steps: Vec<StepResponse>,
+    disturbances: Vec<Recovery>,
+    not_listed: u64,
+    peak: Worst,
+    recovery: Worst,
+    rise: Worst,
+    settling: Worst,
+    overshoot: Worst,
+}
+
+impl Events {
+    /// Takes what was found; an error at the start that is below `visible`, which the sensor could not even see, is not a
+    /// step.
+    fn take(&mut self, judgement: Judgement, visible: f64) {
+        match judgement {
+            Judgement::Step(step) if (step.to - step.from).abs() > visible => {
+                self.rise.take(step.rise_s);
+                self.settling.take(step.settling_s);
+                self.overshoot.take(Some(step.overshoot_percent));
+                self.not_listed += list(&mut self.steps, step);
+            }
+            Judgement::Step(_) => {}
+            Judgement::Disturbance(recovery) => {
+                self.peak.take(Some(recovery.peak));
+                self.recovery.take(recovery.recovery_s);
+                self.not_listed += list(&mut self.disturbances, recovery);
+            }
+        }
+    }
+}
+
+/// Appends to a list that is not full; 1 when it is.
+fn list<T>(list: &mut Vec<T>, entry: T) -> u64 {
+    let full = list.len() >= MOST_LISTED;
+    if !full {
+        list.push(entry);
+    }
+    u64::from(full)
+}
+
+/// The figures of one output while its record is read.
+#[derive(Debug, Clone)]
+pub(crate) struct OutputSum {
+    /// SI unit.
+    unit: String,
+    /// Which signal is judged.
+    source: &'static str,
+    tracked: bool,
+    visible: f64,
+    iae: f64,
+    ise: f64,
+    first_s: Option<f64>,
+    /// Time and error of the last sample.
+    last: Option<(f64, f64)>,
+    judge: Judge,
+    events: Events,
+}
+
+impl OutputSum {
+    /// An output in `unit` whose sensor declares the standard deviation `noise`, to be judged from `source` in the given
+    /// parts.
+    pub fn new(unit: String, source: &'static str, tracked: bool, noise: f64, parts: Vec<Part>) -> Self {
+        Self {
+            unit,
+            source,
+            tracked,
+            visible: 5.0 * noise,
+            iae: 0.0,
+            ise: 0.0,
+            first_s: None,
+            last: None,
+            judge: Judge::new(parts),
+            events: Events::default(),
+        }
+    }
+
+    /// Takes the value at time `t`, s, and what was wanted then; NaN where nothing is tracked.
+    pub fn take(&mut self, t: f64, y: f64, wanted: f64) {
+        let error = if wanted.is_finite() { wanted - y } else { -y };
+        self.first_s.get_or_insert(t);
+        if let Some((before_s, before)) = self.last.replace((t, error)) {
+            // The trapezium rule.
+            let half = 0.5 * (t - before_s);
+            self.iae += half * (before.abs() + error.abs());
+            self.ise += half * (before * before + error * error);
+        }
+        let (events, visible) = (&mut self.events, self.visible);
+        self.judge.take(t, y, wanted, &mut |judgement| events.take(judgement, visible));
+    }
+
+    /// The figures.
+    pub fn finish(mut self) -> OutputFigures {
+        let (events, visible) = (&mut self.events, self.visible);
+        self.judge.finish(&mut |judgement| events.take(judgement, visible));
+        let duration = self.last.zip(self.first_s).map_or(0.0, |((last, _), first)| last - first);
+        let events = self.events;
+        OutputFigures {
+            unit: self.unit,
+            source: self.source.into(),
+            tracked: self.tracked,
+            iae: self.iae,
+            ise: self.ise,
+            rms_error: if duration > 0.0 { (self.ise / duration).sqrt() } else { 0.0 },
+            peak: events.peak.value(),
+            recovery_s: events.recovery.value(),
+            recovered: events.recovery.all(),
+            rise_s: events.rise.value(),
+            settling_s: events.settling.value(),
+            settled: events.settling.all(),
+            overshoot_percent: events.overshoot.value(),
+            steps: events.steps,
+            disturbances: events.disturbances,
+            not_listed: events.not_listed,
+        }
+    }
+}

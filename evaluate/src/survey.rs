@@ -1,0 +1,259 @@
+//! The first look at a run's log: which messages count, and when what happened.
+
+use whirlstand_logs::{BenchMessage, Hole, Log, ReadError};
+use whirlstand_msgs::{Disturbance, Estimate, Health, Setpoint, flags};
+use whirlstand_vehicle::Vehicle;
+
+use crate::health::NodeHealth;
+use crate::kept::{Again, Kept};
+use crate::layout::{Layout, NS, seconds};
+use crate::merge::{TOPICS, place};
+use crate::metrics::{Changes, DisturbanceEvent, Onsets, Part, SetpointSteps};
+
+/// Most messages on disturbances that are held; a run with more of them is read once more for its onsets.
+const MOST_DISTURBANCES: usize = 1 << 14;
+
+/// What has to be known of a run before its figures can be summed up.
+pub(crate) struct Survey {
+    /// Which messages of each topic count, in the order of [`place`].
+    pub kept: [Kept; TOPICS],
+    /// Health of the nodes.
+    pub health: Vec<NodeHealth>,
+    /// Bench time of the last step, s.
+    pub end_s: f64,
+    /// Onsets of disturbances.
+    pub onsets: Vec<DisturbanceEvent>,
+    /// Whether each output has a setpoint.
+    pub tracked: Vec<bool>,
+    /// Standard deviations that the estimator claims just before the first disturbance, or at the end.
+    pub claimed: Vec<f64>,
+    /// What could not be written.
+    pub holes: Vec<Hole>,
+    /// Time and new value of the setpoint's steps, output by output.
+    steps: Vec<Vec<(f64, f64)>>,
+    period_s: f64,
+}
+
+/// The survey while the log is read.
+struct Reading<'a> {
+    layout: &'a Layout,
+    kept: [Kept; TOPICS],
+    health: Vec<NodeHealth>,
+    tracked: Vec<bool>,
+    steps: Vec<SetpointSteps>,
+    disturbances: Disturbances,
+    claimed: Vec<f64>,
+    /// When the estimator first said that it has converged, s.
+    converged_s: Option<f64>,
+}
+
+/// What the plant says of its disturbances.
+#[derive(Default)]
+struct Disturbances {
+    kept: Kept,
+    changes: Vec<Changes>,
+    /// The messages, as long as they are not too many.
+    rows: Option<Vec<(f64, Vec<f64>)>>,
+}
+
+impl Disturbances {
+    fn new(states: usize) -> Self {
+        Self { changes: vec![Changes::default(); states], rows: Some(Vec::new()), ..Self::default() }
+    }
+
+    fn take(&mut self, message: &Disturbance) {
+        let states = self.changes.len();
+        let t = seconds(message);
+        if self.kept.take(message.head.stamp_ns) && self.kept.begins_again() {
+            *self = Self { kept: std::mem::take(&mut self.kept), ..Self::new(states) };
+        }
+        let values = message.dx.iter().take(states).copied();
+        self.changes.iter_mut().zip(values.clone()).for_each(|(changes, value)| changes.take(value));
+        if let Some(rows) = &mut self.rows {
+            rows.truncate(rows.partition_point(|row| row.0 < t));
+            rows.push((t, values.collect()));
+            if rows.len() > MOST_DISTURBANCES {
+                self.rows = None;
+            }
+        }
+    }
+}
+
+impl Survey {
+    /// Reads a run's log.
+    pub fn of(log: &Log, vehicle: &Vehicle, layout: &Layout, period_s: f64) -> Result<Self, ReadError> {
+        let mut reading = Reading {
+            layout,
+            kept: Default::default(),
+            health: Vec::new(),
+            tracked: vec![false; layout.outputs()],
+            steps: vec![SetpointSteps::new(); layout.outputs()],
+            disturbances: Disturbances::new(layout.states),
+            claimed: Vec::new(),
+            converged_s: None,
+        };
+        let mut messages = log.bench_messages()?;
+        for message in messages.by_ref() {
+            reading.take(&message?);
+        }
+        // Truth, estimate and command: the steps of the loop.
+        let end_s = reading.kept[1..4].iter().map(|kept| kept.last_ns() as f64 * NS).fold(0.0, f64::max);
+        let names: Vec<String> = vehicle.states.iter().map(|state| state.name.clone()).collect();
+        let onsets = Onsets::new(&names, &reading.disturbances.changes, period_s, end_s);
+        let onsets = reading.disturbances.onsets(log, onsets)?;
+        let mut survey = Self {
+            kept: reading.kept,
+            health: reading.health,
+            end_s,
+            onsets,
+            tracked: reading.tracked,
+            claimed: reading.claimed,
+            holes: messages.holes(),
+            steps: reading.steps.into_iter().map(SetpointSteps::finish).collect(),
+            period_s,
+        };
+        let judged_until = survey.first_onset_s();
+        if judged_until < end_s && reading.converged_s.is_none_or(|t| t >= judged_until) {
+            survey.claimed = survey.claimed_before(log, judged_until)?;
+        }
+        Ok(survey)
+    }
+
+    /// Time of the first disturbance, s; infinite without one.
+    pub fn first_onset_s(&self) -> f64 {
+        self.onsets.first().map_or(f64::INFINITY, |onset| onset.at_s)
+    }
+
+    /// Whether the log has a message of the topic at this place that counts.
+    pub fn has(&self, topic: usize) -> bool {
+        self.kept[topic].messages() > 0
+    }
+
+    /// The topics' messages once more.
+    pub fn again(&self) -> [Again<'_>; TOPICS] {
+        self.kept.each_ref().map(Kept::again)
+    }
+
+    /// What is to be judged of each output, in the order of the starts.
+    pub fn parts(&self) -> Vec<Vec<Part>> {
+        let onsets: Vec<f64> = self.onsets.iter().map(|event| event.at_s).collect();
+        // A step of any setpoint moves the other outputs as well: a helicopter rolls to go sideways.
+        let mut moves: Vec<f64> = self.steps.iter().flatten().map(|step| step.0).collect();
+        moves.sort_unstable_by(f64::total_cmp);
+        self.steps
+            .iter()
+            .map(|steps| {
+                let times: Vec<f64> = steps.iter().map(|step| step.0).collect();
+                let steps = steps.iter().map(|&(at, to)| {
+                    let until = later(at, &times).min(later(at, &onsets)).min(self.end_s);
+                    (at, Part::Step { at, until, to })
+                });
+                let disturbances = onsets.iter().map(|&at| {
+                    let until = recovery_end(at, &onsets, &moves, self.period_s, self.end_s);
+                    (at, Part::Disturbance { at, until })
+                });
+                let mut parts: Vec<(f64, Part)> = steps.chain(disturbances).collect();
+                parts.sort_by(|a, b| a.0.total_cmp(&b.0));
+                parts.into_iter().map(|(_, part)| part).collect()
+            })
+            .collect()
+    }
+
+    /// The standard deviations that the estimator claims last before `until_s`, s.
+    fn claimed_before(&self, log: &Log, until_s: f64) -> Result<Vec<f64>, ReadError> {
+        let mut again = self.again();
+        let mut claimed = Vec::new();
+        for message in log.bench_messages()? {
+            if let BenchMessage::Estimate(estimate) = message?
+                && again[2].counts(estimate.head.stamp_ns)
+            {
+                if seconds(&estimate) >= until_s {
+                    break;
+                }
+                claimed = estimate.std.to_vec();
+            }
+        }
+        Ok(claimed)
+    }
+}
+
+impl Reading<'_> {
+    fn take(&mut self, message: &BenchMessage) {
+        match message {
+            BenchMessage::Health(report) => self.take_health(*report),
+            BenchMessage::Disturbance(message) => self.disturbances.take(message),
+            BenchMessage::Setpoint(setpoint) => self.take_setpoint(setpoint),
+            BenchMessage::Estimate(estimate) => self.take_estimate(estimate),
+            _ => {}
+        }
+        if let Some((topic, ns)) = place(message) {
+            self.kept[topic].take(ns);
+        }
+    }
+
+    fn take_health(&mut self, report: Health) {
+        NodeHealth::take(&mut self.health, report);
+    }
+
+    fn take_setpoint(&mut self, setpoint: &Setpoint) {
+        let t = seconds(setpoint);
+        let outputs = self.layout.wanted(setpoint).into_iter().zip(&mut self.steps).zip(&mut self.tracked);
+        for ((wanted, steps), tracked) in outputs {
+            steps.take(t, wanted);
+            *tracked |= wanted.is_finite();
+        }
+    }
+
+    fn take_estimate(&mut self, estimate: &Estimate) {
+        let t = seconds(estimate);
+        // An estimator that was started again has not converged yet.
+        self.converged_s = self.converged_s.filter(|converged| *converged < t);
+        if estimate.flags & flags::CONVERGED != 0 {
+            self.converged_s.get_or_insert(t);
+        }
+        self.claimed.clear();
+        self.claimed.extend_from_slice(&estimate.std);
+    }
+}
+
+impl Disturbances {
+    /// Finds the onsets, in the log where its messages are too many to be held.
+    fn onsets(self, log: &Log, mut onsets: Onsets) -> Result<Vec<DisturbanceEvent>, ReadError> {
+        match self.rows {
+            Some(rows) => rows.iter().for_each(|(t, values)| onsets.take(*t, values)),
+            None => {
+                let mut again = self.kept.again();
+                for message in log.bench_messages()? {
+                    if let BenchMessage::Disturbance(message) = message?
+                        && again.counts(message.head.stamp_ns)
+                    {
+                        onsets.take(seconds(&message), &message.dx);
+                    }
+                }
+            }
+        }
+        Ok(onsets.finish())
+    }
+}
+
+/// The first of ascending `times` after `at`; infinite without one.
+fn later(at: f64, times: &[f64]) -> f64 {
+    times.get(times.partition_point(|t| *t <= at + 1e-9)).copied().unwrap_or(f64::INFINITY)
+}
+
+/// Until when the recovery from a disturbance at `at` can be judged: the next onset, the last sample before the next
+/// step of a setpoint (the sample of the step already has the new one), or the end of the run.
+fn recovery_end(at: f64, onsets: &[f64], steps: &[f64], period_s: f64, end: f64) -> f64 {
+    later(at, onsets).min(later(at, steps) - 0.5 * period_s).min(end)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recovery_is_judged_until_something_else_happens() {
+        let end = |at| recovery_end(at, &[6.0, 20.0], &[1.0, 32.0, 44.0], 0.01, 56.0);
+        assert_eq!((end(6.0), end(20.0), end(50.0)), (20.0, 31.995, 56.0));
+    }
+}

@@ -1,0 +1,213 @@
+//! Where the recorder's messages go: into the file at hand, or, while none can be written, nowhere.
+
+use std::time::{Duration, Instant};
+
+use whirlstand_logs::{Channel, Hole, LogWriter, WriteError};
+use whirlstand_msgs::Message;
+
+use super::log_files::LogFiles;
+use super::sync::Syncer;
+use crate::error::NodeError;
+
+/// Time between two attempts to begin a file after one could not be written.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// A time in which nothing can be written.
+struct Outage {
+    hole: Hole,
+    retry: Instant,
+}
+
+/// Where the messages go.
+pub(super) struct Sink {
+    files: LogFiles,
+    /// `None` in an outage, and after the end.
+    log: Option<LogWriter>,
+    outage: Option<Outage>,
+    syncer: Syncer,
+    /// Latest bench time of a message, ns.
+    latest_ns: u64,
+    /// Bench time at which the file at hand begins; `None` before its first message.
+    began_ns: Option<u64>,
+    /// Messages in the files before the one at hand.
+    before: u64,
+    /// Messages that could not be written.
+    missed: u64,
+}
+
+impl Sink {
+    /// Begins the first file.
+    ///
+    /// # Errors
+    /// It cannot be created.
+    pub(super) fn open(mut files: LogFiles) -> Result<Self, NodeError> {
+        let system = |source| NodeError::System { action: "start the thread that syncs the log", source };
+        let syncer = Syncer::start().map_err(system)?;
+        let log = files.next()?;
+        let mut sink = Self {
+            files,
+            log: None,
+            outage: None,
+            syncer,
+            latest_ns: 0,
+            began_ns: None,
+            before: 0,
+            missed: 0,
+        };
+        sink.follow(log);
+        Ok(sink)
+    }
+
+    /// The files.
+    pub(super) fn files(&self) -> &LogFiles {
+        &self.files
+    }
+
+    /// Messages that were written, all files together.
+    pub(super) fn written(&self) -> u64 {
+        self.before + self.log.as_ref().map_or(0, LogWriter::messages)
+    }
+
+    /// Messages that could not be written.
+    pub(super) fn missed(&self) -> u64 {
+        self.missed
+    }
+
+    fn follow(&mut self, log: LogWriter) {
+        if let Ok(file) = log.file() {
+            self.syncer.follow(file);
+        }
+        self.log = Some(log);
+        self.began_ns = None;
+    }
+
+    /// The channel for `M` in the file at hand; `None` while there is none.
+    pub(super) fn channel<M: Message>(&mut self) -> Option<Channel<M>> {
+        match self.log.as_mut()?.channel() {
+            Ok(channel) => Some(channel),
+            Err(error) => {
+                self.break_off(&error);
+                None
+            }
+        }
+    }
+
+    /// Writes a message, or counts it as missing.
+    pub(super) fn write<M: Message>(&mut self, channel: Option<&Channel<M>>, message: &M) {
+        let stamp_ns = message.head().stamp_ns;
+        if M::TOPIC != whirlstand_msgs::Health::TOPIC {
+            self.latest_ns = stamp_ns;
+            self.began_ns.get_or_insert(stamp_ns);
+        }
+        let Some((log, channel)) = self.log.as_mut().zip(channel) else { return self.miss(1) };
+        if let Err(error) = log.write(channel, message) {
+            self.break_off(&error);
+            self.miss(1);
+        }
+    }
+
+    fn miss(&mut self, messages: u64) {
+        self.missed += messages;
+        if let Some(outage) = &mut self.outage {
+            outage.hole.messages += messages;
+        }
+    }
+
+    /// Gives up the file at hand.
+    fn break_off(&mut self, error: &WriteError) {
+        let Some(log) = self.log.take() else { return };
+        self.syncer.close();
+        self.give_up(log.messages(), log.unflushed(), error);
+    }
+
+    /// Counts what a file that cannot be written did not get, and says why, once.
+    fn give_up(&mut self, messages: u64, unflushed: u64, error: &WriteError) {
+        self.before += messages - unflushed;
+        let from_ns = self.latest_ns;
+        let outage = self.outage.get_or_insert_with(|| {
+            tracing::error!("{error}; the log has a hole from here until a new file can be written");
+            let hole = Hole { from_ns, until_ns: 0, messages: 0, reason: error.reason() };
+            Outage { hole, retry: Instant::now() }
+        });
+        outage.retry = Instant::now() + RETRY;
+        self.miss(unflushed);
+    }
+
+    /// Hands waiting messages to the system when they have waited long enough.
+    pub(super) fn flush_if_due(&mut self, now: Instant) {
+        if let Some(Err(error)) = self.log.as_mut().map(|log| log.flush_if_due(now)) {
+            self.break_off(&error);
+        }
+        if let Some(source) = self.syncer.failure() {
+            self.break_off(&WriteError::Write { path: self.files.current().into(), source: source.into() });
+        }
+    }
+
+    /// Whether the next file has to begin: the one at hand has reached its size or its length, or none could be written
+    /// for a time.
+    pub(super) fn is_file_due(&self, now: Instant) -> bool {
+        let Some(log) = &self.log else {
+            return self.outage.as_ref().is_some_and(|outage| now >= outage.retry);
+        };
+        let limits = self.files.limits();
+        let length_ns = self.began_ns.map_or(0, |began| self.latest_ns.saturating_sub(began));
+        limits.duration_ns.is_some_and(|most| length_ns >= most)
+            || limits.bytes.is_some_and(|most| log.bytes().is_ok_and(|bytes| bytes >= most))
+    }
+
+    /// Ends the file at hand, if there is one, and begins the next. False when it cannot be written.
+    pub(super) fn begin_file(&mut self) -> bool {
+        if let Some(log) = self.log.take() {
+            let (messages, unflushed) = (log.messages(), log.unflushed());
+            match log.finish_unsynced() {
+                Ok(_) => self.before += messages,
+                Err(error) => self.give_up(messages, unflushed, &error),
+            }
+            self.syncer.close();
+        }
+        match self.next_file() {
+            Ok(log) => {
+                if self.outage.take().is_some() {
+                    tracing::warn!(path = %self.files.current().display(), "the log goes on in a new file");
+                }
+                self.follow(log);
+                true
+            }
+            Err(error) => {
+                self.give_up(0, 0, &error);
+                false
+            }
+        }
+    }
+
+    /// Creates the next file, with what it has to say of a hole before it.
+    fn next_file(&mut self) -> Result<LogWriter, WriteError> {
+        let mut log = self.files.next()?;
+        if let Some(outage) = &self.outage {
+            let hole = Hole { until_ns: self.latest_ns, ..outage.hole.clone() };
+            if let Err(error) = log.tell_hole(&hole) {
+                self.files.discard();
+                return Err(error);
+            }
+        }
+        Ok(log)
+    }
+
+    /// Ends the log.
+    ///
+    /// # Errors
+    /// What of it could not be written.
+    pub(super) fn finish(&mut self) -> Result<(), NodeError> {
+        if let Some(log) = self.log.take() {
+            let (messages, unflushed) = (log.messages(), log.unflushed());
+            match log.finish() {
+                Ok(_) => self.before += messages,
+                Err(error) => self.give_up(messages, unflushed, &error),
+            }
+        }
+        match self.outage.take() {
+            None => Ok(()),
+            Some(outage) => Err(NodeError::LogEndMissing(Hole { until_ns: self.latest_ns, ..outage.hole })),
+        }
+    }
+}
