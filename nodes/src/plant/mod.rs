@@ -5,8 +5,11 @@
 //! neutral, and the clock of a realtime run starts when command 0 has come, so that no node's start counts as
 //! a miss.
 
+mod latencies;
 mod pace;
+mod phase;
 mod simulation;
+mod waiting;
 
 use std::time::{Duration, Instant};
 
@@ -22,8 +25,11 @@ use crate::os::MonotonicTime;
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
+use latencies::latencies;
 use pace::Pace;
+use phase::Phase;
 use simulation::Simulation;
+use waiting::{Waiting, whom};
 
 /// Queue for commands; one is awaited at a time.
 const COMMAND_DEPTH: usize = 16;
@@ -31,40 +37,14 @@ const COMMAND_DEPTH: usize = 16;
 /// First repetition of an unanswered step 0, and all later ones.
 const REPEAT: Duration = Duration::from_millis(200);
 
-/// After this time without an answer a lockstep plant sends its measurement again: a program that was started again
-/// has not heard it, and one that has answers with the same command again.
-const REPEAT_IN_LOOP: Duration = Duration::from_secs(1);
-
-/// Time between two lines that tell whom a lockstep plant waits for.
-const TELL: Duration = Duration::from_secs(5);
-
 /// Longest wait for the last command when the run is ended before its last step.
 const LAST_COMMAND: Duration = Duration::from_millis(250);
-
-/// Longest latency told apart; longer ones count as this.
-const LONGEST_LATENCY_NS: u64 = 60_000_000_000;
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Phase {
-    /// Waiting to hear that all peers run.
-    Joining { until: Instant },
-    /// Step 0 is out, command 0 awaited.
-    Answering { until: Instant, repeat: Instant },
-    /// In the loop.
-    Looping,
-    /// The last step is out; its command completes the log. A lockstep plant that was not asked to end waits for it.
-    Ending { until: Option<Instant> },
-    /// Over.
-    Ended,
-}
 
 /// The plant as a state machine: [`Plant::turn`] does what can be done now.
 pub struct Plant {
     mode: Mode,
     period_ns: u64,
     steps: u64,
-    /// Longest wait for an answer in lockstep, where one was asked for.
-    answer_timeout: Option<Duration>,
     start_timeout: Duration,
     simulation: Simulation,
     gate: Gate,
@@ -74,11 +54,8 @@ pub struct Plant {
     phase: Phase,
     /// The step to do next.
     step: u64,
-    /// When the last step was published.
-    published: Instant,
-    /// When it was published last, with its repetitions, and when somebody was told of the wait.
-    repeated: Instant,
-    told: Instant,
+    /// The wait for the answer to the last step.
+    waiting: Waiting,
     /// The awaited command has been noticed.
     answered: bool,
     /// Bench time 0 of a realtime run.
@@ -117,7 +94,6 @@ impl Plant {
             mode: config.mode,
             period_ns: config.period_ns,
             steps: config.steps,
-            answer_timeout: plant.answer_timeout_s.map(Duration::from_secs_f64),
             start_timeout,
             simulation,
             gate: Gate::new(setup.limits, plant.misses_to_failsafe),
@@ -126,21 +102,13 @@ impl Plant {
             peers,
             phase: Phase::Joining { until: now + start_timeout },
             step: 0,
-            published: now,
-            repeated: now,
-            told: now,
+            waiting: Waiting::new(plant.answer_timeout_s.map(Duration::from_secs_f64), now),
             answered: false,
             origin: MonotonicTime(0),
             overruns: 0,
             refused: 0,
             was_failsafe: false,
-            latencies: Histogram::new_with_bounds(1, LONGEST_LATENCY_NS, 3).map_err(|e| {
-                NodeError::Config {
-                    field: "latency".into(),
-                    value: LONGEST_LATENCY_NS.to_string(),
-                    reason: e.to_string(),
-                }
-            })?,
+            latencies: latencies()?,
             began: None,
             looped: Duration::ZERO,
             diverged: None,
@@ -165,7 +133,7 @@ impl Plant {
     pub fn wake_at(&self) -> Instant {
         let due = self.peers.due();
         match self.phase {
-            Phase::Looping => self.answer_timeout.map_or(due, |longest| due.min(self.published + longest)),
+            Phase::Looping => self.waiting.wake_at(due),
             Phase::Joining { until } => due.min(until),
             Phase::Ending { until } => until.map_or(due, |until| due.min(until)),
             Phase::Answering { until, repeat } => due.min(until).min(repeat),
@@ -193,14 +161,14 @@ impl Plant {
             self.origin.0 += late * self.period_ns;
         }
         self.advance(clock, false)?;
-        if self.peers.is_due(self.published) { self.report(self.published) } else { Ok(()) }
+        if self.peers.is_due(self.waiting.since()) { self.report(self.waiting.since()) } else { Ok(()) }
     }
 
     /// Ends the run in order after the last published step.
     pub fn stop(&mut self) {
         self.phase = match self.phase {
             Phase::Looping | Phase::Answering { .. } if self.step > 0 => {
-                Phase::Ending { until: Some(self.published + LAST_COMMAND) }
+                Phase::Ending { until: Some(self.waiting.since() + LAST_COMMAND) }
             }
             Phase::Ending { until: None } => Phase::Ending { until: Some(Instant::now() + LAST_COMMAND) },
             Phase::Ending { .. } => return,
@@ -312,50 +280,22 @@ impl Plant {
     /// that was asked is another now. A wall clock decides only where somebody asked for it.
     fn is_settled(&mut self, now: Instant) -> bool {
         let replaced = [Role::Estimator, Role::Controller].map(|role| self.peers.take_replaced(role));
-        self.gate.is_answered()
-            || replaced.contains(&true)
-            || self.answer_timeout.is_some_and(|longest| now >= self.published + longest)
+        self.gate.is_answered() || replaced.contains(&true) || self.waiting.is_over(now)
     }
 
     /// Asks again, and says whom the plant waits for.
     fn wait_on(&mut self, now: Instant) -> Result<(), NodeError> {
-        if now >= self.repeated + REPEAT_IN_LOOP {
-            self.repeated = now;
+        if self.waiting.asks_again(now) {
             self.simulation.repeat_measurement()?;
         }
         self.tell_wait(now);
         Ok(())
     }
 
-    /// Says every few seconds whom the plant waits for.
     fn tell_wait(&mut self, now: Instant) {
-        if now < self.told.max(self.published) + TELL {
-            return;
-        }
-        self.told = now;
-        let waited_s = now.duration_since(self.published).as_secs();
-        let whom = self.awaited();
-        let step = self.step.saturating_sub(1);
-        tracing::warn!(step, "waiting for {whom} for {waited_s} s; the bench stands still meanwhile");
-    }
-
-    fn awaited(&self) -> String {
-        if matches!(self.phase, Phase::Joining { .. }) {
-            let missing: Vec<_> = self.peers.not_running().map(Role::name).collect();
-            return format!("the {}", missing.join(" and the "));
-        }
-        let step = self.step.saturating_sub(1);
-        let behind = |role: Role| self.peers.health(role).is_some_and(|peer| peer.step < step);
-        let whom = if self.gate.is_answered() {
-            "the recorder to catch up"
-        } else if behind(Role::Estimator) {
-            "the estimator"
-        } else if behind(Role::Controller) {
-            "the controller"
-        } else {
-            "a command"
-        };
-        whom.into()
+        let Self { waiting, peers, gate, phase, step, .. } = self;
+        let (joining, step) = (matches!(phase, Phase::Joining { .. }), step.saturating_sub(1));
+        waiting.tell(now, step, || whom(peers, gate, joining, step));
     }
 
     fn end(&mut self, clock: &mut Clock, until: Option<Instant>) -> Result<Turn, NodeError> {
@@ -376,7 +316,7 @@ impl Plant {
     }
 
     fn begin_ending(&mut self) -> Result<Turn, NodeError> {
-        let until = (self.mode == Mode::Realtime).then_some(self.published + LAST_COMMAND);
+        let until = (self.mode == Mode::Realtime).then_some(self.waiting.since() + LAST_COMMAND);
         self.phase = Phase::Ending { until };
         Ok(Turn::Worked)
     }
@@ -392,7 +332,7 @@ impl Plant {
             self.answered = true;
             // The answer to step 0 waits for a whole bench to get ready, or for a pilot to arm.
             if clock.is_exact() && awaited > 0 {
-                let latency = clock.now().saturating_duration_since(self.published);
+                let latency = clock.now().saturating_duration_since(self.waiting.since());
                 self.peers.record_latency(latency);
                 self.latencies.saturating_record(latency.as_nanos() as u64);
             }
@@ -405,8 +345,7 @@ impl Plant {
         let applied = if self.step == 0 { self.gate.applied() } else { self.gate.close(failsafe_at_once) };
         self.answered = false;
         self.simulation.publish(self.step, &applied)?;
-        self.published = clock.now();
-        self.repeated = self.published;
+        self.waiting.begin(clock.now());
         self.simulation.integrate();
         self.step += 1;
         if self.gate.in_failsafe() != self.was_failsafe {
