@@ -2,6 +2,7 @@
 
 mod one;
 mod progress;
+mod reproducible;
 mod start;
 mod summarised;
 mod summary;

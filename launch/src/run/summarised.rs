@@ -7,7 +7,10 @@ use whirlstand_evaluate::expectation::{CheckedExpectation, check};
 use whirlstand_evaluate::metrics::{NodeTiming, Timing, latency, total};
 use whirlstand_evaluate::{Run, RunSummary};
 
+use whirlstand_nodes::config::Mode;
+
 use super::one::FinishedRun;
+use super::reproducible::reasons_against;
 use crate::file::Plan;
 use crate::supervisor::{Counts, Ending, HealthTable};
 
@@ -28,6 +31,8 @@ pub(super) struct Summarised {
     /// The recorded run, for the report.
     pub recorded: Option<Run>,
     pub expect: Vec<CheckedExpectation>,
+    /// Why another run can leave another log.
+    pub not_reproducible: Vec<String>,
     /// Problems other than broken expectations.
     pub problems: Vec<String>,
     pub log: Option<PathBuf>,
@@ -72,6 +77,12 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
         Ending::Complete => check(&plan.expect, &timing, figures.as_ref()),
         _ => Vec::new(),
     };
+    let lost_in_lockstep = plan.config.mode == Mode::Lockstep && timing.lost > 0;
+    if lost_in_lockstep && !plan.expect.iter().any(|e| e.key == "max_lost") {
+        // Nothing hurries in lockstep: what is lost there is a fault of the bus, unless the file allows it.
+        problems.push(format!("{} messages were lost in lockstep", timing.lost));
+    }
+    let not_reproducible = reasons_against(&plan.config, &timing, &ran.outcome.restarts);
     let steps = ran.outcome.health.get("plant").map_or(0, |h| h.counts().steps);
     Summarised {
         name,
@@ -85,6 +96,7 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
         figures,
         recorded,
         expect,
+        not_reproducible,
         problems,
         log: ran.log,
     }

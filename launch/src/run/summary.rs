@@ -54,6 +54,10 @@ struct RunEntry {
     wall_s: f64,
     steps_per_s: f64,
     expect: Vec<CheckedExpectation>,
+    /// Whether another run leaves the same log, bit for bit, and why not.
+    reproducible: bool,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    not_reproducible: Vec<String>,
     problems: Vec<String>,
     /// Figures from the log; null for a run without one.
     #[serde(flatten)]
@@ -180,6 +184,8 @@ fn of_run(run: &Summarised) -> RunEntry {
         wall_s: run.wall_s,
         steps_per_s: run.steps as f64 / run.wall_s.max(1e-9),
         expect: run.expect.clone(),
+        reproducible: run.not_reproducible.is_empty(),
+        not_reproducible: run.not_reproducible.clone(),
         problems: run.problems.clone(),
         reported: figures.is_none().then(|| run.timing.clone()),
         figures,

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use whirlstand_evaluate::RunSummary;
 use whirlstand_logs::shown::shown;
+use whirlstand_nodes::config::Mode;
 
 use super::summarised::Summarised;
 use crate::style;
@@ -69,6 +70,10 @@ fn of_run(run: &Summarised) -> String {
         for why in run.expect.iter().filter_map(|v| v.why.as_ref()) {
             row("", style::bad(why));
         }
+    }
+    if run.plan.config.mode == Mode::Lockstep && !run.not_reproducible.is_empty() {
+        let why = run.not_reproducible.join("; ");
+        row("bit for bit", style::bad(&format!("another run can differ: {why}")));
     }
     for problem in &run.problems {
         row("problem", style::bad(problem));
