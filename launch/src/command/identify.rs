@@ -13,7 +13,7 @@ use whirlstand_ident::identify::{
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
-use super::log::{hash, read_for};
+use super::log::{hash, read_all_for};
 use super::vehicles::find;
 use super::{print, write, write_json};
 use crate::cli::{IdentifyArgs, IdentifyMethod, IdentifyNoise};
@@ -111,7 +111,7 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
 
 /// Reads a log, on the wanted clock, with the hash of its file.
 fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<(Log, Record), Failure> {
-    let mut record = aligned(read_for(path, &args.part.map, vehicle)?, args, vehicle)?;
+    let mut record = aligned(read_all_for(path, &args.part.map, vehicle)?, args, vehicle)?;
     if let Some(period) = args.part.period {
         if record.time_unit == "samples" {
             record = record.with_sample_period(period);

@@ -4,7 +4,9 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use sha2::{Digest, Sha256};
-use whirlstand_logs::{BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo};
+use whirlstand_logs::{
+    AnyReadError, BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo,
+};
 use whirlstand_vehicle::Vehicle;
 
 use super::{print, print_data, print_json};
@@ -71,21 +73,37 @@ pub(crate) fn hash(path: &Path) -> Result<String, Failure> {
 
 /// Reads a log of any known kind for a vehicle: with the mappings of `--map`, and with those of the vehicle's own `map` for
 /// signals that `--map` does not name. A log that lacks what `map` names may have the vehicle's own name for it, as logs
-/// of benches have; that entry is then passed over.
+/// of benches have; that entry is then passed over. Of a bench's log only the vehicle's own signals are kept.
 ///
 /// # Errors
 /// What is wrong with the file or a mapping.
 pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result<Record, Failure> {
+    let outputs = vehicle.outputs.iter().map(|output| output.name.as_str());
+    let signals: Vec<&str> = outputs.chain(vehicle.inputs.iter().map(|input| input.name.as_str())).collect();
+    read_with(map, vehicle, |all| whirlstand_logs::read_signals(path, all, &signals))
+}
+
+/// As [`read_for`], with every signal of the log: what a controller was asked and answered stands there as well.
+///
+/// # Errors
+/// As [`read_for`].
+pub(crate) fn read_all_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result<Record, Failure> {
+    read_with(map, vehicle, |all| whirlstand_logs::read(path, all))
+}
+
+fn read_with(
+    map: &[String],
+    vehicle: &Vehicle,
+    read: impl Fn(&[Mapping]) -> Result<Record, AnyReadError>,
+) -> Result<Record, Failure> {
     let given = mappings(map)?;
     let wrong = |e| Failure::Mend(format!("map of vehicle '{}': {e}", vehicle.name));
     let own = vehicle.map.iter().filter(|(name, _)| !given.iter().any(|m| m.name == *name));
     let own = own.map(|(name, source)| format!("{name}={source}").parse::<Mapping>());
     let mut own = own.collect::<Result<Vec<_>, _>>().map_err(wrong)?;
-    let outputs = vehicle.outputs.iter().map(|output| output.name.as_str());
-    let signals: Vec<&str> = outputs.chain(vehicle.inputs.iter().map(|input| input.name.as_str())).collect();
     loop {
         let all: Vec<Mapping> = given.iter().chain(&own).cloned().collect();
-        match whirlstand_logs::read_signals(path, &all, &signals) {
+        match read(&all) {
             Ok(record) => return in_units_of(vehicle, record, &given),
             Err(error) => {
                 let missing = error.missing_source().map(|missing| missing.name.clone());
