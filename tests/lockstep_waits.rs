@@ -18,6 +18,7 @@ fn flight<'a>(out: &'a str, transport: &'a str, more: &[&'a str]) -> Vec<&'a str
         "nodes.estimator.hang_timeout_s=100",
         "nodes.controller.hang_timeout_s=100",
         "nodes.recorder.hang_timeout_s=100",
+        "plant.start_timeout_s=100",
     ];
     let set = patient.into_iter().flat_map(|key| ["--set", key]);
     [
