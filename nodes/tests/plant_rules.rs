@@ -92,7 +92,7 @@ fn no_bad_command_reaches_the_actuators() {
     let (truth, _) = rig.next();
     assert_eq!(truth.flags & flags::FAILSAFE, flags::FAILSAFE, "in lockstep a timeout is a failsafe");
     assert_eq!(truth.u[..2], [0.0, 0.0]);
-    assert_eq!(rig.plant.health().rejected, 5);
+    assert_eq!(rig.plant.health().rejected, 4, "an answer to step 0 may come twice");
     assert_eq!(rig.plant.health().deadline_misses, 1);
 
     // Good at last, then repeated with other content: the first one counts.
@@ -106,7 +106,7 @@ fn no_bad_command_reaches_the_actuators() {
     let vehicle = whirlstand_vehicle::Vehicle::builtin("quadrotor").unwrap();
     assert_eq!(truth.u[..2], [vehicle.inputs[0].upper, vehicle.inputs[1].lower]);
     assert_eq!(truth.flags, flags::SATURATED);
-    assert_eq!(rig.plant.health().rejected, 7);
+    assert_eq!(rig.plant.health().rejected, 6);
 }
 
 #[test]

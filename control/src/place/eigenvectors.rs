@@ -46,16 +46,17 @@ impl Eigenvectors {
         &self.x
     }
 
-    /// A fixed generic combination in each space, another for every `start`.
+    /// The projection of a fixed generic vector onto each space, another for every `start`. It does not depend on the
+    /// bases of the spaces, which rounding chooses.
     pub fn start(&mut self, start: usize) {
         let mut j = 0;
         while j < self.poles.len() {
             let space = &self.spaces[j];
-            let w = DVector::from_fn(space.ncols(), |i, _| {
+            let w = DVector::from_fn(space.nrows(), |i, _| {
                 let t = (i * 7 + j * 13 + start * 29 + 3) as f64;
                 C64::new((t * 0.731).sin() + 0.5, (t * 1.317).cos())
             });
-            let v = space * w;
+            let v = space * space.ad_mul(&w);
             if self.poles[j].im == 0.0 {
                 self.set(j, &v.map(|v| v.re));
                 j += 1;

@@ -152,10 +152,13 @@ mod tests {
     #[test]
     fn a_group_that_does_not_listen_is_killed_with_its_children() {
         let mut stubborn = Command::new("sh")
-            .args(["-c", "trap '' TERM; sleep 1000 & wait; wait"])
+            .args(["-c", "trap '' TERM; echo deaf; sleep 1000 & wait; wait"])
             .process_group(0)
+            .stdout(std::process::Stdio::piped())
             .spawn()
             .unwrap();
+        let mut word = [0; 4];
+        stubborn.stdout.as_mut().unwrap().read_exact(&mut word).unwrap();
         let groups = BTreeSet::from([stubborn.id() as i32]);
         let began = Instant::now();
         end_groups(&groups, Duration::from_millis(200));

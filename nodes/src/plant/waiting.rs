@@ -62,8 +62,8 @@ impl Waiting {
             return;
         }
         self.told = now;
-        let waited_s = now.duration_since(self.since).as_secs();
-        tracing::warn!(step, "waiting for {} for {waited_s} s; the bench stands still meanwhile", whom());
+        let (whom, waited_s) = (whom(), now.duration_since(self.since).as_secs());
+        tracing::warn!(step, "waiting for {whom} for {waited_s} s; the bench stands still meanwhile");
     }
 }
 
