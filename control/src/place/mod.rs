@@ -13,6 +13,13 @@ use whirlstand_linalg::{C64, DecompositionError, Svd, complex, eigenvalues, sing
 
 use self::eigenvectors::{Eigenvectors, null_space};
 
+/// Directions in which the choice of eigenvectors is begun.
+const STARTS: usize = 16;
+
+/// Conditions that differ by less than this share of them are the same: rounding alone does not make less of a pole's
+/// sensitivity. Of results with the same condition the one with the least gain asks least of the inputs, which have limits.
+const SAME_CONDITION: f64 = 0.01;
+
 /// A gain that places poles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
@@ -123,28 +130,28 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
     let annihilator = null_space(&range.transpose(), n - rank)?;
     let mut vectors = Eigenvectors::new(a, &annihilator, &poles)?;
     let free = vectors.are_free();
-    // The determinant has local maxima; a few starts, and the best conditioned result of them, avoid the poor ones.
-    let starts = if free && rank < n { 4 } else { 1 };
-    let mut best: Option<(f64, DMatrix<f64>)> = None;
+    let lambda = real_modal(&poles);
+    let weights = DMatrix::from_fn(m, rank, |i, j| svd.v_t[(j, i)] / sigma[j]);
+    let gain_of = |x: &DMatrix<f64>| {
+        // A_c X = X Lambda, solved transposed.
+        let closed = x.transpose().lu().solve(&(x * &lambda).transpose())?.transpose();
+        let gain = &weights * range.transpose() * (a - closed);
+        gain.iter().all(|v| v.is_finite()).then_some(gain)
+    };
+    // The determinant has local maxima, and at the best of them it is often flat: starts in different directions show both.
+    let starts = if free && rank < n { STARTS } else { 1 };
+    let mut found: Vec<(f64, DMatrix<f64>)> = Vec::new();
     let mut sweeps = 0;
     for start in 0..starts {
         vectors.start(start);
         sweeps += vectors.improve(if free { 200 } else { 0 })?;
         let condition = vectors.condition()?;
-        if best.as_ref().is_none_or(|(least, _)| condition < *least) {
-            best = Some((condition, vectors.matrix().clone()));
-        }
+        found.extend(gain_of(vectors.matrix()).map(|gain| (condition, gain)));
     }
-    let Some((condition, x)) = best else { return Err(PlaceError::Defective) };
-    let lambda = real_modal(&poles);
-    // A_c X = X Lambda, solved transposed.
-    let closed =
-        x.transpose().lu().solve(&(&x * lambda).transpose()).ok_or(PlaceError::Defective)?.transpose();
-    let weights = DMatrix::from_fn(m, rank, |i, j| svd.v_t[(j, i)] / sigma[j]);
-    let gain = weights * range.transpose() * (a - closed);
-    if gain.iter().any(|v| !v.is_finite()) {
-        return Err(PlaceError::Defective);
-    }
+    let least = found.iter().map(|(condition, _)| *condition).fold(f64::INFINITY, f64::min);
+    let as_good = found.into_iter().filter(|(condition, _)| *condition <= least * (1.0 + SAME_CONDITION));
+    let (condition, gain) =
+        as_good.min_by(|a, b| a.1.norm().total_cmp(&b.1.norm())).ok_or(PlaceError::Defective)?;
     let placed = eigenvalues(&(a - b * &gain))?;
     Ok(Placement { gain, poles: placed, condition, sweeps })
 }
