@@ -4,9 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use sha2::{Digest, Sha256};
-use whirlstand_logs::{
-    AnyReadError, BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo,
-};
+use whirlstand_logs::{BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo};
 use whirlstand_vehicle::Vehicle;
 
 use super::{print, print_data, print_json};
@@ -80,7 +78,7 @@ pub(crate) fn hash(path: &Path) -> Result<String, Failure> {
 pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result<Record, Failure> {
     let outputs = vehicle.outputs.iter().map(|output| output.name.as_str());
     let signals: Vec<&str> = outputs.chain(vehicle.inputs.iter().map(|input| input.name.as_str())).collect();
-    read_with(map, vehicle, |all| whirlstand_logs::read_signals(path, all, &signals))
+    read_with(path, map, vehicle, Some(&signals))
 }
 
 /// As [`read_for`], with every signal of the log: what a controller was asked and answered stands there as well.
@@ -88,13 +86,15 @@ pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result
 /// # Errors
 /// As [`read_for`].
 pub(crate) fn read_all_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result<Record, Failure> {
-    read_with(map, vehicle, |all| whirlstand_logs::read(path, all))
+    read_with(path, map, vehicle, None)
 }
 
+/// Reads these signals of a bench's log, or all of them.
 fn read_with(
+    path: &Path,
     map: &[String],
     vehicle: &Vehicle,
-    read: impl Fn(&[Mapping]) -> Result<Record, AnyReadError>,
+    signals: Option<&[&str]>,
 ) -> Result<Record, Failure> {
     let given = mappings(map)?;
     let wrong = |e| Failure::Mend(format!("map of vehicle '{}': {e}", vehicle.name));
@@ -103,7 +103,11 @@ fn read_with(
     let mut own = own.collect::<Result<Vec<_>, _>>().map_err(wrong)?;
     loop {
         let all: Vec<Mapping> = given.iter().chain(&own).cloned().collect();
-        match read(&all) {
+        let read = match signals {
+            Some(signals) => whirlstand_logs::read_signals(path, &all, signals),
+            None => whirlstand_logs::read(path, &all),
+        };
+        match read {
             Ok(record) => return in_units_of(vehicle, record, &given),
             Err(error) => {
                 let missing = error.missing_source().map(|missing| missing.name.clone());

@@ -139,6 +139,8 @@ fn vanished(groups: &BTreeSet<i32>, limit: Duration) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Read;
+
     use super::*;
 
     #[test]
