@@ -32,6 +32,8 @@ impl BenchFolder {
     /// When the bench runs already, or the user's folder cannot be trusted.
     pub fn create(bench: &str, joiners: Vec<BusConfig>) -> Result<Self, Failure> {
         let base = base().map_err(|(path, e)| Failure::file("keep the keys of benches in", &path, &e))?;
+        // Nobody sweeps a folder that has been made and is not locked yet.
+        let _turn = turn(&base).map_err(|e| Failure::file("keep the keys of benches in", &base, &e))?;
         sweep(&base);
         let path = base.join(bench);
         let failed = |e: io::Error| Failure::file("keep the keys of the bench in", &path, &e);
@@ -161,11 +163,17 @@ fn lock_file(folder: &Path) -> io::Result<File> {
     OpenOptions::new().write(true).create(true).truncate(false).mode(0o600).open(folder.join(LOCK))
 }
 
-/// Removes the folders of launchers that were killed.
+/// The right to make and to remove folders of benches, until it is dropped.
+fn turn(base: &Path) -> io::Result<File> {
+    let lock = lock_file(base)?;
+    lock.lock()?;
+    Ok(lock)
+}
+
+/// Removes the folders of launchers that were killed; to be called with the [`turn`].
 fn sweep(base: &Path) {
     for entry in std::fs::read_dir(base).into_iter().flatten().flatten() {
         let folder = entry.path();
-        // A folder that is being made has no lock yet.
         let Ok(lock) = File::open(folder.join(LOCK)) else { continue };
         if lock.try_lock().is_ok() {
             let _ = std::fs::remove_dir_all(&folder);
@@ -189,6 +197,22 @@ mod tests {
         let link = folder.path().join("link");
         std::os::unix::fs::symlink(folder.path(), &link).unwrap();
         assert!(private_folder(&link).is_err());
+    }
+
+    #[test]
+    fn benches_that_begin_at_once_leave_each_other_alone() {
+        let benches: Vec<_> = (0..8)
+            .map(|i| {
+                std::thread::spawn(move || {
+                    for round in 0..50 {
+                        let bench = format!("at-once-{}-{i}-{round}", std::process::id());
+                        let folder = BenchFolder::create(&bench, Vec::new()).unwrap();
+                        assert!(folder.path.is_dir(), "{bench}");
+                    }
+                })
+            })
+            .collect();
+        benches.into_iter().for_each(|bench| bench.join().unwrap());
     }
 
     #[test]

@@ -80,7 +80,7 @@ impl Plant {
     pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let plant = &config.plant;
         let recorder = config.recorder.is_some() && config.mode == Mode::Lockstep;
-        let pace = if recorder { Some(Pace::open(bus)?) } else { None };
+        let pace = if recorder { Some(Pace::open(bus, config.transport)?) } else { None };
         let commands = bus.subscriber(COMMAND_DEPTH)?;
         let simulation = Simulation::open(bus, config, setup)?;
         let mut listens_to = config.peers.clone();

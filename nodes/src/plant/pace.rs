@@ -1,6 +1,6 @@
 //! Flow control: a lockstep plant does not run away from the recorder.
 
-use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_bus::{Bus, Subscriber, Transport};
 use whirlstand_msgs::{Message, Progress};
 
 use crate::error::NodeError;
@@ -11,20 +11,23 @@ use crate::recorder::QUEUE_DEPTH;
 /// come after the next step's measurement.
 const WINDOW: u64 = QUEUE_DEPTH as u64 / 2;
 
-/// Steps after which it is worth looking for news of the recorder.
-const POLL_STEPS: u64 = WINDOW / 4;
+/// The same over a network, where what a recorder that stands still has not read waits in the buffers of its sockets: with
+/// less than 1 kB of each sender and step it is less than Linux gives a socket at first (`tcp_wmem`, `tcp_rmem`).
+const NETWORK_WINDOW: u64 = 32;
 
 /// Keeps count of how far the recorder has come.
 pub(super) struct Pace {
     progress: Subscriber<Progress>,
+    window: u64,
     recorded: u64,
     /// Nobody waits for a recorder that was replaced until the new one says something.
     present: bool,
 }
 
 impl Pace {
-    pub(super) fn open(bus: &Bus) -> Result<Self, NodeError> {
-        Ok(Self { progress: bus.subscriber(QUEUE_DEPTH)?, recorded: 0, present: true })
+    pub(super) fn open(bus: &Bus, transport: Transport) -> Result<Self, NodeError> {
+        let window = if transport == Transport::Zenoh { NETWORK_WINDOW } else { WINDOW };
+        Ok(Self { progress: bus.subscriber(QUEUE_DEPTH)?, window, recorded: 0, present: true })
     }
 
     /// The recorder is another process now; what was on its way to the one before is lost.
@@ -34,7 +37,8 @@ impl Pace {
 
     /// Whether step `step` may be published now: a recorder that lives has room for it.
     pub(super) fn may_go_on(&mut self, step: u64) -> Result<bool, NodeError> {
-        if step.saturating_sub(self.recorded) < POLL_STEPS {
+        // It is not worth looking for news at every step.
+        if step.saturating_sub(self.recorded) < self.window / 4 {
             return Ok(true);
         }
         let mut refused = 0;
@@ -43,6 +47,6 @@ impl Pace {
             self.recorded = if p.written == 0 { step } else { p.head().step };
             self.present = true;
         }
-        Ok(!self.present || step.saturating_sub(self.recorded) <= WINDOW)
+        Ok(!self.present || step.saturating_sub(self.recorded) <= self.window)
     }
 }
