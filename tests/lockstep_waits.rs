@@ -57,7 +57,12 @@ fn nodes_that_stand_still_change_nothing() {
             let told = ["--log-level", "debug"];
             let mut bench = spawn(whirlstand(flight(&out, transport, &told)));
             let nodes = ["estimator", "controller", "recorder"];
-            for (node, pid) in nodes.into_iter().zip(all_ready(&mut bench, nodes)) {
+            let pids = all_ready(&mut bench, nodes);
+            if transport == "zenoh" {
+                // In the loop: a link that is being made while its end stands still begins with a gap for the recorder.
+                bench.wait_for_stderr("steps/s  misses 0");
+            }
+            for (node, pid) in nodes.into_iter().zip(pids) {
                 signal(pid, libc::SIGSTOP);
                 bench.wait_for_stderr(&format!("waiting for the {node}"));
                 signal(pid, libc::SIGCONT);
