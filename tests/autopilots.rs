@@ -6,7 +6,7 @@ mod support;
 use std::path::Path;
 use std::process::Command;
 
-use support::flight::{Flight, fly, free_tcp, free_udp};
+use support::flight::{Flight, betaflight, fly, free_tcp, free_udp};
 use support::{json, run, spawn};
 use whirlstand_test_harness::{Missing, Outcome, python};
 
@@ -195,15 +195,7 @@ fn ardupilot_with_32_channels_flies_in_realtime_and_may_start_again() -> Outcome
 
 fn betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm() -> Outcome {
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
-    let mut arguments: Vec<String> = ports.iter().map(ToString::to_string).collect();
-    arguments.push("REPORT".into());
-    let options = [
-        format!("bridge.betaflight.ports={ports:?}"),
-        "bridge.rc.arm=true".into(),
-        "bridge.rc.grace_s=2.0".into(),
-        "bridge.rc.arming_s=0.3".into(),
-        "bridge.rc.throttle=0.4".into(),
-    ];
+    let (arguments, options) = betaflight(ports);
     let rest = ["--mode", "realtime", "--set", "rate_hz=500"];
     let flight = fly("betaflight-sitl", "betaflight.py", &arguments, &options, &rest)?;
     let flight = flight.well();

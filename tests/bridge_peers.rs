@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use support::flight::{Flying, fly, free_tcp, free_udp, take_off};
+use support::flight::{Flying, betaflight, fly, free_tcp, free_udp, take_off};
 use support::flood::{Flood, garbage};
 use support::{FAULTS_ALLOWED, Finished, Running, json, run, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
@@ -200,15 +200,7 @@ fn ardupilot_is_flown_through_garbage_and_forged_packets() -> Outcome {
 fn betaflight_is_flown_through_garbage_and_forged_packets() -> Outcome {
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
     let _garbage = Flood::start(&ports[..2], garbage());
-    let mut arguments: Vec<String> = ports.iter().map(ToString::to_string).collect();
-    arguments.push("REPORT".into());
-    let options = [
-        format!("bridge.betaflight.ports={ports:?}"),
-        "bridge.rc.arm=true".into(),
-        "bridge.rc.grace_s=2.0".into(),
-        "bridge.rc.arming_s=0.3".into(),
-        "bridge.rc.throttle=0.4".into(),
-    ];
+    let (arguments, options) = betaflight(ports);
     let rest = ["--mode", "realtime", "--set", "rate_hz=250"];
     let flying = take_off("betaflight-sitl", "betaflight.py", &arguments, &options, &rest)?;
     let mut packet = vec![4, 0, 0, 0];

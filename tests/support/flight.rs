@@ -114,3 +114,17 @@ pub fn fly(
 ) -> Result<Flight, Missing> {
     take_off(bridge, program, arguments, options, rest).map(Flying::finish)
 }
+
+/// Arguments of the stand-in for Betaflight at these ports, and keys of a launch file that arms it after a short while.
+pub fn betaflight(ports: [u16; 4]) -> (Vec<String>, [String; 5]) {
+    let mut arguments: Vec<String> = ports.iter().map(ToString::to_string).collect();
+    arguments.push("REPORT".into());
+    let options = [
+        format!("bridge.betaflight.ports={ports:?}"),
+        "bridge.rc.arm=true".into(),
+        "bridge.rc.grace_s=2.0".into(),
+        "bridge.rc.arming_s=0.3".into(),
+        "bridge.rc.throttle=0.4".into(),
+    ];
+    (arguments, options)
+}
