@@ -3,17 +3,19 @@
 
 mod support;
 
+use std::env::set_var;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use support::{Finished, HUNG, Running, json, run, spawn, whirlstand};
 use whirlstand_bus::{
-    Authority, Bus, BusConfig, Member, Protection, Publisher, Subscriber, Transport, Writes,
+    Authority, Bus, BusConfig, Member, ONE_THREAD, Protection, Publisher, Subscriber, Transport, Writes,
 };
 use whirlstand_msgs::{Command, Health, Message, NodeState, Truth};
-use whirlstand_test_harness::undisturbed;
+use whirlstand_test_harness::{Test, run as run_tests};
 
 /// A number that no bench comes to by itself; it marks what was forged.
 const FORGED: f64 = 777.125;
@@ -130,85 +132,76 @@ fn with_file(bench: &str, file: &Path) -> BusConfig {
     config
 }
 
-#[test]
 fn nobody_else_can_fly_forge_or_kill_a_running_bench() {
-    undisturbed(|| {
-        let dir = tempfile::tempdir().unwrap();
-        let bench = unique("attacked");
-        let running = start(&bench, dir.path(), &[]);
-        let (observer, endpoints) = await_bench(&bench, "observer");
-        let (guest, _) = await_bench(&bench, "guest");
-        assert!(endpoints.iter().all(|e| e.starts_with("tls/127.0.0.1:")), "{endpoints:?}");
+    let dir = tempfile::tempdir().unwrap();
+    let bench = unique("attacked");
+    let running = start(&bench, dir.path(), &[]);
+    let (observer, endpoints) = await_bench(&bench, "observer");
+    let (guest, _) = await_bench(&bench, "guest");
+    assert!(endpoints.iter().all(|e| e.starts_with("tls/127.0.0.1:")), "{endpoints:?}");
 
-        let mut plain = BusConfig::new(&bench, "plant", Transport::Zenoh);
-        plain.zenoh.connect = endpoints.iter().map(|e| e.replace("tls/", "tcp/")).collect();
-        let mut foreign_key = BusConfig::new(&bench, "plant", Transport::Zenoh);
-        foreign_key.zenoh.connect = endpoints;
-        let identity = Authority::new("mine").unwrap().issue("plant", &["127.0.0.1".into()]).unwrap();
-        let anything = Member { name: "plant".into(), writes: Writes::AllBut(Vec::new()) };
-        foreign_key.zenoh.protection = Some(Protection { identity, members: vec![anything] });
-        let who = [plain, foreign_key, with_file(&bench, &observer), with_file(&bench, &guest)]
-            .map(|c| Forger::new(&c));
-        let mut forgers = who;
-        let ended = attack(running, &mut forgers, true);
+    let mut plain = BusConfig::new(&bench, "plant", Transport::Zenoh);
+    plain.zenoh.connect = endpoints.iter().map(|e| e.replace("tls/", "tcp/")).collect();
+    let mut foreign_key = BusConfig::new(&bench, "plant", Transport::Zenoh);
+    foreign_key.zenoh.connect = endpoints;
+    let identity = Authority::new("mine").unwrap().issue("plant", &["127.0.0.1".into()]).unwrap();
+    let anything = Member { name: "plant".into(), writes: Writes::AllBut(Vec::new()) };
+    foreign_key.zenoh.protection = Some(Protection { identity, members: vec![anything] });
+    let who = [plain, foreign_key, with_file(&bench, &observer), with_file(&bench, &guest)]
+        .map(|c| Forger::new(&c));
+    let mut forgers = who;
+    let ended = attack(running, &mut forgers, true);
 
-        let hears = forgers.each_ref().map(|f| f.hears);
-        assert_eq!(hears, [false, false, true, true], "strangers hear nothing, the user's own programs do");
-        let flown = first_run(dir.path());
-        assert_eq!(flown["ended"]["how"], "complete", "{}", ended.stderr);
-        assert_eq!((&flown["steps"], &flown["ended"]["restarts"]), (&800.into(), &serde_json::json!({})));
-        let misses = flown["timing"]["nodes"]["plant"]["deadline_misses"].as_u64().unwrap();
-        assert!(misses <= 800, "{misses}");
-        assert_eq!(logs(dir.path()), [dir.path().join("log.mcap")]);
-        assert_eq!(forged_in(&dir.path().join("log.mcap")), 0);
-    });
+    let hears = forgers.each_ref().map(|f| f.hears);
+    assert_eq!(hears, [false, false, true, true], "strangers hear nothing, the user's own programs do");
+    let flown = first_run(dir.path());
+    assert_eq!(flown["ended"]["how"], "complete", "{}", ended.stderr);
+    assert_eq!((&flown["steps"], &flown["ended"]["restarts"]), (&800.into(), &serde_json::json!({})));
+    let misses = flown["timing"]["nodes"]["plant"]["deadline_misses"].as_u64().unwrap();
+    assert!(misses <= 800, "{misses}");
+    assert_eq!(logs(dir.path()), [dir.path().join("log.mcap")]);
+    assert_eq!(forged_in(&dir.path().join("log.mcap")), 0);
 }
 
 /// What the test above would look like without protection, and what holds even then.
-#[test]
 fn on_an_open_bench_counts_saturate_files_are_bounded_and_no_node_is_killed() {
-    undisturbed(|| {
-        let dir = tempfile::tempdir().unwrap();
-        let bench = unique("open");
-        let running = start(&bench, dir.path(), &["--set", "security.mode=open"]);
-        let (_, endpoints) = await_bench(&bench, "observer");
-        let mut config = BusConfig::new(&bench, "plant", Transport::Zenoh);
-        config.zenoh.connect = endpoints;
-        let mut forgers = [Forger::new(&config)];
-        let ended = attack(running, &mut forgers, false);
+    let dir = tempfile::tempdir().unwrap();
+    let bench = unique("open");
+    let running = start(&bench, dir.path(), &["--set", "security.mode=open"]);
+    let (_, endpoints) = await_bench(&bench, "observer");
+    let mut config = BusConfig::new(&bench, "plant", Transport::Zenoh);
+    config.zenoh.connect = endpoints;
+    let mut forgers = [Forger::new(&config)];
+    let ended = attack(running, &mut forgers, false);
 
-        let flown = first_run(dir.path());
-        assert_eq!(flown["ended"]["how"], "complete", "{}", ended.stderr);
-        assert_eq!(flown["ended"]["restarts"], serde_json::json!({}), "{}", ended.stderr);
-        let logs = logs(dir.path());
-        assert!((2..=4).contains(&logs.len()), "one for each start that the plant may have: {logs:?}");
-        assert!(logs.iter().map(|l| forged_in(l)).sum::<usize>() > 0, "the attack reaches an open bench");
-        assert!(ended.stderr.contains("Truth goes back"), "{}", ended.stderr);
-        assert!(ended.stderr.contains("in the name of 'plant'"), "{}", ended.stderr);
-    });
+    let flown = first_run(dir.path());
+    assert_eq!(flown["ended"]["how"], "complete", "{}", ended.stderr);
+    assert_eq!(flown["ended"]["restarts"], serde_json::json!({}), "{}", ended.stderr);
+    let logs = logs(dir.path());
+    assert!((2..=4).contains(&logs.len()), "one for each start that the plant may have: {logs:?}");
+    assert!(logs.iter().map(|l| forged_in(l)).sum::<usize>() > 0, "the attack reaches an open bench");
+    assert!(ended.stderr.contains("Truth goes back"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("in the name of 'plant'"), "{}", ended.stderr);
 }
 
-#[test]
 fn a_node_by_hand_finds_the_secret_of_its_user() {
-    undisturbed(|| {
-        let dir = tempfile::tempdir().unwrap();
-        let bench = unique("by-hand");
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let endpoint = format!("tcp/127.0.0.1:{port}");
-        let same = ["--transport", "zenoh", "--mode", "lockstep", "--duration", "4", "--bench", &bench];
-        let by_hand = ["node", "controller", "--launch", "quadrotor", "--listen", &endpoint];
-        let _controller = spawn(whirlstand(by_hand.iter().chain(&same)));
-        let mut here = whirlstand(["run", "quadrotor", "--set", "nodes.controller.external=true"]);
-        here.args(same).args(["--set", "expect={}", "--out"]).arg(dir.path());
-        for node in ["plant", "estimator", "recorder"] {
-            here.args(["--set", &format!("nodes.{node}.connect=[\"{endpoint}\"]")]);
-        }
-        spawn(here).finish().success();
-        assert_eq!(first_run(dir.path())["steps"], 800);
-        let gone = run(["keys", "show", &bench]);
-        assert_eq!(gone.code(), 2, "{}", gone.stdout);
-        assert!(gone.stderr.contains("no bench"), "{}", gone.stderr);
-    });
+    let dir = tempfile::tempdir().unwrap();
+    let bench = unique("by-hand");
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let same = ["--transport", "zenoh", "--mode", "lockstep", "--duration", "4", "--bench", &bench];
+    let by_hand = ["node", "controller", "--launch", "quadrotor", "--listen", &endpoint];
+    let _controller = spawn(whirlstand(by_hand.iter().chain(&same)));
+    let mut here = whirlstand(["run", "quadrotor", "--set", "nodes.controller.external=true"]);
+    here.args(same).args(["--set", "expect={}", "--out"]).arg(dir.path());
+    for node in ["plant", "estimator", "recorder"] {
+        here.args(["--set", &format!("nodes.{node}.connect=[\"{endpoint}\"]")]);
+    }
+    spawn(here).finish().success();
+    assert_eq!(first_run(dir.path())["steps"], 800);
+    let gone = run(["keys", "show", &bench]);
+    assert_eq!(gone.code(), 2, "{}", gone.stdout);
+    assert!(gone.stderr.contains("no bench"), "{}", gone.stderr);
 }
 
 /// Runs with settings that must be refused before anything is started.
@@ -227,7 +220,6 @@ fn refused(settings: &[&str], said: &[&str]) {
     }
 }
 
-#[test]
 fn protection_by_halves_is_refused_and_what_is_missing_is_named() {
     let dir = tempfile::tempdir().unwrap();
     let keys = dir.path().join("keys");
@@ -256,18 +248,34 @@ fn protection_by_halves_is_refused_and_what_is_missing_is_named() {
     refused(&["security.mode=tls", &folder], &["controller.key cannot be read", "keys new"]);
 }
 
-#[test]
 fn keys_made_before_protect_a_bench_as_well() {
-    undisturbed(|| {
-        let dir = tempfile::tempdir().unwrap();
-        let keys = dir.path().join("keys");
-        run(["keys", "new", keys.to_str().unwrap(), "--host", "192.0.2.1", "--node", "viewer"]).success();
-        assert!(keys.join("viewer.key").is_file());
-        let out = dir.path().join("out");
-        let set = format!("security.keys={}", keys.display());
-        let bench = unique("made-before");
-        let args = ["--mode", "lockstep", "--set", "security.mode=tls", "--set", &set];
-        start(&bench, &out, &args).finish().success();
-        assert_eq!(first_run(&out)["steps"], 800);
-    });
+    let dir = tempfile::tempdir().unwrap();
+    let keys = dir.path().join("keys");
+    run(["keys", "new", keys.to_str().unwrap(), "--host", "192.0.2.1", "--node", "viewer"]).success();
+    assert!(keys.join("viewer.key").is_file());
+    let out = dir.path().join("out");
+    let set = format!("security.keys={}", keys.display());
+    let bench = unique("made-before");
+    let args = ["--mode", "lockstep", "--set", "security.mode=tls", "--set", &set];
+    start(&bench, &out, &args).finish().success();
+    assert_eq!(first_run(&out)["steps"], 800);
+}
+
+/// The names of these tests, and what they do.
+macro_rules! named {
+    ($($test:ident),+ $(,)?) => { vec![$(Test::new(stringify!($test), $test)),+] };
+}
+
+/// Sessions over TLS are opened here, in the process of the tests.
+fn main() -> ExitCode {
+    let (name, value) = ONE_THREAD;
+    // SAFETY: no other thread runs yet.
+    unsafe { set_var(name, value) };
+    run_tests(named!(
+        nobody_else_can_fly_forge_or_kill_a_running_bench,
+        on_an_open_bench_counts_saturate_files_are_bounded_and_no_node_is_killed,
+        a_node_by_hand_finds_the_secret_of_its_user,
+        protection_by_halves_is_refused_and_what_is_missing_is_named,
+        keys_made_before_protect_a_bench_as_well,
+    ))
 }

@@ -60,6 +60,15 @@ pub enum OpenError {
         /// What is wrong with it.
         reason: String,
     },
+    /// The process would read and write TLS on two threads.
+    #[error(
+        "bench \"{bench}\" speaks TLS, which Zenoh 1.10 can do without damage to its memory on one thread only: start this \
+         program with {name}='{value}' in its environment", name = crate::ONE_THREAD.0, value = crate::ONE_THREAD.1
+    )]
+    TwoThreads {
+        /// Bench.
+        bench: String,
+    },
     /// Somebody else launches the bench.
     #[error(
         "the bench \"{bench}\" is already run by {holder}: give this run another name with --bench, or wait for that one's end"

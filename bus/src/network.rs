@@ -22,9 +22,9 @@ use crate::inproc::Queue;
 use crate::launcher::LauncherToken;
 use crate::lost::LostCounter;
 use crate::network_keys::{key_expression, spoken_key};
-use crate::network_settings::{fix_ports, settings};
+use crate::network_settings::{fix_ports, has_tls, settings};
 use crate::park::{Region, TopicBit};
-use crate::{BusConfig, OpenError, RecvError, Refusal, SendError, Transport};
+use crate::{BusConfig, ONE_THREAD, OpenError, RecvError, Refusal, SendError, Transport};
 
 /// Refused messages kept for [`crate::Subscriber::try_recv`] to tell of; more are forgotten.
 const MAX_REFUSED: usize = 8;
@@ -46,6 +46,10 @@ pub(crate) struct Member {
 impl Member {
     pub(crate) fn open(bus: &BusConfig) -> Result<Rc<Self>, OpenError> {
         let settings = settings(bus)?;
+        // Whoever gives the variable another value knows what they do.
+        if has_tls(&settings) && std::env::var_os(ONE_THREAD.0).is_none() {
+            return Err(OpenError::TwoThreads { bench: bus.bench.clone() });
+        }
         let mut attempt = 1;
         let (session, locators) = loop {
             let mut settings = settings.clone();

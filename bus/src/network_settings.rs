@@ -127,6 +127,13 @@ pub fn over_tls(endpoint: &str) -> Result<String, String> {
     }
 }
 
+/// Whether a session of these settings speaks TLS on any link.
+pub(crate) fn has_tls(settings: &Value) -> bool {
+    let mut endpoints = Vec::new();
+    ["listen", "connect"].iter().for_each(|side| collect(&settings[side]["endpoints"], &mut endpoints));
+    is_given(settings.pointer(TLS)) || endpoints.iter().any(|e| e.starts_with("tls/"))
+}
+
 /// Refuses TLS by halves: whoever gives a certificate wants no link without it.
 fn check_tls(settings: &mut Value) -> Result<(), String> {
     for kind in ["usrpwd", "pubkey"] {
@@ -301,6 +308,11 @@ mod tests {
         assert_eq!(settings["connect"]["endpoints"], json!(["tls/127.0.0.1:7447"]));
         assert_eq!(settings["transport"]["link"]["protocols"], json!(["tls"]));
         assert_eq!(settings["access_control"]["default_permission"], "deny");
+        let opened = crate::Bus::open(&bus).err();
+        assert!(
+            matches!(opened, Some(OpenError::TwoThreads { .. })),
+            "this process has no ZENOH_RUNTIME: {opened:?}"
+        );
         bus.zenoh.connect = vec!["udp/127.0.0.1:7447".into()];
         let error = super::settings(&bus).unwrap_err().to_string();
         assert!(error.contains("udp/127.0.0.1:7447") && error.contains("mode = \"open\""), "{error}");

@@ -12,7 +12,8 @@ use crate::network_keys::{key_expression, spoken_key};
 /// The environment variable, and its value, with which Zenoh reads and writes on one thread. A process that speaks TLS needs
 /// it before it opens its first session: Zenoh 1.10 lends one TLS stream to the reading and to the writing task at the same
 /// time (`zenoh-link-tls/src/unicast.rs`), and where they run on two threads a link breaks now and then with "handshake
-/// not complete". On one thread neither sees the stream half changed by the other.
+/// not complete", or the process ends with a memory fault. On one thread neither sees the stream half changed by the other.
+/// A session that speaks TLS is refused without it ([`crate::OpenError::TwoThreads`]).
 pub const ONE_THREAD: (&str, &str) = ("ZENOH_RUNTIME", "(rx: (handover: tx), tx: (worker_threads: 1))");
 
 /// What a node needs to take part in a protected bench.
