@@ -61,7 +61,9 @@ pub mod recorder;
 pub mod setup;
 pub mod signals;
 pub mod topics;
+mod wait_report;
 
 pub use error::NodeError;
 pub use inproc::run_inproc;
 pub use process::{run_node, run_node_until};
+pub use wait_report::WAITING_FOR;

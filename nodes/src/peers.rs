@@ -180,6 +180,12 @@ impl Peers {
         self.listens_to.iter().copied().filter(|&r| !self.runs(r))
     }
 
+    /// The same as text.
+    pub fn missing(&self) -> String {
+        let missing: Vec<_> = self.not_running().map(Role::name).collect();
+        format!("the {}", missing.join(" and the "))
+    }
+
     fn all_reported(&self) -> bool {
         self.listens_to.iter().all(|&r| self.health(r).is_some())
     }

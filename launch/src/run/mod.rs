@@ -7,6 +7,7 @@ mod start;
 mod summarised;
 mod summary;
 mod verdict;
+mod waits;
 
 use std::process::ExitCode;
 

@@ -7,6 +7,7 @@ use whirlstand_msgs::NodeState;
 use whirlstand_nodes::config::NodeConfig;
 
 use super::start::PeriodicTimer;
+use super::waits::Waits;
 use crate::supervisor::{Continuation, Ending, Event, HealthTable, Observer};
 
 /// How often a line is written where no terminal shows the live one.
@@ -22,6 +23,7 @@ pub(crate) struct Progress {
     steps_per_s: f64,
     quiet: Option<PeriodicTimer>,
     failsafe: bool,
+    waits: Waits,
 }
 
 impl Progress {
@@ -39,6 +41,7 @@ impl Progress {
             steps_per_s: 0.0,
             quiet,
             failsafe: false,
+            waits: Waits::default(),
         }
     }
 
@@ -69,14 +72,17 @@ impl Progress {
             None => self.last = Some((step, now)),
         }
         let counts = plant.counts();
+        let t = format!("t {:7.2} s", step as f64 * self.period_s);
+        if let Some(waits) = self.waits.text(now) {
+            return Some((step, format!("{t}  {waits}")));
+        }
         let state = match NodeState::from_u32(plant.latest.state) {
             Some(NodeState::Failsafe) => "  FAILSAFE",
             Some(NodeState::Starting) => "  waiting for the other nodes",
             _ => "",
         };
         let text = format!(
-            "t {:7.2} s  {:>9.0} steps/s  misses {}  lost {}  restarts {}{state}",
-            step as f64 * self.period_s,
+            "{t}  {:>9.0} steps/s  misses {}  lost {}  restarts {}{state}",
             self.steps_per_s,
             counts.deadline_misses,
             health.lost(),
@@ -93,9 +99,17 @@ impl Observer for Progress {
 
     fn event(&mut self, event: &Event) {
         match event {
-            Event::Started { node, pid } => tracing::debug!("{node} runs as process {pid}"),
+            Event::Started { node, pid } => {
+                self.waits.forget(node);
+                tracing::debug!("{node} runs as process {pid}");
+            }
             Event::Ready { node, pid } => tracing::debug!("{node} (process {pid}) is ready"),
-            Event::Status { node, text } => tracing::info!("{node}: {text}"),
+            Event::Status { node, text } => {
+                self.waits.hear(node, text, Instant::now());
+                if !text.is_empty() {
+                    tracing::info!("{node}: {text}");
+                }
+            }
             Event::Restarted { node, how, attempt, allowed } => {
                 self.restarts += 1;
                 self.say(&format!("{node} {how}; it is started again (restart {attempt} of {allowed})"));

@@ -19,6 +19,13 @@ pub fn notify_ready(locators: &[String]) -> std::io::Result<()> {
     send(path.as_encoded_bytes(), text.as_bytes())
 }
 
+/// Tells the socket in `NOTIFY_SOCKET` what this node is at (`STATUS=`); an empty text takes that back. False when there is
+/// nobody to tell.
+pub fn notify_status(text: &str) -> bool {
+    let Some(path) = std::env::var_os("NOTIFY_SOCKET") else { return false };
+    send(path.as_encoded_bytes(), format!("STATUS={text}\n").as_bytes()).is_ok()
+}
+
 fn send(path: &[u8], bytes: &[u8]) -> std::io::Result<()> {
     use std::os::unix::ffi::OsStrExt;
     // A leading @ stands for the abstract namespace, which has no file.

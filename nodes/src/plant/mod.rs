@@ -295,7 +295,7 @@ impl Plant {
     fn tell_wait(&mut self, now: Instant) {
         let Self { waiting, peers, gate, phase, step, .. } = self;
         let (joining, step) = (matches!(phase, Phase::Joining { .. }), step.saturating_sub(1));
-        waiting.tell(now, step, || whom(peers, gate, joining, step));
+        waiting.tell(now, || whom(peers, gate, joining, step));
     }
 
     fn end(&mut self, clock: &mut Clock, until: Option<Instant>) -> Result<Turn, NodeError> {
@@ -309,6 +309,7 @@ impl Plant {
             return Ok(Turn::Idle);
         }
         self.looped = self.began.map_or(Duration::ZERO, |t| t.elapsed());
+        self.waiting.end();
         self.peers.set_state(NodeState::Stopping);
         self.report(Instant::now())?;
         self.phase = Phase::Ended;

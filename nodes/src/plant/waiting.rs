@@ -5,31 +5,33 @@ use std::time::{Duration, Instant};
 use crate::config::Role;
 use crate::gate::Gate;
 use crate::peers::Peers;
+use crate::wait_report::WaitReport;
 
 /// After this time without an answer the measurement is sent again: a program that was started again has not heard it, and
 /// one that has answers with the same command again.
 const REPEAT: Duration = Duration::from_secs(1);
 
-/// Time between two lines that tell whom the plant waits for.
-const TELL: Duration = Duration::from_secs(5);
+/// A wait that is shorter is none that anybody has to be told of.
+const TELL: Duration = Duration::from_secs(1);
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub(super) struct Waiting {
     /// Longest wait, where one was asked for.
     timeout: Option<Duration>,
     since: Instant,
     repeated: Instant,
-    told: Instant,
+    report: WaitReport,
 }
 
 impl Waiting {
     pub(super) fn new(timeout: Option<Duration>, now: Instant) -> Self {
-        Self { timeout, since: now, repeated: now, told: now }
+        Self { timeout, since: now, repeated: now, report: WaitReport::new(now) }
     }
 
     /// A measurement was published at `now`.
     pub(super) fn begin(&mut self, now: Instant) {
         (self.since, self.repeated) = (now, now);
+        self.report.over();
     }
 
     /// When the last measurement was published, without its repetitions.
@@ -56,22 +58,23 @@ impl Waiting {
         asks
     }
 
-    /// Says every few seconds whom the plant waits for.
-    pub(super) fn tell(&mut self, now: Instant, step: u64, whom: impl FnOnce() -> String) {
-        if now < self.told.max(self.since) + TELL {
-            return;
+    /// Says whom the plant waits for, if it waits long enough.
+    pub(super) fn tell(&mut self, now: Instant, whom: impl FnOnce() -> String) {
+        if now >= self.since + TELL {
+            self.report.tell(now, whom);
         }
-        self.told = now;
-        let (whom, waited_s) = (whom(), now.duration_since(self.since).as_secs());
-        tracing::warn!(step, "waiting for {whom} for {waited_s} s; the bench stands still meanwhile");
+    }
+
+    /// Nobody is waited for any more.
+    pub(super) fn end(&mut self) {
+        self.report.over();
     }
 }
 
 /// Whom a plant waits for: before its first step those who do not run yet, later those who are behind `step`.
 pub(super) fn whom(peers: &Peers, gate: &Gate, joining: bool, step: u64) -> String {
     if joining {
-        let missing: Vec<_> = peers.not_running().map(Role::name).collect();
-        return format!("the {}", missing.join(" and the "));
+        return peers.missing();
     }
     let behind = |role: Role| peers.health(role).is_some_and(|peer| peer.step < step);
     let whom = if gate.is_answered() {
@@ -80,6 +83,8 @@ pub(super) fn whom(peers: &Peers, gate: &Gate, joining: bool, step: u64) -> Stri
         "the estimator"
     } else if behind(Role::Controller) {
         "the controller"
+    } else if step == 0 {
+        "the first command"
     } else {
         "a command"
     };
@@ -106,16 +111,18 @@ mod tests {
     }
 
     #[test]
-    fn whom_it_waits_for_is_told_every_five_seconds() {
+    fn whom_it_waits_for_is_asked_for_only_while_the_bench_stands_still() {
         let start = Instant::now();
         let mut waiting = Waiting::new(None, start);
-        let mut told = 0;
-        for tenth in 0..200 {
-            waiting.tell(start + Duration::from_millis(100 * tenth), 7, || {
-                told += 1;
+        let mut asked = 0;
+        for ms in 0..2000 {
+            waiting.tell(start + Duration::from_millis(ms), || {
+                asked += 1;
                 "the controller".into()
             });
         }
-        assert_eq!(told, 3);
+        assert_eq!(asked, 4);
+        waiting.begin(start + Duration::from_secs(2));
+        waiting.tell(start + Duration::from_millis(2900), || panic!("it has just gone on"));
     }
 }

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, AutopilotKind};
 use whirlstand_bridge::peer::{PeerCounts, SILENCE};
 
-use crate::bridge::link::{BUFFER, Decoder, Link, LinkEvent, LinkSender, configured, wait_for_bytes};
+use crate::bridge::link::{
+    Address, BUFFER, Decoder, Link, LinkEvent, LinkSender, configured, wait_for_bytes,
+};
 use crate::error::NodeError;
 
 /// All links to the autopilot.
@@ -72,6 +74,16 @@ impl Links {
                     tracing::info!("{text}");
                 }
             }
+        }
+    }
+
+    /// Where the autopilot is waited for.
+    pub(super) fn place(&self) -> String {
+        let places: Vec<_> =
+            self.links.iter().map(Link::address).filter(|a| a.is_open()).map(Address::place).collect();
+        match self.links.first() {
+            Some(link) if places.is_empty() => link.address().place(),
+            _ => places.join(" and "),
         }
     }
 

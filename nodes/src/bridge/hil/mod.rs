@@ -32,6 +32,7 @@ use crate::follower::Follower;
 use crate::gate::InputLimits;
 use crate::peers::Peers;
 use crate::setup::Setup;
+use crate::wait_report::WaitReport;
 use inbox::{Inbox, VehicleSample};
 use links::Links;
 use state::{Fault, Flight};
@@ -74,6 +75,7 @@ pub struct Hil {
     origin: Instant,
     steps: u64,
     tally: Tally,
+    waits: WaitReport,
 }
 
 impl Hil {
@@ -122,6 +124,7 @@ impl Hil {
             origin: Instant::now(),
             steps: 0,
             tally: Tally::new(options.kind.autopilot()),
+            waits: WaitReport::new(Instant::now()),
         })
     }
 
@@ -233,8 +236,15 @@ impl Hil {
         };
         if ready {
             tracing::info!("{} flies: the run begins", self.name);
+            self.waits.over();
             self.flight.start();
             self.answer(self.at.map_or(0, |at| at.step))?;
+        }
+        if !ready {
+            let (name, fresh, links) = (self.name, self.flight.is_fresh(self.now()), &self.links);
+            let whom =
+                || if fresh { format!("{name} to be armed") } else { format!("{name} on {}", links.place()) };
+            self.waits.tell(now, whom);
         }
         Ok(if step.is_some() || ready { Turn::Worked } else { Turn::Idle })
     }

@@ -77,6 +77,17 @@ impl Address {
     pub fn is_open(&self) -> bool {
         matches!(self, Self::UdpIn(_) | Self::TcpIn(_))
     }
+
+    /// Where the other end is waited for, for people: `tcp 4560`, `udp 192.0.2.7:14550`, `/dev/ttyACM0`.
+    pub fn place(&self) -> String {
+        match self {
+            Self::Serial { path, .. } => path.display().to_string(),
+            Self::UdpIn(at) => format!("udp {}", at.port()),
+            Self::TcpIn(at) => format!("tcp {}", at.port()),
+            Self::UdpOut(at) => format!("udp {at}"),
+            Self::TcpOut(at) => format!("tcp {at}"),
+        }
+    }
 }
 
 impl std::fmt::Display for Address {
@@ -109,6 +120,14 @@ mod tests {
         ] {
             assert_eq!(text.parse::<Address>().unwrap().to_string(), text);
         }
+    }
+
+    #[test]
+    fn a_place_says_where_to_come_or_where_it_is() {
+        let place = |text: &str| text.parse::<Address>().unwrap().place();
+        assert_eq!(place("tcpin://0.0.0.0:4560"), "tcp 4560");
+        assert_eq!(place("udpout://192.0.2.7:14550"), "udp 192.0.2.7:14550");
+        assert_eq!(place("serial:///dev/ttyACM0:921600"), "/dev/ttyACM0");
     }
 
     #[test]

@@ -61,6 +61,13 @@ impl VehicleLinks {
         Ok(Self { links, buffer: vec![0; BUFFER] })
     }
 
+    /// What of the vehicle is waited for before the first step, and where.
+    pub fn awaited(&self) -> String {
+        let link = self.links.iter().find(|(port, _)| *port == Port::Link);
+        let place = link.map_or(String::new(), |(_, link)| format!(" on {}", link.address().place()));
+        format!("the vehicle's attitude{place}")
+    }
+
     /// The vehicle as both threads share it, with the ways out over these links.
     pub fn share(&self, vehicle: Vehicle, gate: Gate, origin: Instant) -> SharedVehicle {
         let senders = self.links.iter().map(|(port, link)| (*port, link.sender())).collect();

@@ -31,6 +31,7 @@ use crate::os::StopFlag;
 use crate::peers::Peers;
 use crate::ready::get_ready;
 use crate::setup::Setup;
+use crate::wait_report::WaitReport;
 use bus_receiver::BusReceiver;
 use commands::Commands;
 use duplicate_filter::Reader;
@@ -90,6 +91,7 @@ struct VehicleNode {
     reported_failsafe: bool,
     commands: Commands,
     receiver: BusReceiver,
+    waits: WaitReport,
 }
 
 /// Runs the bridge in the plant's place until the last step, or until `stop` asks for the end.
@@ -134,6 +136,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
         reported_failsafe: false,
         commands,
         receiver,
+        waits: WaitReport::new(now),
     };
     get_ready(Role::Plant, config, &bus, node.commands.locators())?;
     let result = node.run(stop);
@@ -215,6 +218,8 @@ impl VehicleNode {
             return self.advance(now);
         }
         if now < until {
+            let (peers, links) = (&self.peers, &self.links);
+            self.waits.tell(now, || if peers_run { links.awaited() } else { peers.missing() });
             return Ok(());
         }
         let waited_s = self.start_timeout.as_secs_f64();
@@ -232,11 +237,13 @@ impl VehicleNode {
         if ready {
             self.phase = if self.step == self.steps { Phase::Ending { until: now } } else { Phase::Looping };
             self.due = now + self.period;
+            self.waits.over();
             return Ok(());
         }
         if now >= until {
             return Err(NodeError::NoAnswer { waited_s: self.start_timeout.as_secs_f64(), rejected });
         }
+        self.waits.tell(now, || "the first command".into());
         if now >= repeat {
             self.imu.send_again(&self.last_imu)?;
             self.phase = Phase::Answering { until, repeat: now + REPEAT };

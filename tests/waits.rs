@@ -1,0 +1,28 @@
+//! A bench that stands still says whom it waits for.
+
+mod support;
+
+use std::net::TcpListener;
+
+use support::{spawn, whirlstand};
+
+/// A port that nobody has.
+fn free_port() -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    listener.local_addr().expect("its address").port()
+}
+
+#[test]
+fn a_bench_without_its_autopilot_says_what_it_waits_for_and_where() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().to_str().expect("utf-8 path");
+    let port = free_port();
+    let link = format!("bridge.px4.link=\"tcpin://127.0.0.1:{port}\"");
+    let args = ["run", "quadrotor-px4", "--no-log", "--out", out, "--set", &link];
+    let mut bench = spawn(whirlstand(args));
+    let line = bench.wait_for_stderr("waiting for");
+    let said = format!("t    0.00 s  waiting for PX4 on tcp {port} (");
+    assert!(line.starts_with(&said) && line.ends_with(" s)"), "{line}");
+    bench.signal(libc::SIGTERM);
+    assert_eq!(bench.finish().code(), 143);
+}
