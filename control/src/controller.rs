@@ -72,6 +72,8 @@ pub struct Controller {
     predicted: Vec<Block>,
     error: Vec<f64>,
     wanted: Vec<Block>,
+    /// Factor on the feedback.
+    loop_gain: f64,
     /// Test input, added to what the law wants.
     added: Vec<f64>,
     command: Vec<f64>,
@@ -141,6 +143,7 @@ impl Controller {
             predicted: vec![[0.0; 4]; blocks(n)],
             error: vec![0.0; n],
             wanted: vec![[0.0; 4]; blocks(m)],
+            loop_gain: 1.0,
             added: vec![0.0; m],
             command: neutral.clone(),
             refusals: 0,
@@ -157,6 +160,7 @@ impl Controller {
         self.in_force.copy_from_slice(&self.neutral);
         self.integrals.fill(0.0);
         self.added.fill(0.0);
+        self.loop_gain = 1.0;
         self.reference.fill(0.0);
         self.target.track(0);
         self.refusals = 0;
@@ -178,6 +182,14 @@ impl Controller {
     pub fn set_test_input(&mut self, u: &[f64]) {
         if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
             self.added.copy_from_slice(u);
+        }
+    }
+
+    /// Multiplies all feedback, of whatever law, before the limits, until it is told otherwise or reset: how much of the gain
+    /// margin is left is seen in flight. What the reference needs at rest is not multiplied. Refused when it is not finite.
+    pub fn set_loop_gain(&mut self, factor: f64) {
+        if factor.is_finite() {
+            self.loop_gain = factor;
         }
     }
 
@@ -210,6 +222,10 @@ impl Controller {
         } else {
             self.predict(estimate);
             self.law();
+            if self.loop_gain != 1.0 {
+                let wanted = self.wanted.as_flattened_mut().iter_mut();
+                wanted.zip(&self.steady_u).for_each(|(w, u)| *w = u + self.loop_gain * (*w - u));
+            }
             self.wanted.as_flattened_mut().iter_mut().zip(&self.added).for_each(|(w, a)| *w += a);
             outcome.saturated = self.limit();
             if self.command.iter().all(|v| v.is_finite()) {

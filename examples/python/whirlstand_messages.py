@@ -250,4 +250,20 @@ class Progress(Message):
     ]
 
 
+class Adjustment(Message):
+    TOPIC = "adjusted"
+    TYPE_NAME = "whirlstand/msg/Adjustment"
+    SCHEMA_HASH = 0x9566d54f41f05de6
+    _fields_ = [
+        ("head", Head),
+        ("id", c_uint64),
+        ("value", c_double),
+        ("length_ns", c_uint64),
+        ("what", c_uint32),
+        ("index", c_uint32),
+        ("verdict", c_uint32),
+        ("reserved", c_uint32),
+    ]
+
+
 # layouts: end

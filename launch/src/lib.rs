@@ -9,6 +9,7 @@ mod file;
 mod key_folder;
 mod keys;
 mod limits;
+mod live;
 mod memory;
 mod proc_stat;
 mod run;
@@ -68,6 +69,9 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Vehicle(command) => command::vehicles::vehicles(command),
         Command::Launch(command) => command::launch_files::launch_files(command),
         Command::Keys(command) => command::keys::keys(command),
+        Command::Inject(args) => command::adjust::inject(args),
+        Command::Set(args) => command::adjust::set(args),
+        Command::Echo(args) => command::echo::echo(args),
         Command::Bench(args) => command::bench::bench(args),
         Command::Bridge(command) => command::bridge::bridge(command),
         Command::Doctor(args) => doctor::doctor(args),

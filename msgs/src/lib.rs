@@ -16,6 +16,7 @@
 //! assert_eq!(decode::<Imu>(&wire).unwrap(), imu);
 //! ```
 
+mod adjustment;
 mod define;
 mod head;
 mod health;
@@ -24,6 +25,7 @@ mod types;
 pub mod units;
 mod wire;
 
+pub use adjustment::{Adjustment, AdjustmentKind, AdjustmentVerdict};
 pub use define::{Field, Message};
 pub use head::Head;
 pub use health::{Health, LATENCY_BUCKETS, NodeState, latency_bucket, latency_bucket_upper_ns};

@@ -62,7 +62,9 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Command, Disturbance, Estimate, Health, Imu, Odometry, Outputs, Progress, Setpoint, Truth};
+    use crate::{
+        Adjustment, Command, Disturbance, Estimate, Health, Imu, Odometry, Outputs, Progress, Setpoint, Truth,
+    };
     use proptest::prelude::*;
 
     fn contiguous<M: Message>() {
@@ -108,6 +110,7 @@ mod tests {
         contiguous::<Disturbance>();
         contiguous::<Health>();
         contiguous::<Progress>();
+        contiguous::<Adjustment>();
     }
 
     #[test]

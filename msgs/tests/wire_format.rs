@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint,
-    Truth, VERSION, decode, encode,
+    Adjustment, Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Outputs, Progress,
+    Setpoint, Truth, VERSION, decode, encode,
 };
 
 /// Calls a generic function for each message type.
@@ -26,6 +26,7 @@ macro_rules! for_each_message {
             $function::<Disturbance>(),
             $function::<Health>(),
             $function::<Progress>(),
+            $function::<Adjustment>(),
         ]
     };
 }

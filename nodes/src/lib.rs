@@ -41,6 +41,7 @@
 //!   are refused as stale. A realtime plant that stood still does not catch up: bench time stood still with it, and
 //!   every whole period that it was late counts as a miss.
 
+mod adjustment_desk;
 pub mod bench;
 pub mod bridge;
 pub mod clock;
@@ -63,6 +64,7 @@ pub mod signals;
 pub mod topics;
 mod wait_report;
 
+pub use adjustment_desk::{ADJUST_TOPIC, refusal};
 pub use error::NodeError;
 pub use inproc::run_inproc;
 pub use process::{run_node, run_node_until};

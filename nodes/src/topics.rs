@@ -1,7 +1,8 @@
 //! Which role publishes which topic: what a protected bench allows.
 
 use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint, Truth,
+    Adjustment, Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint,
+    Truth,
 };
 
 use crate::config::Role;
@@ -9,9 +10,16 @@ use crate::config::Role;
 /// The topics that a role publishes, beside its `Health`.
 pub fn published_by(role: Role) -> &'static [&'static str] {
     match role {
-        Role::Plant => &[Imu::TOPIC, Odometry::TOPIC, Outputs::TOPIC, Truth::TOPIC, Disturbance::TOPIC],
+        Role::Plant => &[
+            Imu::TOPIC,
+            Odometry::TOPIC,
+            Outputs::TOPIC,
+            Truth::TOPIC,
+            Disturbance::TOPIC,
+            Adjustment::TOPIC,
+        ],
         Role::Estimator => &[Estimate::TOPIC],
-        Role::Controller => &[Command::TOPIC, Setpoint::TOPIC],
+        Role::Controller => &[Command::TOPIC, Setpoint::TOPIC, Adjustment::TOPIC],
         Role::Recorder => &[Progress::TOPIC],
     }
 }

@@ -2,17 +2,22 @@
 
 mod blind;
 mod files;
+mod json;
 mod keys;
+mod live;
+mod quantity;
 mod records;
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use whirlstand_msgs::units::{Quantity, Unit};
 
 pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
 pub(crate) use files::{DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleNewArgs};
+pub(crate) use json::JsonArg;
 pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
+pub(crate) use live::{EchoArgs, InjectArgs, SetArgs};
+use quantity::seconds;
 pub(crate) use records::{
     CompareArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
 };
@@ -65,6 +70,9 @@ pub(crate) enum Command {
     /// Keys of benches over Zenoh: make them for several hosts, show what a program needs to join a running bench.
     #[command(subcommand)]
     Keys(KeysCommand),
+    Inject(InjectArgs),
+    Set(SetArgs),
+    Echo(EchoArgs),
     Bench(BenchArgs),
     /// Look at real hardware that takes a node's place.
     #[command(subcommand)]
@@ -113,9 +121,8 @@ pub(crate) struct CleanArgs {
     /// Only list what would be removed.
     #[arg(long)]
     pub dry_run: bool,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub json: JsonArg,
 }
 
 /// Who keeps the time.
@@ -181,9 +188,8 @@ pub(crate) struct RunArgs {
     /// Name of the bench, for nodes that are started elsewhere; one run at a time [default: a new one for each run]
     #[arg(long, value_name = "NAME")]
     pub bench: Option<String>,
-    /// Print the summary as JSON on standard output instead of the verdict.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub json: JsonArg,
 }
 
 /// What may be changed in a launch file without editing it.
@@ -196,13 +202,13 @@ pub(crate) struct OverrideArgs {
     #[arg(long)]
     pub transport: Option<TransportArg>,
     /// Bench time of the run, in seconds or with a unit ("2 min").
-    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    #[arg(long, value_name = "TIME", value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<f64>,
     /// Seed of every random number.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// In lockstep, longest wait for a command, in seconds or with a unit [default: as long as the nodes live].
-    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    #[arg(long, value_name = "TIME", value_parser = seconds, allow_negative_numbers = true)]
     pub answer_timeout: Option<f64>,
     /// Sets any key of the launch file, for example controller.law=lqr or effects.0.magnitude=3; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -253,14 +259,14 @@ pub(crate) struct BenchArgs {
     /// Measure the bridges alone: wire to bus and back, beside a bare echo.
     #[arg(long)]
     pub bridge: bool,
-    /// Length of each throughput measurement.
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    /// Length of each throughput measurement, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
     pub seconds: f64,
     /// How often each throughput is measured.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     pub repeat: u32,
-    /// Length of the realtime measurement.
-    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    /// Length of the realtime measurement, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 10.0)]
     pub realtime_seconds: f64,
     /// SCHED_FIFO priority of the realtime measurement [default: none]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(1..=99))]
@@ -269,9 +275,8 @@ pub(crate) struct BenchArgs {
     /// scheduler decides]
     #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
     pub cpus: Vec<usize>,
-    /// Writes the figures as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArg,
     /// One process of a measurement, told on standard input what to do.
     #[arg(long, hide = true)]
     pub member: bool,
@@ -297,8 +302,8 @@ pub(crate) struct BridgeCheckArgs {
     /// Launch file with the bridge.
     #[arg(long, value_name = "LAUNCH")]
     pub launch: String,
-    /// How long to wait for the vehicle and for each axis.
-    #[arg(long, value_name = "S", value_parser = seconds, default_value = "20")]
+    /// How long to wait for the vehicle and for each axis, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value = "20")]
     pub timeout: f64,
     /// A vehicle: leave out the channels, listen only.
     #[arg(long)]
@@ -318,9 +323,8 @@ pub(crate) struct BridgeCheckArgs {
 /// Tell whether this machine is fit for real time, and what to change.
 #[derive(Debug, Args)]
 pub(crate) struct DoctorArgs {
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub json: JsonArg,
 }
 
 /// Inject faults into every node of a bench at random times, again and again, and check that the bench survives.
@@ -335,17 +339,16 @@ pub(crate) struct SoakArgs {
     /// How many faults each node gets.
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub rounds: u32,
-    /// Length of a stop.
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    /// Length of a stop, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
     pub stop_for: f64,
     #[command(flatten)]
     pub overrides: OverrideArgs,
     /// Only these nodes; may be repeated [default: every node]
     #[arg(long = "node", value_name = "NODE")]
     pub nodes: Vec<String>,
-    /// Writes the result as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArg,
 }
 
 /// What `soak` does to a node.
@@ -355,24 +358,6 @@ pub(crate) enum FaultArg {
     Kill,
     /// SIGSTOP, later SIGCONT.
     Stop,
-}
-
-/// Reads a time: a number of seconds, or a quantity with a unit of time.
-fn seconds(text: &str) -> Result<f64, String> {
-    let value = match text.trim().parse::<f64>() {
-        Ok(value) => value,
-        Err(_) => {
-            let quantity: Quantity = text.parse().map_err(|e| format!("{e}"))?;
-            quantity.in_unit(&Unit::SECOND).map_err(|e| e.to_string())?
-        }
-    };
-    if value.is_finite() && value > 0.0 {
-        Ok(value)
-    } else {
-        Err(format!(
-            "'{text}' is not a positive time: write seconds, or a number with a unit as in \"2 min\""
-        ))
-    }
 }
 
 #[cfg(test)]
@@ -385,11 +370,36 @@ mod tests {
         Cli::command().debug_assert();
     }
 
+    /// Goes through a call and all below it.
+    fn each(call: &clap::Command, look: &mut impl FnMut(&clap::Command)) {
+        look(call);
+        call.get_subcommands().for_each(|below| each(below, look));
+    }
+
     #[test]
-    fn durations_are_seconds_or_carry_a_unit_of_time() {
-        assert_eq!(seconds("12"), Ok(12.0));
-        assert_eq!(seconds("2 min"), Ok(120.0));
-        assert!(seconds("5 m").unwrap_err().contains("s is expected"), "{:?}", seconds("5 m"));
-        assert!(seconds("-1").is_err() && seconds("nan").is_err() && seconds("soon").is_err());
+    fn json_takes_an_optional_file_wherever_it_is() {
+        let mut found = 0;
+        each(&Cli::command(), &mut |call| {
+            for argument in call.get_arguments().filter(|a| a.get_long() == Some("json")) {
+                found += 1;
+                let range = argument.get_num_args().map(|n| (n.min_values(), n.max_values()));
+                assert_eq!(range, Some((0, 1)), "{}", call.get_name());
+            }
+        });
+        assert!(found > 15, "{found}");
+    }
+
+    #[test]
+    fn times_and_frequencies_take_units_wherever_they_are() {
+        each(&Cli::command(), &mut |call| {
+            for argument in call.get_arguments() {
+                let names = argument.get_value_names().unwrap_or_default();
+                assert!(
+                    !names.iter().any(|n| ["S", "HZ"].contains(&n.as_str())),
+                    "{} {argument}",
+                    call.get_name()
+                );
+            }
+        });
     }
 }

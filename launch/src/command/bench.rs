@@ -35,7 +35,7 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
         cpus: args.cpus.clone(),
         member: vec![program.to_string_lossy().into_owned(), "bench".into(), "--member".into()],
     };
-    let quiet = args.json.as_deref() == Some(Path::new("-"));
+    let quiet = args.json.is_printed();
     let report = run(&options, |figure| {
         if !quiet {
             // A reader that is gone does not stop the measurement, and the last words say what could not be written.
@@ -43,7 +43,7 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
         }
     })
     .map_err(Failure::mend)?;
-    if let Some(path) = &args.json {
+    if let Some(path) = &args.json.path {
         write_json(&report, path)?;
     }
     let missed = report.figures.iter().filter(|f| f.goal.is_some_and(|g| !g.met)).count();

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use serde::Serialize;
 
-use super::{print, print_json};
+use super::tell;
 use crate::cli::CleanArgs;
 use crate::error::Failure;
 use crate::exclusive::{StaleRun, remove, stale};
@@ -52,11 +52,7 @@ pub(crate) fn clean(args: &CleanArgs) -> Result<ExitCode, Failure> {
         bytes: benches.iter().map(|b| b.left.bytes).sum(),
         benches,
     };
-    if args.json {
-        print_json(&cleaned)?
-    } else {
-        print(&text(&cleaned))?
-    }
+    tell(&args.json, &cleaned, || text(&cleaned))?;
     Ok(if failed { ExitCode::from(1) } else { ExitCode::SUCCESS })
 }
 

@@ -1,5 +1,6 @@
 //! The calls of the command line that do not start a bench.
 
+pub(crate) mod adjust;
 pub(crate) mod bench;
 pub(crate) mod blind;
 pub(crate) mod bridge;
@@ -7,6 +8,7 @@ pub(crate) mod clean;
 pub(crate) mod compare;
 pub(crate) mod design;
 pub(crate) mod diagnose;
+pub(crate) mod echo;
 pub(crate) mod excite;
 pub(crate) mod guard;
 pub(crate) mod identify;
@@ -22,6 +24,7 @@ pub(crate) mod vehicles;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
 
+use crate::cli::JsonArg;
 use crate::error::Failure;
 
 /// Exit code of a command that was interrupted and told what it knew by then, as shells have it.
@@ -60,6 +63,18 @@ pub(crate) fn write_json(value: &impl serde::Serialize, path: &Path) -> Result<(
     }
     let text = serde_json::to_string_pretty(value).map_err(Failure::run)?;
     write(path, &(text + "\n"))
+}
+
+/// Writes a value as JSON where that is asked for, and prints the text unless JSON is all that is to be printed.
+pub(crate) fn tell(
+    json: &JsonArg,
+    value: &impl serde::Serialize,
+    text: impl FnOnce() -> String,
+) -> Result<(), Failure> {
+    if let Some(path) = &json.path {
+        write_json(value, path)?;
+    }
+    if json.is_printed() { Ok(()) } else { print(&text()) }
 }
 
 /// Writes a text file, and the folder that it is in.

@@ -26,13 +26,15 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let checks = checks::all();
     let wake_up = wake::sample()?;
     let fit = checks.iter().all(|c| c.grade != Grade::Warn);
-    if args.json {
-        let report = Report { schema: "whirlstand.doctor.v1", fit, checks, wake_up };
-        crate::command::print_json(&report)?;
-        return Ok(ExitCode::SUCCESS);
-    }
+    let report = Report { schema: "whirlstand.doctor.v1", fit, checks, wake_up };
+    crate::command::tell(&args.json, &report, || text(&report))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn text(report: &Report) -> String {
+    let Report { checks, wake_up, .. } = report;
     let mut text = String::new();
-    for check in &checks {
+    for check in checks {
         let mark = match check.grade {
             Grade::Ok => style::good("ok  "),
             Grade::Warn => style::bad("warn"),
@@ -44,7 +46,7 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         }
     }
     text.push_str("\nWake-up latency, 1 kHz absolute deadlines, one second each (us):\n");
-    for w in &wake_up {
+    for w in wake_up {
         text.push_str(&format!(
             "      {:<18} p50 {:>7.1}   p99 {:>7.1}   p99.9 {:>7.1}   max {:>7.1}   over 1 ms: {} of {}\n",
             w.scheduling, w.p50_us, w.p99_us, w.p999_us, w.max_us, w.missed, w.wakes
@@ -59,6 +61,5 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
             n => style::bad(&format!("{n} things to change before trusting real-time runs on this machine.")),
         }
     ));
-    crate::command::print(&text)?;
-    Ok(ExitCode::SUCCESS)
+    text
 }

@@ -1,12 +1,13 @@
 //! A bench's name belongs to one launcher of this user on this machine at a time.
 
+use std::fs::File;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 use whirlstand_bus::check_bench_name;
 
-use super::lock_file::{Holder, LockFile, Refused};
+use super::lock_file::{Holder, LockFile, Refused, is_held};
 use super::runtime_folder::runtime_folder;
 use crate::error::Failure;
 
@@ -66,6 +67,31 @@ impl AsFd for Claim {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.lock.as_fd()
     }
+}
+
+/// The folder for the sockets of a running bench of this user; `None` when no launcher runs it.
+///
+/// # Errors
+/// When the name cannot be that of a bench, or the user's folder cannot be used.
+pub(crate) fn sockets_of(bench: &str) -> Result<Option<PathBuf>, Failure> {
+    check_bench_name(bench).map_err(Failure::mend)?;
+    let path = claim_path(&runtime_folder()?, bench);
+    if !is_held(&path) {
+        return Ok(None);
+    }
+    let holder = File::open(path).ok().and_then(|mut file| Holder::read(&mut file));
+    Ok(holder.and_then(|holder| holder.sockets))
+}
+
+/// The benches that launchers of this user run on this machine.
+///
+/// # Errors
+/// When the user's folder cannot be used.
+pub(crate) fn running_benches() -> Result<Vec<String>, Failure> {
+    let folder = runtime_folder()?;
+    let mut all = claimed_benches(&folder);
+    all.retain(|bench| is_held(&claim_path(&folder, bench)));
+    Ok(all)
 }
 
 /// The file that is the claim of a bench.

@@ -6,6 +6,6 @@ mod out_folder;
 mod runtime_folder;
 mod stale;
 
-pub(crate) use claim::Claim;
+pub(crate) use claim::{Claim, running_benches, sockets_of};
 pub(crate) use out_folder::OutFolder;
 pub(crate) use stale::{StaleRun, remove, stale};

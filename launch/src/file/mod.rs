@@ -22,3 +22,4 @@ pub(crate) use jobs::{Jobs, jobs};
 pub(crate) use plan::{Plan, PlannedNode, plan};
 pub(crate) use schema::{Ready, Restart};
 pub(crate) use security::{Security, secret_beyond_its_reach};
+pub(crate) use wording::unknown;

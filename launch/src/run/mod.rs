@@ -14,11 +14,14 @@ use std::process::ExitCode;
 pub(crate) use one::{FinishedRun, fly};
 pub(crate) use start::unique_bench;
 
+use whirlstand_bus::Transport;
+
 use crate::cli::RunArgs;
 use crate::command::clean::tidy;
 use crate::error::Failure;
 use crate::exclusive::{Claim, OutFolder};
 use crate::file::{DEFAULT, Jobs, jobs};
+use crate::live::BenchCard;
 use crate::supervisor::Ending;
 
 /// Runs a launch file, all its variants one after the other, and leaves log, summary and report.
@@ -30,7 +33,8 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
         Some(path) => OutFolder::given(path)?,
         None => OutFolder::fresh(&start::folder_name(&jobs.name))?,
     };
-    tidy(args.json);
+    let quiet = args.json.is_printed();
+    tidy(quiet);
     let mut runs = Vec::new();
     for job in &jobs.runs {
         let (plan, variant) = (&job.plan, job.variant.as_deref());
@@ -49,10 +53,10 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
             }
             None => &out,
         };
-        if !args.json {
-            announce(&jobs, variant, plan);
+        if !quiet {
+            announce(&jobs, variant, plan, claim.bench());
         }
-        let mut progress = progress::Progress::new(&plan.config, !args.json);
+        let mut progress = progress::Progress::new(&plan.config, !quiet);
         let ran = fly(plan, folder, claim, &mut progress);
         progress.finish();
         let ran = ran?;
@@ -65,15 +69,11 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let whole = summary::whole(&jobs, &runs);
     // The verdict is told even where no file can be written any more.
     let written = summary::write(&jobs, out.path(), &whole, &runs);
-    if args.json {
-        crate::command::print_json(&whole)?;
-    } else {
-        crate::command::print(&verdict::closing_lines(out.path(), &runs))?;
-    }
+    crate::command::tell(&args.json, &whole, || verdict::closing_lines(out.path(), &runs))?;
     written.map(|()| exit_code(&runs))
 }
 
-fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan) {
+fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan, bench: &str) {
     let config = &plan.config;
     let law = serde_json::to_value(config.controller.law).ok();
     let mode = serde_json::to_value(config.mode).ok();
@@ -91,6 +91,9 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan) {
         config.transport,
         config.seed,
     ));
+    if config.transport != Transport::Inproc {
+        crate::style::say(&BenchCard::new(plan, bench).line());
+    }
 }
 
 /// 0 when all went well, 1 when a run or an expectation failed, 2 when the user can mend it, 128 + n after signal n.

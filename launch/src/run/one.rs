@@ -12,6 +12,7 @@ use crate::error::Failure;
 use crate::exclusive::{Claim, OutFolder};
 use crate::file::Plan;
 use crate::keys::BenchKeys;
+use crate::live::BenchCard;
 use crate::supervisor::{Observer, Outcome, ThreadEnd, supervise, supervise_thread};
 
 /// A run that is over.
@@ -45,6 +46,7 @@ pub(crate) fn fly(
     }
     let log = plan.config.recorder.is_some().then_some(log);
     let keys = BenchKeys::new(&plan)?;
+    BenchCard::new(&plan, claim.bench()).leave_in(claim.sockets())?;
     if plan.config.transport == Transport::Inproc {
         let outcome = fly_in_thread(&plan, &keys, observer)?;
         return Ok(FinishedRun { outcome, log, residue: None });

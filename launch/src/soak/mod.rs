@@ -50,12 +50,7 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<ExitCode, Failure> {
         return Ok(ExitCode::from(128 + signal as u8));
     }
     let result = SoakResult::new(args, &plan, seed, injector, &ran);
-    if let Some(path) = &args.json {
-        crate::command::write_json(&result, path)?;
-    }
-    if args.json.as_deref() != Some(std::path::Path::new("-")) {
-        crate::command::print(&result.table())?;
-    }
+    crate::command::tell(&args.json, &result, || result.table())?;
     Ok(if result.ok { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 

@@ -1,11 +1,16 @@
 //! The control law, wired to the vehicle.
 
+use std::ops::RangeInclusive;
+
 use whirlstand_control::{Controller, Design};
-use whirlstand_msgs::{Estimate, MAX_INPUTS, Setpoint, flags};
+use whirlstand_msgs::{AdjustmentVerdict, Estimate, MAX_INPUTS, Setpoint, flags};
 
 use crate::config::NodeConfig;
 use crate::error::NodeError;
 use crate::setup::Setup;
+
+/// Factors on the law's feedback that can be set in flight: 20 dB to each side, wider than any gain margin to be shown.
+const GAIN: RangeInclusive<f64> = 0.1..=10.0;
 
 pub(super) enum Law {
     /// Closed loop.
@@ -51,6 +56,19 @@ impl Law {
                     &mut u[..*inputs],
                 );
                 if outcome.saturated { flags::SATURATED } else { 0 }
+            }
+        }
+    }
+
+    /// Multiplies the law's feedback; refused beyond [`GAIN`], and by a law without feedback.
+    pub(super) fn adjust_gain(&mut self, factor: f64) -> AdjustmentVerdict {
+        match self {
+            Self::Manual => AdjustmentVerdict::NotOfThisLaw,
+            Self::Designed { .. } if !factor.is_finite() => AdjustmentVerdict::Unusable,
+            Self::Designed { .. } if !GAIN.contains(&factor) => AdjustmentVerdict::OutOfRange,
+            Self::Designed { controller, .. } => {
+                controller.set_loop_gain(factor);
+                AdjustmentVerdict::Done
             }
         }
     }

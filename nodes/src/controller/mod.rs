@@ -5,12 +5,13 @@
 //! the plant was restarted, and reset the law; a repeated step is answered with the same command again.
 
 mod law;
+mod outside;
 mod profile;
 
 use std::time::Instant;
 
 use whirlstand_bus::{Bus, Publisher, Subscriber};
-use whirlstand_msgs::{Command, Estimate, Health, Message, NodeState, Setpoint, flags};
+use whirlstand_msgs::{Command, Estimate, Head, Health, Message, NodeState, Setpoint, flags};
 
 use crate::clock::{Clock, Turn};
 use crate::config::{NodeConfig, Role};
@@ -20,18 +21,17 @@ use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
 use law::Law;
+use outside::Outside;
+pub use outside::PILOT_TOPIC;
 use profile::Profile;
 
 /// Queue for estimates.
 const DEPTH: usize = 64;
 
-/// Topic on which a pilot or planner outside the loop sets the reference.
-pub const PILOT_TOPIC: &str = "pilot";
-
 /// The controller as a state machine.
 pub struct Controller {
     estimates: Subscriber<Estimate>,
-    pilot: Option<Subscriber<Setpoint>>,
+    outside: Outside,
     commands: Publisher<Command>,
     setpoints: Publisher<Setpoint>,
     telemetry: bool,
@@ -39,7 +39,6 @@ pub struct Controller {
     peers: Peers,
     law: Law,
     profile: Profile,
-    piloted: Option<Setpoint>,
     last: Option<Command>,
     states: usize,
     inputs: usize,
@@ -56,10 +55,11 @@ impl Controller {
         let profile = Profile::new(config, &setup.vehicle)?;
         let law = Law::new(config, setup)?;
         let listens_to = if config.peers.contains(&Role::Estimator) { vec![Role::Estimator] } else { vec![] };
-        let pilot = if config.controller.pilot { Some(bus.subscriber_on(PILOT_TOPIC, DEPTH)?) } else { None };
+        // What the plant may do at its start is its own affair: here the bounds are those of a vehicle at rest.
+        let bounds = setup.vehicle.state_bounds(&vec![0.0; setup.vehicle.states.len()]);
         Ok(Self {
             estimates: bus.subscriber(DEPTH)?,
-            pilot,
+            outside: Outside::open(bus, config.controller.pilot, bounds)?,
             commands: bus.publisher()?,
             setpoints: bus.publisher()?,
             telemetry: config.telemetry,
@@ -67,7 +67,6 @@ impl Controller {
             peers: Peers::open(bus, Role::Controller, listens_to)?,
             law,
             profile,
-            piloted: None,
             last: None,
             states: setup.vehicle.states.len(),
             inputs: setup.limits.count,
@@ -90,17 +89,13 @@ impl Controller {
                 tracing::warn!(step, "the plant began a new run: resetting the law");
                 self.law.reset();
                 self.profile.rewind();
+                self.outside.forget();
                 self.last = None;
             }
             _ => {}
         }
-        let setpoint = match &mut self.piloted {
-            Some(piloted) => {
-                piloted.head = estimate.head;
-                &*piloted
-            }
-            None => self.profile.at(estimate.head),
-        };
+        self.outside.take(estimate.head, &mut self.law)?;
+        let setpoint = self.outside.setpoint(self.profile.at(estimate.head));
         let mut command = Command { head: estimate.head, count: self.inputs as u32, ..Command::zeroed() };
         command.flags = self.law.step(estimate, setpoint, &mut command.u);
         self.commands.send(&command)?;
@@ -112,24 +107,12 @@ impl Controller {
         Ok(())
     }
 
-    fn take_pilot(&mut self) -> Result<(), NodeError> {
-        let Some(pilot) = &mut self.pilot else { return Ok(()) };
-        while let Some(setpoint) = receive(pilot, &mut self.refused)? {
-            if setpoint.x.iter().chain(&setpoint.stick).all(|v| v.is_finite()) {
-                self.piloted = Some(setpoint);
-            } else {
-                self.refused += 1;
-            }
-        }
-        Ok(())
-    }
-
     fn count(&mut self) {
         let report = &mut self.peers.report;
         report.head.step = self.last.map_or(0, |l| l.head.step);
         report.steps = self.steps;
         report.lost = self.estimates.lost();
-        report.rejected = self.refused;
+        report.rejected = self.refused + self.outside.refused();
     }
 }
 
@@ -137,7 +120,6 @@ impl Follower for Controller {
     fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
         let Some(estimate) = receive(&mut self.estimates, &mut self.refused)? else { return Ok(Turn::Idle) };
         let since = clock.now();
-        self.take_pilot()?;
         self.answer(&estimate)?;
         if clock.is_exact() {
             self.peers.record_latency(clock.now().saturating_duration_since(since));
@@ -146,8 +128,10 @@ impl Follower for Controller {
     }
 
     fn housekeeping(&mut self, now: Instant) -> Result<(), NodeError> {
-        if !self.always_telemetry && self.peers.is_due(now) {
-            self.telemetry = self.setpoints.has_subscribers()?;
+        if self.peers.is_due(now) {
+            let start = Head { seq: 0, step: 0, stamp_ns: 0 };
+            self.outside.attend(self.last.map_or(start, |last| last.head))?;
+            self.telemetry = self.always_telemetry || self.setpoints.has_subscribers()?;
         }
         self.count();
         self.peers.turn(now)

@@ -6,6 +6,7 @@
 //! a miss.
 
 mod latencies;
+mod outside;
 mod pace;
 mod phase;
 mod simulation;
@@ -26,6 +27,7 @@ use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
 use latencies::latencies;
+pub use outside::INJECT_TOPIC;
 use pace::Pace;
 use phase::Phase;
 use simulation::Simulation;
@@ -383,7 +385,7 @@ impl Plant {
 
     fn report(&mut self, now: Instant) -> Result<(), NodeError> {
         self.count();
-        self.simulation.look_for_listeners()?;
+        self.simulation.attend(self.step.saturating_sub(1))?;
         self.peers.turn(now)
     }
 

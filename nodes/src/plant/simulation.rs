@@ -1,21 +1,15 @@
 //! The simulated vehicle and what it publishes.
 
-use whirlstand_bus::{Bus, Publisher, Subscriber};
+use whirlstand_bus::{Bus, Publisher};
 use whirlstand_msgs::{Disturbance, Head, Imu, MAX_OUTPUTS, MAX_STATES, Message, Odometry, Outputs, Truth};
 use whirlstand_vehicle::Simulator;
 
+use super::outside::Outside;
 use crate::config::NodeConfig;
 use crate::error::NodeError;
 use crate::gate::Applied;
-use crate::ports::receive;
 use crate::setup::Setup;
 use crate::signals::{Measurement, OutputMap};
-
-/// Queue for disturbances from outside.
-const INJECT_DEPTH: usize = 16;
-
-/// Topic on which a program outside the loop pushes the vehicle.
-pub const INJECT_TOPIC: &str = "inject";
 
 pub(super) struct Simulation {
     simulator: Simulator,
@@ -32,15 +26,13 @@ pub(super) struct Simulation {
     /// Truth and disturbance are wanted by somebody.
     telemetry: bool,
     always_telemetry: bool,
-    inject: Option<Subscriber<Disturbance>>,
-    injected: [f64; MAX_STATES],
+    outside: Outside,
     published: Option<[f64; MAX_STATES]>,
     /// Of the present step, measured already unless the input of the same moment shows in it.
     measured: Option<Measurement>,
     feedthrough: bool,
     /// What was published last.
     last: Measurement,
-    refused: u64,
     /// The vehicle's name, and names and bounds of its states.
     vehicle: String,
     names: Vec<String>,
@@ -70,8 +62,7 @@ impl Simulation {
             x[i] = value;
         }
         simulator.set_state(&x);
-        let inject =
-            if config.plant.inject { Some(bus.subscriber_on(INJECT_TOPIC, INJECT_DEPTH)?) } else { None };
+        let bounds = vehicle.state_bounds(&x);
         let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
         let numbered = if setup.map.has_outputs() { Some(bus.publisher()?) } else { None };
         Ok(Self {
@@ -88,14 +79,12 @@ impl Simulation {
             disturbance: bus.publisher()?,
             telemetry: config.telemetry,
             always_telemetry: config.telemetry,
-            inject,
-            injected: [0.0; MAX_STATES],
+            outside: Outside::open(bus, config.plant.inject, bounds.clone(), config.period_ns)?,
             published: None,
             measured: None,
             feedthrough: vehicle.d.iter().any(|v| *v != 0.0),
             last: Measurement::zeroed(),
-            refused: 0,
-            bounds: vehicle.state_bounds(&x),
+            bounds,
             names: vehicle.states.into_iter().map(|s| s.name).collect(),
             vehicle: vehicle.name,
         })
@@ -104,7 +93,8 @@ impl Simulation {
     /// Publishes what belongs to step `step`, the measurement last: it is what the others wait for.
     pub(super) fn publish(&mut self, step: u64, applied: &Applied) -> Result<(), NodeError> {
         let head = Head { seq: 0, step, stamp_ns: step * self.period_ns };
-        self.take_injected()?;
+        let measured = step + u64::from(self.measured.is_some());
+        self.outside.act(head, measured, &mut self.simulator)?;
         self.simulator.apply(&applied.u[..self.inputs]);
         if self.telemetry {
             self.publish_truth(head, applied.flags)?;
@@ -161,8 +151,10 @@ impl Simulation {
         })
     }
 
-    /// Looks whether somebody listens to truth and disturbance, where the run itself does not need them.
-    pub(super) fn look_for_listeners(&mut self) -> Result<(), NodeError> {
+    /// What is done between steps, the last of which is `step`: answers whoever asks from outside, and looks whether
+    /// somebody listens to truth and disturbance, where the run itself does not need them.
+    pub(super) fn attend(&mut self, step: u64) -> Result<(), NodeError> {
+        self.outside.attend(Head { seq: 0, step, stamp_ns: step * self.period_ns })?;
         if !self.always_telemetry {
             self.telemetry = self.truth.has_subscribers()? || self.disturbance.has_subscribers()?;
         }
@@ -171,7 +163,7 @@ impl Simulation {
 
     /// Messages from outside that could not be used.
     pub(super) fn refused(&self) -> u64 {
-        self.refused
+        self.outside.refused()
     }
 
     fn publish_truth(&mut self, head: Head, flags: u32) -> Result<(), NodeError> {
@@ -186,23 +178,6 @@ impl Simulation {
             self.published = Some(dx);
             let message = Disturbance { head, dx, count: self.states as u32, reserved: 0 };
             self.disturbance.send(&message)?;
-        }
-        Ok(())
-    }
-
-    fn take_injected(&mut self) -> Result<(), NodeError> {
-        let Some(inject) = &mut self.inject else { return Ok(()) };
-        let mut newest = None;
-        while let Some(d) = receive(inject, &mut self.refused)? {
-            if d.count as usize == self.states && d.dx.iter().all(|v| v.is_finite()) {
-                newest = Some(d.dx);
-            } else {
-                self.refused += 1;
-            }
-        }
-        if let Some(dx) = newest {
-            self.injected = dx;
-            self.simulator.disturb(&self.injected[..self.states]);
         }
         Ok(())
     }

@@ -2,7 +2,9 @@
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_logs::Channel;
-use whirlstand_msgs::{Command, Disturbance, Estimate, Imu, Message, Odometry, Outputs, Setpoint, Truth};
+use whirlstand_msgs::{
+    Adjustment, Command, Disturbance, Estimate, Imu, Message, Odometry, Outputs, Setpoint, Truth,
+};
 
 use crate::error::NodeError;
 use crate::ports::receive;
@@ -71,11 +73,13 @@ macro_rules! topics {
             /// What it has reached bounds how much of the others can be waiting.
             pub(super) $leader: Topic<$leading>,
             $(pub(super) $name: Topic<$message>,)*
+            /// What was asked for from outside; not of the loop, because several nodes answer.
+            adjusted: Topic<Adjustment>,
         }
 
         impl Topics {
             pub(super) fn open(bus: &Bus, sink: &mut Sink) -> Result<Self, NodeError> {
-                Ok(Self { $leader: Topic::open(bus, sink)?, $($name: Topic::open(bus, sink)?,)* })
+                Ok(Self { $leader: Topic::open(bus, sink)?, $($name: Topic::open(bus, sink)?,)* adjusted: Topic::open(bus, sink)? })
             }
 
             /// Writes what waits on each topic but the leading one, at most one queue full of it.
@@ -85,24 +89,26 @@ macro_rules! topics {
                 refused: &mut u64,
             ) -> Result<(), NodeError> {
                 $(self.$name.drain(sink, refused)?;)*
-                Ok(())
+                self.adjusted.drain(sink, refused)
             }
 
             /// Goes on in another file.
             pub(super) fn move_to(&mut self, sink: &mut Sink) {
                 self.$leader.channel = sink.channel();
                 $(self.$name.channel = sink.channel();)*
+                self.adjusted.channel = sink.channel();
             }
 
             /// Forgets the messages of the plant's run before.
             pub(super) fn begin_run(&mut self) {
                 self.$leader.last = None;
                 $(self.$name.last = None;)*
+                self.adjusted.last = None;
             }
 
             /// Messages that never reached the recorder, all topics together.
             pub(super) fn lost(&self) -> u64 {
-                [$(self.$name.lost()),*].into_iter().fold(self.$leader.lost(), u64::saturating_add)
+                [$(self.$name.lost(),)* self.adjusted.lost()].into_iter().fold(self.$leader.lost(), u64::saturating_add)
             }
         }
     };

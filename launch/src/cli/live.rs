@@ -1,0 +1,65 @@
+//! Options of the calls that speak to a running bench: inject, set, echo.
+
+use std::num::NonZeroU64;
+
+use clap::Args;
+
+use super::JsonArg;
+use super::quantity::seconds;
+
+/// Push the vehicle of a running bench: a gust on one or several states.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand run quadrotor --bench lab --set plant.inject=true\n  \
+    whirlstand inject lab roll_rate=\"150 deg/s^2\" pitch_rate=\"-80 deg/s^2\" --for \"200 ms\"\n\n\
+    A gust is added to the derivative of the state, from the next step on, for its length in bench time, beside all others. \
+    Exit code 2 when the bench refuses it.")]
+pub(crate) struct InjectArgs {
+    /// Name of the bench, as `run` prints it.
+    pub bench: String,
+    /// State and size, with the unit of the state per second.
+    #[arg(required = true, value_name = "STATE=SIZE")]
+    pub gusts: Vec<String>,
+    /// How long it acts, in bench time, in seconds or with a unit.
+    #[arg(long = "for", value_name = "TIME", value_parser = seconds, default_value = "200 ms")]
+    pub length: f64,
+    #[command(flatten)]
+    pub json: JsonArg,
+}
+
+/// Set something on a running bench: a setpoint, the gain of the law, the state of the engine.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand run quadrotor --bench lab --set plant.inject=true --set controller.pilot=true\n  \
+    whirlstand set lab setpoint.roll=\"5 deg\" setpoint.pitch=0rad\n  \
+    whirlstand set lab gain=1.5 engine=on\n\n\
+    A setpoint takes the place of the launch file's. The gain, 0.1 to 10, is a factor on all feedback. The engine is off, on \
+    (on the ground) or flying, and sets the vibration that the sensors feel. Exit code 2 when the bench refuses one.")]
+pub(crate) struct SetArgs {
+    /// Name of the bench, as `run` prints it.
+    pub bench: String,
+    /// setpoint.STATE=VALUE, gain=FACTOR or engine=off|on|flying.
+    #[arg(required = true, value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+    #[command(flatten)]
+    pub json: JsonArg,
+}
+
+/// Print the messages of a topic of a running bench until Ctrl-C or its end.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand echo lab imu\n  \
+    whirlstand echo lab truth --count 1 --json\n\n\
+    Topics: imu, odometry, outputs, estimate, command, setpoint, truth, disturbance, health, progress, adjusted, and from \
+    outside inject, pilot, adjust. Angles are in degrees, in JSON (one message a line) all is SI.")]
+pub(crate) struct EchoArgs {
+    /// Name of the bench, as `run` prints it.
+    pub bench: String,
+    /// The topic.
+    pub topic: String,
+    /// Ends after so many messages.
+    #[arg(long, value_name = "N")]
+    pub count: Option<NonZeroU64>,
+    #[command(flatten)]
+    pub json: JsonArg,
+}

@@ -1,0 +1,194 @@
+//! What a running bench tells programs of the same user that want to join it: a file beside its sockets.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use whirlstand_bus::{Bus, BusConfig, Transport, WaitStrategy};
+use whirlstand_nodes::config::{Mode, Role, VehicleSource};
+use whirlstand_vehicle::Vehicle;
+
+use crate::error::Failure;
+use crate::exclusive::{running_benches, sockets_of};
+use crate::file::{Plan, unknown};
+use crate::keys::{configuration, write_private};
+
+const FILE: &str = "bench.json";
+
+/// A running bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct BenchCard {
+    /// Its name.
+    pub bench: String,
+    /// What carries its messages.
+    pub transport: Transport,
+    /// Who keeps the time.
+    pub mode: Mode,
+    /// Period of the loop, ns.
+    pub period_ns: u64,
+    /// The vehicle that it flies.
+    pub vehicle: VehicleSource,
+    /// Why the plant takes neither gusts nor a state of the engine; `None` when it does.
+    pub plant_closed: Option<String>,
+    /// Why the controller takes neither setpoints nor a gain; `None` when it does.
+    pub controller_closed: Option<String>,
+}
+
+impl BenchCard {
+    /// The card of a planned bench under its name.
+    pub fn new(plan: &Plan, bench: &str) -> Self {
+        let config = &plan.config;
+        let (is_vehicle, is_autopilot) = match &config.bridge {
+            Some(bridge) => (bridge.kind.is_vehicle(), !bridge.kind.is_vehicle()),
+            None => (false, false),
+        };
+        let is_foreign = |role: Role| {
+            let node = plan.nodes.iter().find(|n| n.role == Some(role));
+            node.is_some_and(|n| n.section.exec.is_some())
+        };
+        let closed = |bridged: Option<&str>, role: Role, is_open: bool, key: &str| match bridged {
+            Some(why) => Some(why.to_string()),
+            None if is_foreign(role) => Some(format!("the {role} is a program of its own")),
+            None if !is_open => Some(format!("--set {key}=true opens the bench to them")),
+            None => None,
+        };
+        let vehicle = is_vehicle.then_some("the plant is a real vehicle");
+        let autopilot = is_autopilot.then_some("an autopilot flies it");
+        Self {
+            bench: bench.into(),
+            transport: config.transport,
+            mode: config.mode,
+            period_ns: config.period_ns,
+            vehicle: config.vehicle.clone(),
+            plant_closed: closed(vehicle, Role::Plant, config.plant.inject, "plant.inject"),
+            controller_closed: closed(
+                autopilot,
+                Role::Controller,
+                config.controller.pilot,
+                "controller.pilot",
+            ),
+        }
+    }
+
+    /// Leaves the card in the folder of a bench's sockets, with which it goes.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn leave_in(&self, sockets: &Path) -> Result<(), Failure> {
+        let path = sockets.join(FILE);
+        let text = serde_json::to_string(self).map_err(Failure::run)?;
+        write_private(&path, &text).map_err(|e| Failure::file("write", &path, &e))
+    }
+
+    /// The card of a running bench of this user on this machine.
+    ///
+    /// # Errors
+    /// When no such bench runs.
+    pub fn of(bench: &str) -> Result<Self, Failure> {
+        let absent = || {
+            let running = running_benches().unwrap_or_default();
+            let hint = match running.is_empty() {
+                true => "no bench of yours runs on this machine".to_string(),
+                false => unknown("bench", bench, running.iter().map(String::as_str)),
+            };
+            Failure::Mend(format!("no bench '{bench}' of yours runs here: {hint}"))
+        };
+        let sockets = sockets_of(bench)?.ok_or_else(absent)?;
+        let text = std::fs::read_to_string(sockets.join(FILE)).map_err(|_| absent())?;
+        serde_json::from_str(&text).map_err(|e| {
+            Failure::Mend(format!("bench '{bench}' is run by another version of whirlstand, which says: {e}"))
+        })
+    }
+
+    /// Whether the bench is over.
+    pub fn is_over(&self) -> bool {
+        !matches!(sockets_of(&self.bench), Ok(Some(_)))
+    }
+
+    /// The vehicle.
+    ///
+    /// # Errors
+    /// When its text cannot be read, which the bench could.
+    pub fn vehicle(&self) -> Result<Vehicle, Failure> {
+        Vehicle::parse(&self.vehicle.text, &self.vehicle.origin).map_err(Failure::mend)
+    }
+
+    /// Joins the bench as one of its members that stand outside, `guest` or `observer`.
+    ///
+    /// # Errors
+    /// When the transport refuses, or the bench has none.
+    pub fn join(&self, member: &str) -> Result<Bus, Failure> {
+        if self.transport == Transport::Inproc {
+            let bench = &self.bench;
+            return Err(Failure::Mend(format!(
+                "bench '{bench}' runs in one process, which nothing from outside reaches: start it with --transport iceoryx2 \
+                 or zenoh"
+            )));
+        }
+        let mut config = BusConfig::new(&self.bench, member, self.transport);
+        if self.transport == Transport::Zenoh {
+            config.zenoh.config = Some(configuration(&self.bench, member)?);
+        }
+        // Whoever looks on does not take the processor from those who fly.
+        config.wait = WaitStrategy::realtime();
+        Bus::open(&config).map_err(Failure::mend)
+    }
+
+    /// "bench lab over iceoryx2 takes ...", for whoever starts it.
+    pub fn line(&self) -> String {
+        let head = format!("bench {} over {}", self.bench, self.transport);
+        let plant = ("gusts and the engine's state", "topics inject, adjust", &self.plant_closed);
+        let controller = ("setpoints and the gain", "topics pilot, adjust", &self.controller_closed);
+        let (open, closed): (Vec<_>, Vec<_>) =
+            [plant, controller].into_iter().partition(|(_, _, closed)| closed.is_none());
+        let open: Vec<_> = open.iter().map(|(what, topics, _)| format!("{what} ({topics})")).collect();
+        let mut line = match open.is_empty() {
+            true => format!("{head} takes nothing from outside"),
+            false => format!("{head} takes {}", open.join(" and ")),
+        };
+        for (what, _, why) in closed {
+            line.push_str(&format!("; no {what}: {}", why.as_deref().unwrap_or_default()));
+        }
+        line
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::OverrideArgs;
+    use crate::file::jobs;
+
+    fn card(launch: &str, set: &[&str]) -> BenchCard {
+        let set = set.iter().map(|s| s.to_string()).collect();
+        let jobs = jobs(launch, &OverrideArgs { set, ..Default::default() }, false).unwrap();
+        BenchCard::new(&jobs.runs[0].plan, "lab")
+    }
+
+    #[test]
+    fn a_card_says_what_can_be_asked_for_and_what_would_open_the_rest() {
+        let closed = card("quadrotor", &[]);
+        assert_eq!(
+            closed.line(),
+            "bench lab over iceoryx2 takes nothing from outside; no gusts and the engine's state: --set plant.inject=true \
+             opens the bench to them; no setpoints and the gain: --set controller.pilot=true opens the bench to them"
+        );
+        let open = card("quadrotor", &["plant.inject=true", "controller.pilot=true"]);
+        assert_eq!(
+            open.line(),
+            "bench lab over iceoryx2 takes gusts and the engine's state (topics inject, adjust) and setpoints and the gain \
+             (topics pilot, adjust)"
+        );
+        let px4 = card("quadrotor-px4", &["plant.inject=true", "controller.pilot=true"]);
+        assert_eq!(px4.controller_closed.as_deref(), Some("an autopilot flies it"));
+        assert_eq!(
+            card("quadrotor-mavlink", &[]).plant_closed.as_deref(),
+            Some("the plant is a real vehicle")
+        );
+    }
+
+    #[test]
+    fn a_bench_that_does_not_run_is_told_and_changes_nothing() {
+        let error = BenchCard::of("no-such-bench-runs-here").unwrap_err().to_string();
+        assert!(error.starts_with("no bench 'no-such-bench-runs-here' of yours runs here"), "{error}");
+    }
+}

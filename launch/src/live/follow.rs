@@ -1,0 +1,129 @@
+//! Follows a topic of a running bench, whatever its messages are.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use whirlstand_bus::{Bus, MAX_DEPTH, RecvError};
+use whirlstand_msgs::{
+    Adjustment, Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint,
+    Truth,
+};
+use whirlstand_nodes::ADJUST_TOPIC;
+use whirlstand_nodes::controller::PILOT_TOPIC;
+use whirlstand_nodes::plant::INJECT_TOPIC;
+
+use super::card::BenchCard;
+use super::shown::Shown;
+use crate::error::Failure;
+use crate::file::unknown;
+use crate::keys::OBSERVER;
+use crate::supervisor::Signals;
+
+/// Time between two looks whether a signal came or the bench is over.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Time without any message after which the bench is joined anew: over a network, nodes that were not there yet have
+/// addresses by then.
+const JOIN_AGAIN: Duration = Duration::from_secs(2);
+
+/// How a topic was followed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Follow {
+    /// Messages that were shown.
+    pub shown: u64,
+    /// Messages that came faster than they were shown.
+    pub lost: u64,
+    /// The signal that ended it.
+    pub signal: Option<i32>,
+}
+
+/// Hands every message of a topic, as something to show, to `show`, until that has enough, a signal comes, or the bench is
+/// over.
+///
+/// # Errors
+/// For a topic that there is not, a bench that cannot be joined, signals that cannot be had, or a failure of `show`.
+pub(crate) fn follow(
+    card: &BenchCard,
+    topic: &str,
+    mut show: impl FnMut(&Shown<'_>) -> Result<ControlFlow<()>, Failure>,
+) -> Result<Follow, Failure> {
+    let show = &mut show;
+    macro_rules! of {
+        ($($name:expr => $message:ident),* $(,)?) => {
+            match topic {
+                $(name if name == $name => follow_type::<$message>(card, name, show),)*
+                other => Err(Failure::Mend(unknown("topic", other, [$($name),*]))),
+            }
+        };
+    }
+    of!(
+        Imu::TOPIC => Imu,
+        Odometry::TOPIC => Odometry,
+        Outputs::TOPIC => Outputs,
+        Estimate::TOPIC => Estimate,
+        Command::TOPIC => Command,
+        Setpoint::TOPIC => Setpoint,
+        Truth::TOPIC => Truth,
+        Disturbance::TOPIC => Disturbance,
+        Health::TOPIC => Health,
+        Progress::TOPIC => Progress,
+        Adjustment::TOPIC => Adjustment,
+        INJECT_TOPIC => Disturbance,
+        PILOT_TOPIC => Setpoint,
+        ADJUST_TOPIC => Adjustment,
+    )
+}
+
+fn follow_type<M: Message>(
+    card: &BenchCard,
+    topic: &str,
+    show: &mut impl FnMut(&Shown<'_>) -> Result<ControlFlow<()>, Failure>,
+) -> Result<Follow, Failure> {
+    let mut signals = Signals::take().map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
+    let mut follow = Follow::default();
+    while follow.shown == 0 && follow.signal.is_none() && !card.is_over() {
+        let bus = card.join(OBSERVER)?;
+        let patience = Instant::now() + JOIN_AGAIN;
+        if listen::<M>(&bus, card, topic, patience, &mut signals, &mut follow, show)?.is_break() {
+            break;
+        }
+    }
+    Ok(follow)
+}
+
+/// Listens until the end; or until `patience` is over, if nothing came.
+fn listen<M: Message>(
+    bus: &Bus,
+    card: &BenchCard,
+    topic: &str,
+    patience: Instant,
+    signals: &mut Signals,
+    follow: &mut Follow,
+    show: &mut impl FnMut(&Shown<'_>) -> Result<ControlFlow<()>, Failure>,
+) -> Result<ControlFlow<()>, Failure> {
+    let mut messages = bus.subscriber_on::<M>(topic, MAX_DEPTH).map_err(Failure::mend)?;
+    loop {
+        let mut message = None;
+        bus.wait_until(Instant::now() + LOOK, || {
+            message = messages.try_recv()?;
+            Ok::<_, RecvError>(message.is_some())
+        })
+        .map_err(Failure::run)?;
+        follow.lost = messages.lost();
+        follow.signal = signals.next();
+        if follow.signal.is_some() {
+            return Ok(ControlFlow::Break(()));
+        }
+        match message {
+            Some(message) => {
+                follow.shown += 1;
+                if show(&Shown::new(topic, &message))?.is_break() {
+                    return Ok(ControlFlow::Break(()));
+                }
+            }
+            None if card.is_over() => return Ok(ControlFlow::Break(())),
+            None if follow.shown == 0 && Instant::now() >= patience => return Ok(ControlFlow::Continue(())),
+            None => {}
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! A bench that runs, seen from outside: what it is, joining it, asking it for a change, and following what it says.
+
+mod ask;
+mod card;
+mod follow;
+mod shown;
+mod wanted;
+
+pub(crate) use ask::ask;
+pub(crate) use card::BenchCard;
+pub(crate) use follow::follow;
+pub(crate) use wanted::Wanted;

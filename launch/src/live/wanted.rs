@@ -1,0 +1,218 @@
+//! A change in flight as a user writes it, and as the bench hears it.
+
+use std::hash::{BuildHasher, RandomState};
+
+use whirlstand_logs::shown::shown;
+use whirlstand_msgs::names::did_you_mean;
+use whirlstand_msgs::units::{Quantity, Unit};
+use whirlstand_msgs::{Adjustment, AdjustmentKind, Message};
+use whirlstand_nodes::config::Engine;
+use whirlstand_vehicle::{State, Vehicle};
+
+use crate::error::Failure;
+use crate::file::unknown;
+
+/// What stands before a state's name in the key of its setpoint.
+const SETPOINT: &str = "setpoint.";
+
+/// The engine's states by name, in the order of their numbers in the message.
+const ENGINES: [(&str, Engine); 3] = [("off", Engine::Off), ("on", Engine::On), ("flying", Engine::Flying)];
+
+/// A change in flight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Wanted {
+    /// A push on a state.
+    Gust {
+        /// The state's index.
+        state: usize,
+        /// Added to its derivative, SI.
+        size: f64,
+        /// Bench time that it lasts, s.
+        length_s: f64,
+    },
+    /// What the engine does.
+    Engine(Engine),
+    /// The reference of a state.
+    Setpoint {
+        /// The state's index.
+        state: usize,
+        /// SI.
+        value: f64,
+    },
+    /// A factor on the law's feedback.
+    Gain(f64),
+}
+
+impl Wanted {
+    /// Reads `STATE=SIZE`, such as `roll_rate=150deg/s^2`.
+    ///
+    /// # Errors
+    /// For a state that the vehicle does not have, and a size that is not in its unit per second.
+    pub fn gust(text: &str, length_s: f64, vehicle: &Vehicle) -> Result<Self, Failure> {
+        let (name, value) = assignment(text, "roll_rate=\"150 deg/s^2\"")?;
+        let (state, described) = state_of(name, vehicle)?;
+        let unit = per_second(described.unit.unit());
+        Ok(Self::Gust { state, size: amount(text, value, &unit)?, length_s })
+    }
+
+    /// Reads `setpoint.STATE=VALUE`, `gain=FACTOR` or `engine=off|on|flying`.
+    ///
+    /// # Errors
+    /// For another key, a state that the vehicle does not have, and a value that does not fit.
+    pub fn setting(text: &str, vehicle: &Vehicle) -> Result<Self, Failure> {
+        let (key, value) = assignment(text, "setpoint.roll=\"5 deg\"")?;
+        if let Some(name) = key.strip_prefix(SETPOINT) {
+            let (state, described) = state_of(name, vehicle)?;
+            return Ok(Self::Setpoint { state, value: amount(text, value, described.unit.unit())? });
+        }
+        match key {
+            "gain" => Ok(Self::Gain(amount(text, value, &Unit::ONE)?)),
+            "engine" => {
+                let found = ENGINES.iter().find(|(name, _)| *name == value);
+                let names = ENGINES.map(|(name, _)| name);
+                let wrong = || Failure::Mend(format!("{text}: {}", unknown("engine", value, names)));
+                found.map(|(_, engine)| Self::Engine(*engine)).ok_or_else(wrong)
+            }
+            _ => {
+                let setpoints: Vec<_> =
+                    vehicle.states.iter().map(|s| format!("{SETPOINT}{}", s.name)).collect();
+                let keys = ["engine", "gain"].into_iter().chain(setpoints.iter().map(String::as_str));
+                let hint = did_you_mean(key, keys);
+                Err(Failure::Mend(format!(
+                    "'{key}' cannot be set in flight{hint}: engine, gain and setpoint.STATE can"
+                )))
+            }
+        }
+    }
+
+    /// The request, under a number of its own.
+    pub fn request(&self) -> Adjustment {
+        let mut request = Adjustment { id: RandomState::new().hash_one(0), ..Adjustment::zeroed() };
+        let kind = match *self {
+            Self::Gust { state, size, length_s } => {
+                (request.index, request.value) = (state as u32, size);
+                request.length_ns = (1e9 * length_s).round() as u64;
+                AdjustmentKind::Gust
+            }
+            Self::Engine(engine) => {
+                request.value = ENGINES.iter().position(|(_, e)| *e == engine).unwrap_or_default() as f64;
+                AdjustmentKind::Engine
+            }
+            Self::Setpoint { state, value } => {
+                (request.index, request.value) = (state as u32, value);
+                AdjustmentKind::Setpoint
+            }
+            Self::Gain(factor) => {
+                request.value = factor;
+                AdjustmentKind::Gain
+            }
+        };
+        request.what = kind as u32;
+        request
+    }
+
+    /// Whether it is the plant's business; all else is the controller's.
+    pub fn is_for_the_plant(&self) -> bool {
+        matches!(self, Self::Gust { .. } | Self::Engine(_))
+    }
+
+    /// Key of the launch file that opens the bench to it.
+    pub fn key(&self) -> &'static str {
+        if self.is_for_the_plant() { "plant.inject" } else { "controller.pilot" }
+    }
+
+    /// As text, angles in degrees.
+    pub fn text(&self, vehicle: &Vehicle) -> String {
+        match *self {
+            Self::Gust { state, size, length_s } => {
+                let described = &vehicle.states[state];
+                let unit = per_second(described.unit.unit()).si_symbol();
+                format!("gust on {}: {} for {}", described.name, shown(size, &unit), shown(length_s, "s"))
+            }
+            Self::Engine(engine) => {
+                let name = ENGINES.iter().find(|(_, e)| *e == engine).map_or("", |(name, _)| name);
+                format!("engine {name}")
+            }
+            Self::Setpoint { state, value } => {
+                let described = &vehicle.states[state];
+                format!(
+                    "setpoint of {}: {}",
+                    described.name,
+                    shown(value, &described.unit.unit().si_symbol())
+                )
+            }
+            Self::Gain(factor) => format!("gain {factor}"),
+        }
+    }
+}
+
+fn assignment<'t>(text: &'t str, example: &str) -> Result<(&'t str, &'t str), Failure> {
+    let parts = text.split_once('=').map(|(name, value)| (name.trim(), value.trim()));
+    parts
+        .filter(|(name, value)| !name.is_empty() && !value.is_empty())
+        .ok_or_else(|| Failure::Mend(format!("'{text}' is no assignment: write NAME=VALUE, as in {example}")))
+}
+
+fn state_of<'v>(name: &str, vehicle: &'v Vehicle) -> Result<(usize, &'v State), Failure> {
+    let index = vehicle.state_index(name).ok_or_else(|| {
+        let known = vehicle.states.iter().map(|s| s.name.as_str());
+        Failure::Mend(format!("{} of the vehicle {}", unknown("state", name, known), vehicle.name))
+    })?;
+    Ok((index, &vehicle.states[index]))
+}
+
+/// The unit of a state's derivative.
+fn per_second(unit: &Unit) -> Unit {
+    let symbol = unit.si_symbol();
+    let text = if symbol.is_empty() { "1/s".into() } else { format!("{symbol}/s") };
+    // A unit over s is one whenever the unit is one.
+    text.parse().unwrap_or(Unit::ONE)
+}
+
+fn amount(text: &str, value: &str, unit: &Unit) -> Result<f64, Failure> {
+    let wrong = |e: &dyn std::fmt::Display| Failure::Mend(format!("{text}: {e}"));
+    let quantity: Quantity = value.trim_matches('"').parse().map_err(|e| wrong(&e))?;
+    quantity.in_unit(unit).map_err(|e| wrong(&e))?;
+    Ok(quantity.si)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_are_read_with_their_units_and_mistakes_are_told() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let rate = vehicle.state_index("roll_rate").unwrap();
+        assert_eq!(
+            Wanted::gust("roll_rate=180deg/s^2", 0.2, &vehicle).unwrap(),
+            Wanted::Gust { state: rate, size: std::f64::consts::PI, length_s: 0.2 }
+        );
+        let set = |text: &str| Wanted::setting(text, &vehicle);
+        assert_eq!(set("setpoint.roll=\"5 deg\"").unwrap().text(&vehicle), "setpoint of roll: 5.00 deg");
+        assert_eq!(set("engine=on").unwrap(), Wanted::Engine(Engine::On));
+        assert_eq!(set("gain=1.2").unwrap(), Wanted::Gain(1.2));
+        for (text, said) in [
+            ("setpoint.roll=5", "a quantity in rad is expected"),
+            ("setpoint.rol=5deg", "did you mean 'roll'?"),
+            ("roll=5deg", "did you mean 'setpoint.roll'?"),
+            ("engine=of", "did you mean 'off'?"),
+            ("gain", "NAME=VALUE"),
+            ("gain=2 s", "no unit is expected"),
+        ] {
+            let error = set(text).unwrap_err().to_string();
+            assert!(error.contains(said), "{text}: {error}");
+        }
+        let error = Wanted::gust("roll_rate=150deg/s", 0.2, &vehicle).unwrap_err().to_string();
+        assert!(error.contains("a quantity in rad/s^2 is expected"), "{error}");
+    }
+
+    #[test]
+    fn every_request_has_a_number_of_its_own() {
+        let (a, b) = (Wanted::Gain(2.0).request(), Wanted::Gain(2.0).request());
+        assert_ne!(a.id, b.id);
+        assert_eq!((a.what, a.value, a.verdict), (AdjustmentKind::Gain as u32, 2.0, 0));
+        let engine = Wanted::Engine(Engine::Flying).request();
+        assert_eq!((engine.what, engine.value), (AdjustmentKind::Engine as u32, 2.0));
+    }
+}

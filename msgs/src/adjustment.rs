@@ -1,0 +1,79 @@
+//! What is asked for from outside while a bench flies, and what became of it.
+
+use crate::define::message;
+
+message! {
+    /// A change in flight: asked for on topic `adjust`, answered on this message's own topic by the node whose business it
+    /// is. In an answer `head` is the step from which it is in force, or at which it was refused.
+    Adjustment on "adjusted" {
+        /// Number of the request, of the asker's choice; the answer repeats it. The same request once more is answered once
+        /// more and not done again.
+        id: u64 => "uint64",
+        /// The new value, SI: of the state's derivative for a gust, of the state for a setpoint, a factor for the gain, 0
+        /// (off), 1 (on, on the ground) or 2 (flying) for the engine.
+        value: f64 => "float64",
+        /// How long a gust acts, ns of bench time; for the others 0.
+        length_ns: u64 => "uint64",
+        /// An [`AdjustmentKind`].
+        what: u32 => "uint32",
+        /// Which state, in the vehicle's order, of a gust or a setpoint; for the others 0.
+        index: u32 => "uint32",
+        /// An [`AdjustmentVerdict`].
+        verdict: u32 => "uint32",
+        /// Zero.
+        reserved: u32 => "uint32",
+    }
+}
+
+/// What is adjusted, as a number in [`Adjustment::what`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum AdjustmentKind {
+    /// The plant: a push on a state for some time, added to all others.
+    Gust = 1,
+    /// The plant: what the engine does.
+    Engine = 2,
+    /// The controller: the reference of a state, in the place of the launch file's from now on.
+    Setpoint = 3,
+    /// The controller: a factor on the law's feedback.
+    Gain = 4,
+}
+
+/// What became of a request, as a number in [`Adjustment::verdict`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum AdjustmentVerdict {
+    /// It is a request.
+    Asked = 0,
+    /// It is in force.
+    Done = 1,
+    /// The launch file does not open the node to the outside.
+    Closed = 2,
+    /// The value is no number, or not one of those that there are.
+    Unusable = 3,
+    /// The vehicle has no such state.
+    NoSuchState = 4,
+    /// The value is beyond what the node allows.
+    OutOfRange = 5,
+    /// As many gusts blow as there can be at once.
+    Busy = 6,
+    /// This law has no such thing.
+    NotOfThisLaw = 7,
+}
+
+impl AdjustmentKind {
+    /// The kind for a number in [`Adjustment::what`]; `None` for one that this version does not know.
+    pub fn from_u32(value: u32) -> Option<Self> {
+        [Self::Gust, Self::Engine, Self::Setpoint, Self::Gain].into_iter().find(|k| *k as u32 == value)
+    }
+}
+
+impl AdjustmentVerdict {
+    /// The verdict for a number in [`Adjustment::verdict`]; `None` for one that this version does not know.
+    pub fn from_u32(value: u32) -> Option<Self> {
+        use AdjustmentVerdict::{Asked, Busy, Closed, Done, NoSuchState, NotOfThisLaw, OutOfRange, Unusable};
+        [Asked, Done, Closed, Unusable, NoSuchState, OutOfRange, Busy, NotOfThisLaw]
+            .into_iter()
+            .find(|v| *v as u32 == value)
+    }
+}

@@ -1,0 +1,111 @@
+//! What reaches the controller from outside the loop: a pilot's setpoints on `pilot`, and single ones and the gain on
+//! `adjust`.
+
+use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Head, MAX_STATES, Message, Setpoint};
+
+use super::law::Law;
+use crate::adjustment_desk::AdjustmentDesk;
+use crate::error::NodeError;
+use crate::ports::receive;
+
+/// Topic on which a pilot or planner outside the loop sets the reference.
+pub const PILOT_TOPIC: &str = "pilot";
+
+/// Queue for a pilot's setpoints.
+const PILOT_DEPTH: usize = 64;
+
+pub(super) struct Outside {
+    pilot: Option<Subscriber<Setpoint>>,
+    desk: AdjustmentDesk,
+    piloted: Option<Setpoint>,
+    /// References that were set one by one, and which.
+    reference: [f64; MAX_STATES],
+    set: u64,
+    /// What the controller tracks with these.
+    combined: Setpoint,
+    /// Of the states, SI.
+    bounds: Vec<f64>,
+    refused: u64,
+}
+
+impl Outside {
+    pub(super) fn open(bus: &Bus, is_open: bool, bounds: Vec<f64>) -> Result<Self, NodeError> {
+        let business = &[AdjustmentKind::Setpoint, AdjustmentKind::Gain];
+        Ok(Self {
+            pilot: if is_open { Some(bus.subscriber_on(PILOT_TOPIC, PILOT_DEPTH)?) } else { None },
+            desk: AdjustmentDesk::open(bus, business, "controller.pilot", is_open)?,
+            piloted: None,
+            reference: [0.0; MAX_STATES],
+            set: 0,
+            combined: Setpoint::zeroed(),
+            bounds,
+            refused: 0,
+        })
+    }
+
+    /// Takes in what has come, for the step of `head` and all later ones.
+    pub(super) fn take(&mut self, head: Head, law: &mut Law) -> Result<(), NodeError> {
+        let Some(pilot) = &mut self.pilot else { return Ok(()) };
+        while let Some(setpoint) = receive(pilot, &mut self.refused)? {
+            if setpoint.x.iter().chain(&setpoint.stick).all(|v| v.is_finite()) {
+                self.piloted = Some(setpoint);
+            } else {
+                self.refused += 1;
+            }
+        }
+        while let Some((kind, request)) = self.desk.next()? {
+            let verdict = match kind {
+                AdjustmentKind::Gain => law.adjust_gain(request.value),
+                _ => self.set_reference(&request),
+            };
+            self.desk.answer(&request, head, verdict)?;
+        }
+        Ok(())
+    }
+
+    /// What the controller tracks, from what the launch file says.
+    pub(super) fn setpoint<'a>(&'a mut self, planned: &'a Setpoint) -> &'a Setpoint {
+        if self.piloted.is_none() && self.set == 0 {
+            return planned;
+        }
+        self.combined = self.piloted.unwrap_or(*planned);
+        self.combined.head = planned.head;
+        self.combined.tracked |= self.set;
+        for (i, wanted) in self.combined.x.iter_mut().enumerate() {
+            if self.set >> i & 1 == 1 {
+                *wanted = self.reference[i];
+            }
+        }
+        &self.combined
+    }
+
+    /// The plant began a new run, in which nothing has been asked for yet. A pilot's stick is where it is.
+    pub(super) fn forget(&mut self) {
+        self.set = 0;
+    }
+
+    /// See [`AdjustmentDesk::attend`].
+    pub(super) fn attend(&mut self, head: Head) -> Result<(), NodeError> {
+        self.desk.attend(head)
+    }
+
+    /// Messages from outside that could not be used.
+    pub(super) fn refused(&self) -> u64 {
+        self.refused + self.desk.malformed()
+    }
+
+    fn set_reference(&mut self, request: &Adjustment) -> AdjustmentVerdict {
+        let state = request.index as usize;
+        let Some(bound) = self.bounds.get(state) else { return AdjustmentVerdict::NoSuchState };
+        if !request.value.is_finite() {
+            return AdjustmentVerdict::Unusable;
+        }
+        if request.value.abs() > *bound {
+            return AdjustmentVerdict::OutOfRange;
+        }
+        self.reference[state] = request.value;
+        self.set |= 1 << state;
+        AdjustmentVerdict::Done
+    }
+}

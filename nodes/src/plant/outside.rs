@@ -1,0 +1,146 @@
+//! What reaches the plant from outside the loop: disturbances on `inject`, and gusts and the engine's state on `adjust`.
+
+use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Disturbance, Head, MAX_STATES};
+use whirlstand_vehicle::{Engine, Simulator};
+
+use crate::adjustment_desk::AdjustmentDesk;
+use crate::error::NodeError;
+use crate::ports::receive;
+
+/// Topic on which a program outside the loop pushes the vehicle.
+pub const INJECT_TOPIC: &str = "inject";
+
+/// Queue for disturbances from outside.
+const INJECT_DEPTH: usize = 16;
+
+/// Gusts that blow at once.
+const MOST_GUSTS: usize = 16;
+
+#[derive(Debug, Clone, Copy)]
+struct Gust {
+    state: usize,
+    /// Added to the state's derivative, SI.
+    size: f64,
+    /// The first step without it.
+    until: u64,
+}
+
+pub(super) struct Outside {
+    inject: Option<Subscriber<Disturbance>>,
+    desk: AdjustmentDesk,
+    injected: [f64; MAX_STATES],
+    gusts: [Option<Gust>; MOST_GUSTS],
+    /// Of the states, SI.
+    bounds: Vec<f64>,
+    period_ns: u64,
+    refused: u64,
+}
+
+impl Outside {
+    pub(super) fn open(
+        bus: &Bus,
+        is_open: bool,
+        bounds: Vec<f64>,
+        period_ns: u64,
+    ) -> Result<Self, NodeError> {
+        let business = &[AdjustmentKind::Gust, AdjustmentKind::Engine];
+        Ok(Self {
+            inject: if is_open { Some(bus.subscriber_on(INJECT_TOPIC, INJECT_DEPTH)?) } else { None },
+            desk: AdjustmentDesk::open(bus, business, "plant.inject", is_open)?,
+            injected: [0.0; MAX_STATES],
+            gusts: [None; MOST_GUSTS],
+            bounds,
+            period_ns,
+            refused: 0,
+        })
+    }
+
+    /// Lets what has come act on the vehicle from the step of `head` on; the engine is heard from step `measured` on, the
+    /// next that is not measured yet.
+    pub(super) fn act(
+        &mut self,
+        head: Head,
+        measured: u64,
+        simulator: &mut Simulator,
+    ) -> Result<(), NodeError> {
+        if self.inject.is_none() {
+            return Ok(());
+        }
+        let mut changed = self.take_injected()?;
+        for gust in &mut self.gusts {
+            let is_over = gust.is_some_and(|g| g.until <= head.step);
+            changed |= is_over;
+            *gust = gust.filter(|_| !is_over);
+        }
+        while let Some((kind, request)) = self.desk.next()? {
+            let (mut head, verdict) = (
+                head,
+                match kind {
+                    AdjustmentKind::Engine => self.engine(&request, simulator),
+                    _ => self.gust(&request, head.step),
+                },
+            );
+            changed |= verdict == AdjustmentVerdict::Done;
+            if kind == AdjustmentKind::Engine {
+                (head.step, head.stamp_ns) = (measured, measured * self.period_ns);
+            }
+            self.desk.answer(&request, head, verdict)?;
+        }
+        if changed {
+            let mut dx = self.injected;
+            self.gusts.iter().flatten().for_each(|gust| dx[gust.state] += gust.size);
+            simulator.disturb(&dx[..self.bounds.len()]);
+        }
+        Ok(())
+    }
+
+    /// See [`AdjustmentDesk::attend`].
+    pub(super) fn attend(&mut self, head: Head) -> Result<(), NodeError> {
+        self.desk.attend(head)
+    }
+
+    /// Messages from outside that could not be used.
+    pub(super) fn refused(&self) -> u64 {
+        self.refused + self.desk.malformed()
+    }
+
+    fn engine(&self, request: &Adjustment, simulator: &mut Simulator) -> AdjustmentVerdict {
+        let states = [Engine::Off, Engine::On, Engine::Flying];
+        let Some(engine) = states.into_iter().find(|e| f64::from(*e as u8) == request.value) else {
+            return AdjustmentVerdict::Unusable;
+        };
+        simulator.set_engine(engine);
+        AdjustmentVerdict::Done
+    }
+
+    fn gust(&mut self, request: &Adjustment, step: u64) -> AdjustmentVerdict {
+        let (state, size) = (request.index as usize, request.value);
+        let Some(bound) = self.bounds.get(state) else { return AdjustmentVerdict::NoSuchState };
+        if !size.is_finite() || request.length_ns == 0 {
+            return AdjustmentVerdict::Unusable;
+        }
+        // More than this would take the state beyond its bound by itself.
+        if size.abs() * request.length_ns as f64 * 1e-9 > *bound {
+            return AdjustmentVerdict::OutOfRange;
+        }
+        let Some(free) = self.gusts.iter_mut().find(|g| g.is_none()) else { return AdjustmentVerdict::Busy };
+        let until = step.saturating_add(request.length_ns.div_ceil(self.period_ns));
+        *free = Some(Gust { state, size, until });
+        AdjustmentVerdict::Done
+    }
+
+    fn take_injected(&mut self) -> Result<bool, NodeError> {
+        let Some(inject) = &mut self.inject else { return Ok(false) };
+        let mut newest = None;
+        while let Some(d) = receive(inject, &mut self.refused)? {
+            if d.count as usize == self.bounds.len() && d.dx.iter().all(|v| v.is_finite()) {
+                newest = Some(d.dx);
+            } else {
+                self.refused += 1;
+            }
+        }
+        self.injected = newest.unwrap_or(self.injected);
+        Ok(newest.is_some())
+    }
+}
