@@ -5,6 +5,9 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::JsonArg;
+use super::quantity::{hertz, interval};
+
 /// Hide effects in simulated records, diagnose these, and count what is found.
 ///
 /// A generator that shares nothing with the diagnosis draws a record and seals the answer; `whirlstand diagnose` sees
@@ -38,11 +41,11 @@ pub(crate) struct BlindArgs {
     /// Whether a law flies the vehicle; --input is flown as it is.
     #[arg(long = "loop", value_enum, value_name = "LOOP", default_value_t = BlindLoop::Open, conflicts_with = "input")]
     pub control_loop: BlindLoop,
-    /// Shortest and longest drawn record, s [default: the generator's, 30:120 and 20:100]
+    /// Shortest and longest drawn record, in seconds or with units [default: the generator's, 30:120 and 20:100]
     #[arg(long, value_name = "FROM:TO", value_parser = lengths, conflicts_with = "input")]
     pub length: Option<(f64, f64)>,
-    /// Sampling rates that are drawn from, Hz, separated by commas [default: the generator's, 50,100,200 and 40,80,125,250]
-    #[arg(long, value_name = "HZ,...", value_parser = rate, value_delimiter = ',', conflicts_with = "input")]
+    /// Sampling rates that are drawn from, in Hz or with a unit, separated by commas [default: the generator's, 50,100,200 and 40,80,125,250]
+    #[arg(long, value_name = "FREQUENCY,...", value_parser = rate, value_delimiter = ',', conflicts_with = "input")]
     pub rate: Option<Vec<f64>>,
     /// Only these effects of the table, separated by commas.
     #[arg(long, value_name = "EFFECT,...", value_delimiter = ',')]
@@ -59,9 +62,8 @@ pub(crate) struct BlindArgs {
     /// Trials at a time [default: one for each CPU]
     #[arg(long, value_name = "J")]
     pub jobs: Option<NonZeroUsize>,
-    /// Writes all results as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArg,
     /// Folder for blind.json, blind.txt, the list of seals, and the records of trials that did not end as they should.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -118,22 +120,20 @@ impl BlindCase {
     }
 }
 
-/// Reads `FROM:TO`.
+/// Reads `FROM:TO`, lengths of records.
 fn lengths(text: &str) -> Result<(f64, f64), String> {
-    let parts =
-        text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
-    match parts {
-        Some((from, to)) if (5.0..to).contains(&from) && to <= 3600.0 => Ok((from, to)),
+    match interval(text) {
+        Ok((from, to)) if from >= 5.0 && to <= 3600.0 => Ok((from, to)),
         _ => Err(format!(
-            "'{text}' is no range of lengths: write FROM:TO in seconds, as in 30:120, from 5 to 3600"
+            "'{text}' is no range of lengths: write FROM:TO, as in 30:120 or \"30 s:2 min\", from 5 s to 3600 s"
         )),
     }
 }
 
 /// Reads a sampling rate.
 fn rate(text: &str) -> Result<f64, String> {
-    match text.trim().parse() {
+    match hertz(text) {
         Ok(hz) if (5.0..=1000.0).contains(&hz) => Ok(hz),
-        _ => Err(format!("'{text}' is no sampling rate: write Hz, from 5 to 1000")),
+        _ => Err(format!("'{text}' is no sampling rate: write Hz, from 5 to 1000, as in 200 or \"0.2 kHz\"")),
     }
 }

@@ -4,6 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::JsonArg;
+use super::quantity::{hertz, moment};
+
 /// Design a control law: gains, closed-loop poles and margins.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
@@ -15,15 +18,14 @@ pub(crate) struct DesignArgs {
     /// Control law: lqr, ppc (pole placement) or smc (sliding mode).
     #[arg(long)]
     pub law: String,
-    /// Rate of the control loop.
-    #[arg(long, value_name = "HZ", default_value_t = 200.0)]
+    /// Rate of the control loop, in Hz or with a unit.
+    #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = 200.0)]
     pub rate: f64,
     /// Sets an option of [controller] as a launch file has it, for example --set boundary_layer=0.2
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub json: JsonArg,
 }
 
 /// Simulate a vehicle's open-loop response to recorded inputs.
@@ -43,8 +45,8 @@ pub(crate) struct SimulateArgs {
     /// Takes a signal from another column, for example u_roll=in_lat or roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
-    /// Rate of the simulation [default: that of the record]
-    #[arg(long, value_name = "HZ")]
+    /// Rate of the simulation, in Hz or with a unit [default: that of the record]
+    #[arg(long, value_name = "FREQUENCY", value_parser = hertz)]
     pub rate: Option<f64>,
     /// Simulate what is random too: sensor noise, quantization, dropouts, turbulence.
     #[arg(long)]
@@ -60,9 +62,8 @@ pub(crate) enum LogCommand {
     Info {
         /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
         log: PathBuf,
-        /// Print JSON.
-        #[arg(long)]
-        json: bool,
+        #[command(flatten)]
+        json: JsonArg,
     },
     /// Writes a log as CSV, with a unit in every column head.
     Export {
@@ -81,9 +82,8 @@ pub(crate) enum LogCommand {
         a: PathBuf,
         /// Second log.
         b: PathBuf,
-        /// Print JSON.
-        #[arg(long)]
-        json: bool,
+        #[command(flatten)]
+        json: JsonArg,
     },
 }
 
@@ -112,15 +112,14 @@ pub(crate) struct VehicleNewArgs {
     /// The time column of a CSV whose first column is not t, as COLUMN[unit].
     #[arg(long, value_name = "COLUMN")]
     pub time: Option<String>,
-    /// Start of the part that is used, s of the record's clock.
-    #[arg(long, value_name = "S")]
+    /// Start of the part that is used, by the record's clock, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = moment, allow_negative_numbers = true)]
     pub from: Option<f64>,
-    /// End of the part that is used, s of the record's clock.
-    #[arg(long, value_name = "S")]
+    /// End of the part that is used, by the record's clock, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = moment, allow_negative_numbers = true)]
     pub to: Option<f64>,
-    /// Writes what was found as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArg,
 }
 
 #[derive(Debug, Subcommand)]
@@ -128,9 +127,8 @@ pub(crate) enum VehicleCommand {
     New(VehicleNewArgs),
     /// Lists the built-in vehicles.
     List {
-        /// Print JSON.
-        #[arg(long)]
-        json: bool,
+        #[command(flatten)]
+        json: JsonArg,
     },
     /// Prints a vehicle file.
     Show {
@@ -141,9 +139,8 @@ pub(crate) enum VehicleCommand {
     Check {
         /// Built-in vehicle or path.
         vehicle: String,
-        /// Print JSON.
-        #[arg(long)]
-        json: bool,
+        #[command(flatten)]
+        json: JsonArg,
     },
 }
 
@@ -151,9 +148,8 @@ pub(crate) enum VehicleCommand {
 pub(crate) enum LaunchCommand {
     /// Lists the built-in launch files.
     List {
-        /// Print JSON.
-        #[arg(long)]
-        json: bool,
+        #[command(flatten)]
+        json: JsonArg,
     },
     /// Prints a launch file.
     Show {

@@ -4,29 +4,37 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::JsonArg;
+use super::quantity::{hertz, interval, moment, seconds};
+
 /// Which part of a record is used, and how.
 #[derive(Debug, Args)]
 pub(crate) struct RecordArgs {
     /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
-    /// Start of the part that is used, s of the record's clock.
-    #[arg(long, value_name = "S")]
+    /// Start of the part that is used, by the record's clock, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = moment, allow_negative_numbers = true)]
     pub from: Option<f64>,
-    /// End of the part that is used, s of the record's clock.
-    #[arg(long, visible_alias = "until", value_name = "S")]
+    /// End of the part that is used, by the record's clock, in seconds or with a unit.
+    #[arg(
+        long,
+        visible_alias = "until",
+        value_name = "TIME",
+        value_parser = moment,
+        allow_negative_numbers = true
+    )]
     pub to: Option<f64>,
-    /// Period of the simulation, s [default: that of the record]
-    #[arg(long, value_name = "S")]
+    /// Period of the simulation, in seconds or with a unit [default: that of the record]
+    #[arg(long, value_name = "TIME", value_parser = seconds)]
     pub period: Option<f64>,
 }
 
 /// Where a result goes, beside the terminal.
 #[derive(Debug, Args)]
 pub(crate) struct ResultArgs {
-    /// Writes the result as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArg,
     /// Folder for report.html, and for the files that are not named otherwise.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -44,8 +52,8 @@ pub(crate) struct CompareArgs {
     pub vehicle: String,
     #[command(flatten)]
     pub part: RecordArgs,
-    /// How far the short predictions look ahead, s.
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    /// How far the short predictions look ahead, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
     pub horizon: f64,
     #[command(flatten)]
     pub result: ResultArgs,
@@ -70,8 +78,9 @@ pub(crate) struct DiagnoseArgs {
     /// `identify` wrote.
     #[arg(long)]
     pub refit: bool,
-    /// Horizon over which predictions are judged, s [default: from the vehicle's time constants]
-    #[arg(long, value_name = "S")]
+    /// Horizon over which predictions are judged, in seconds or with a unit [default: from the vehicle's time
+    /// constants]
+    #[arg(long, value_name = "TIME", value_parser = seconds)]
     pub horizon: Option<f64>,
     /// Vehicle that the flight mode may change to, beside the built-in ones; may be repeated.
     #[arg(long, value_name = "VEHICLE")]
@@ -127,7 +136,7 @@ pub(crate) struct IdentifyArgs {
     #[command(flatten)]
     pub part: RecordArgs,
     /// Takes the delay out of a signal that was logged late, for example roll=0.06; may be repeated.
-    #[arg(long, value_name = "SIGNAL=S", value_parser = delay)]
+    #[arg(long, value_name = "SIGNAL=TIME", value_parser = delay)]
     pub delay: Vec<(String, f64)>,
     /// Estimates by how much an output lags the output that is its derivative (an angle and its rate on different
     /// topics), and takes that delay out.
@@ -163,17 +172,17 @@ pub(crate) struct ExciteArgs {
     /// Kind of input.
     #[arg(long, value_enum, default_value_t = ExciteKind::Multistep)]
     pub kind: ExciteKind,
-    /// Length of the flight.
-    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    /// Length of the flight, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 60.0)]
     pub duration: f64,
-    /// Rate of the loop.
-    #[arg(long, value_name = "HZ", default_value_t = 100.0)]
+    /// Rate of the loop, in Hz or with a unit.
+    #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = 100.0)]
     pub rate: f64,
-    /// Lowest frequency.
-    #[arg(long, value_name = "HZ", default_value_t = 0.1)]
+    /// Lowest frequency, in Hz or with a unit.
+    #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = 0.1)]
     pub lowest: f64,
-    /// Highest frequency.
-    #[arg(long, value_name = "HZ", default_value_t = 2.0)]
+    /// Highest frequency, in Hz or with a unit.
+    #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = 2.0)]
     pub highest: f64,
     /// Largest test signal: an input as a share of its limit in the vehicle file, else in its unit; a setpoint as a
     /// share of the limit of its output.
@@ -199,9 +208,8 @@ pub(crate) struct ExciteArgs {
     /// Folder for inputs.csv and flight.toml.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Writes what is expected as JSON; - for standard output.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArg,
 }
 
 /// Kinds of test input.
@@ -243,21 +251,10 @@ pub(crate) enum IdentifyNoise {
     Kalman,
 }
 
-/// Reads `SIGNAL=S`.
+/// Reads `SIGNAL=TIME`.
 fn delay(text: &str) -> Result<(String, f64), String> {
-    let parts = text.split_once('=').and_then(|(name, s)| Some((name.trim(), s.trim().parse::<f64>().ok()?)));
-    match parts {
-        Some((name, s)) if !name.is_empty() && s.is_finite() => Ok((name.to_string(), s)),
-        _ => Err(format!("'{text}' is not a delay: write SIGNAL=SECONDS, as in roll=0.06")),
-    }
-}
-
-/// Reads `FROM:TO`.
-fn interval(text: &str) -> Result<(f64, f64), String> {
-    let parts =
-        text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
-    match parts {
-        Some((from, to)) if from < to => Ok((from, to)),
-        _ => Err(format!("'{text}' is not a part of a record: write FROM:TO in seconds, as in 60:84")),
+    match text.split_once('=').map(|(name, time)| (name.trim(), time)) {
+        Some((name, time)) if !name.is_empty() => Ok((name.into(), moment(time)?)),
+        _ => Err(format!("'{text}' is not a delay: write SIGNAL=TIME, as in roll=0.06 or roll=\"60 ms\"")),
     }
 }

@@ -16,7 +16,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, Failure> {
     let options = options(args)?;
     let record = super::log::read_for(&args.log, &args.part.map, &vehicle)?;
     let comparison = whirlstand_ident::compare(&record, &vehicle, &options).map_err(Failure::mend)?;
-    if let Some(path) = &args.result.json {
+    if let Some(path) = &args.result.json.path {
         write_json(&comparison, path)?;
     }
     let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
@@ -24,7 +24,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, Failure> {
         let html = whirlstand_report::comparison_report(&comparison).map_err(Failure::run)?;
         write(path, &html)?;
     }
-    if args.result.json.as_deref() != Some(Path::new("-")) {
+    if !args.result.json.is_printed() {
         let mut text = comparison.text();
         if let Some(path) = &report {
             text.push_str(&format!("report  {}\n", path.display()));

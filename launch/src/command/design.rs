@@ -8,7 +8,7 @@ use whirlstand_control::design::Pole;
 use whirlstand_nodes::setup::Setup;
 use whirlstand_vehicle::Vehicle;
 
-use super::{print, print_json};
+use super::tell;
 use crate::cli::DesignArgs;
 use crate::error::Failure;
 use crate::file::{Document, Plan, plan};
@@ -17,11 +17,7 @@ use crate::style;
 /// Runs the command.
 pub(crate) fn design(args: &DesignArgs) -> Result<ExitCode, Failure> {
     let design = designed(args)?;
-    if args.json {
-        print_json(&design)?;
-    } else {
-        print(&design_text(&design))?;
-    }
+    tell(&args.json, &design, || design_text(&design))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -42,14 +42,14 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
         write(path, &vehicle.to_toml())?;
         answer.extended_vehicle = Some(path.display().to_string());
     }
-    if let Some(path) = &args.result.json {
+    if let Some(path) = &args.result.json.path {
         write_json(&answer, path)?;
     }
     let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
         write(path, &whirlstand_report::diagnosis_report(&answer).map_err(Failure::run)?)?;
     }
-    if args.result.json.as_deref() != Some(Path::new("-")) {
+    if !args.result.json.is_printed() {
         print(&text(&answer, report.as_deref()))?;
     }
     if watch.is_stopped() {

@@ -31,10 +31,10 @@ pub(crate) fn excite(args: &ExciteArgs) -> Result<ExitCode, Failure> {
         let lines: String = args.set.iter().map(|a| line(a)).collect();
         write(launch, &flight.launch(&reference(&args.vehicle), &lines))?;
     }
-    if let Some(path) = &args.json {
+    if let Some(path) = &args.json.path {
         write_json(&flight, path)?;
     }
-    if args.json.as_deref() != Some(Path::new("-")) {
+    if !args.json.is_printed() {
         let mut text = flight.text();
         if let Some((csv, launch)) = &files {
             text.push_str(&format!("inputs  {}\nflight  {}\n", csv.display(), launch.display()));

@@ -57,14 +57,14 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
         write(path, &fitted.to_toml())?;
         answer.fitted_vehicle = Some(path.display().to_string());
     }
-    if let Some(path) = &args.result.json {
+    if let Some(path) = &args.result.json.path {
         write_json(&answer, path)?;
     }
     let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
         write(path, &whirlstand_report::identification_report(&answer).map_err(Failure::run)?)?;
     }
-    if args.result.json.as_deref() != Some(Path::new("-")) {
+    if !args.result.json.is_printed() {
         let mut text = answer.text();
         for (what, path) in [("vehicle", args.output.as_ref()), ("report", report.as_ref())] {
             if let Some(path) = path {

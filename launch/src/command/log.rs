@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 use whirlstand_logs::{BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo};
 use whirlstand_vehicle::Vehicle;
 
-use super::{print, print_data, print_json};
+use super::{print_data, tell};
 use crate::cli::LogCommand;
 use crate::error::Failure;
 use crate::style;
@@ -17,11 +17,7 @@ pub(crate) fn log(command: &LogCommand) -> Result<ExitCode, Failure> {
     match command {
         LogCommand::Info { log, json } => {
             let info = whirlstand_logs::info(log).map_err(Failure::mend)?;
-            if *json {
-                print_json(&info)?
-            } else {
-                print(&info_text(&info))?
-            }
+            tell(json, &info, || info_text(&info))?;
             Ok(ExitCode::SUCCESS)
         }
         LogCommand::Export { log, output, map } => {
@@ -30,11 +26,7 @@ pub(crate) fn log(command: &LogCommand) -> Result<ExitCode, Failure> {
         }
         LogCommand::Diff { a, b, json } => {
             let diff = whirlstand_logs::diff(a, b).map_err(Failure::mend)?;
-            if *json {
-                print_json(&diff)?
-            } else {
-                print(&diff_text(&diff))?
-            }
+            tell(json, &diff, || diff_text(&diff))?;
             Ok(if diff.identical { ExitCode::SUCCESS } else { ExitCode::from(1) })
         }
     }

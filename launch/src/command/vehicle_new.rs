@@ -34,10 +34,10 @@ pub(crate) fn vehicle_new(args: &VehicleNewArgs) -> Result<(), Failure> {
         write(path, &answer.toml)?;
         answer.vehicle_file = Some(path.display().to_string());
     }
-    if let Some(path) = &args.json {
+    if let Some(path) = &args.json.path {
         write_json(&answer, path)?;
     }
-    if args.json.as_deref() != Some(Path::new("-")) {
+    if !args.json.is_printed() {
         print(&answer.text())?;
         if args.output.is_none() {
             print(&format!("\n{}", answer.toml))?;

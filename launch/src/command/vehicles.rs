@@ -6,9 +6,9 @@ use serde_json::{Value, json};
 use whirlstand_nodes::signals::check_room;
 use whirlstand_vehicle::{Vehicle, builtin_names, template_names};
 
+use super::tell;
 use super::vehicle_new::vehicle_new;
-use super::{print, print_json};
-use crate::cli::VehicleCommand;
+use crate::cli::{JsonArg, VehicleCommand};
 use crate::error::Failure;
 use crate::style;
 
@@ -16,9 +16,9 @@ use crate::style;
 pub(crate) fn vehicles(command: &VehicleCommand) -> Result<ExitCode, Failure> {
     match command {
         VehicleCommand::New(args) => vehicle_new(args)?,
-        VehicleCommand::List { json } => list(*json)?,
+        VehicleCommand::List { json } => list(json)?,
         VehicleCommand::Show { vehicle } => super::print_data(&find(vehicle)?.source_text)?,
-        VehicleCommand::Check { vehicle, json } => check(&find(vehicle)?, *json)?,
+        VehicleCommand::Check { vehicle, json } => check(&find(vehicle)?, json)?,
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -31,21 +31,21 @@ pub(crate) fn find(name_or_path: &str) -> Result<Vehicle, Failure> {
     Vehicle::find(name_or_path).map_err(Failure::mend)
 }
 
-fn list(json: bool) -> Result<(), Failure> {
+fn list(json: &JsonArg) -> Result<(), Failure> {
     let vehicles = builtin_names().map(|n| Vehicle::builtin(n).map_err(Failure::run));
     let vehicles = vehicles.collect::<Result<Vec<_>, _>>()?;
-    if json {
-        let all: Vec<_> = vehicles
-            .iter()
-            .map(|v| json!({ "name": v.name, "description": v.description, "states": v.states.len(), "inputs": v.inputs.len(), "outputs": v.outputs.len() }))
-            .collect();
-        let templates: Vec<&str> = template_names().collect();
-        return print_json(
-            &json!({ "schema": "whirlstand.vehicles.v1", "vehicles": all, "templates": templates }),
-        );
-    }
+    let all: Vec<_> = vehicles
+        .iter()
+        .map(|v| json!({ "name": v.name, "description": v.description, "states": v.states.len(), "inputs": v.inputs.len(), "outputs": v.outputs.len() }))
+        .collect();
+    let templates: Vec<&str> = template_names().collect();
+    let value = json!({ "schema": "whirlstand.vehicles.v1", "vehicles": all, "templates": templates });
+    tell(json, &value, || list_text(&vehicles))
+}
+
+fn list_text(vehicles: &[Vehicle]) -> String {
     let mut text = String::new();
-    for v in &vehicles {
+    for v in vehicles {
         let size =
             format!("{} states, {} inputs, {} outputs", v.states.len(), v.inputs.len(), v.outputs.len());
         let name = style::strong(&format!("{:<26}", v.name));
@@ -53,7 +53,7 @@ fn list(json: bool) -> Result<(), Failure> {
     }
     let templates = template_names().collect::<Vec<_>>().join(", ");
     text.push_str(&format!("templates without numbers, for `whirlstand identify`: {templates}\n"));
-    print(&text)
+    text
 }
 
 /// Poles of the model, slowest first.
@@ -69,11 +69,12 @@ fn poles(vehicle: &Vehicle) -> Result<Vec<(f64, f64)>, Failure> {
     Ok(poles)
 }
 
-fn check(v: &Vehicle, json: bool) -> Result<(), Failure> {
+fn check(v: &Vehicle, json: &JsonArg) -> Result<(), Failure> {
     let poles = poles(v)?;
-    if json {
-        return print_json(&description(v, &poles));
-    }
+    tell(json, &description(v, &poles), || check_text(v, &poles))
+}
+
+fn check_text(v: &Vehicle, poles: &[(f64, f64)]) -> String {
     let mut text = format!("{}  {}\n", style::strong(&v.name), v.description);
     let mut row = |head: &str, body: String| text.push_str(&format!("{head:<10}{body}\n"));
     let with_unit =
@@ -115,7 +116,7 @@ fn check(v: &Vehicle, json: bool) -> Result<(), Failure> {
     if let Err(error) = check_room(v) {
         text.push_str(&format!("{}\n", style::bad(&format!("{error}"))));
     }
-    print(&text)
+    text
 }
 
 fn description(v: &Vehicle, poles: &[(f64, f64)]) -> Value {

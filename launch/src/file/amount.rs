@@ -67,6 +67,12 @@ impl<'de> Deserialize<'de> for Seconds {
     }
 }
 
+/// Reads a rate in Hz, or with a unit of frequency.
+pub(super) fn hertz<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let unit = "Hz".parse().map_err(D::Error::custom)?;
+    Amount::deserialize(deserializer)?.si(&unit).map_err(D::Error::custom)
+}
+
 /// Units of a size, and their bytes. `M` and the like are powers of ten (IEC 80000-13).
 const SIZES: [(&str, u64); 7] = [
     ("B", 1),

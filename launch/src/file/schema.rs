@@ -8,7 +8,7 @@ use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
 use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig};
 
-use super::amount::{Amount, Bytes, Seconds};
+use super::amount::{Amount, Bytes, Seconds, hertz};
 
 /// A launch file as it is written; [`super::plan`] makes a runnable bench of it.
 #[derive(Debug, Clone, Deserialize)]
@@ -28,7 +28,7 @@ pub(crate) struct LaunchFile {
     #[serde(default = "iceoryx2")]
     pub transport: Transport,
     /// Rate of the loop, Hz.
-    #[serde(default = "rate")]
+    #[serde(default = "rate", deserialize_with = "hertz")]
     pub rate_hz: f64,
     /// Bench time of the run.
     #[serde(default = "duration")]

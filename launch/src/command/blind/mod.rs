@@ -56,11 +56,11 @@ fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
         write_json(tally, &folder.join("blind.json"))?;
         write(&folder.join("blind.txt"), &text)?;
     }
-    if let Some(path) = &args.json {
+    if let Some(path) = &args.json.path {
         write_json(tally, path)?;
     }
     let missed = tally.goals.iter().filter(|g| g.met == Some(false)).count();
-    if args.json.as_deref() == Some(Path::new("-")) {
+    if args.json.is_printed() {
         return Ok(ExitCode::from(u8::from(missed > 0)));
     }
     if args.only.is_some() {
