@@ -65,7 +65,8 @@ fn the_program_sees_a_record_and_a_vehicle_and_nothing_else() {
         };
         assert_eq!(trial["outcome"], expected, "{number}");
     }
-    assert_eq!(goal(&tally, "false cause on a clean record")["met"], true);
+    // A handful of clean records cannot show that one in a hundred is.
+    assert_eq!(goal(&tally, "false cause on a clean record")["met"], Value::Null);
     assert_eq!(goal(&tally, "right name and place first")["met"], false);
 }
 

@@ -48,7 +48,10 @@ pub struct Goal {
     pub at_least: Option<f64>,
     /// Greatest value that is good.
     pub at_most: Option<f64>,
-    /// Whether the figure is within; `None` without a figure.
+    /// Cases that it takes to decide it: with fewer, one case weighs more than all that may go wrong.
+    #[serde(default)]
+    pub least_cases: usize,
+    /// Whether the figure is within; `None` when it is not decided, because there are too few cases.
     pub met: Option<bool>,
 }
 
@@ -178,16 +181,16 @@ fn colours(trials: &[Scored]) -> Vec<&'static str> {
 fn rate(name: &str, hits: usize, of: usize, at_least: Option<f64>, at_most: Option<f64>) -> Goal {
     let value = (of > 0).then(|| hits as f64 / of as f64);
     let within = |v: f64| at_least.is_none_or(|l| v >= l) && at_most.is_none_or(|m| v <= m);
-    Goal {
-        name: name.into(),
-        value,
-        hits: Some(hits),
-        of,
-        interval: (of > 0).then(|| wilson(hits, of)),
-        at_least,
-        at_most,
-        met: value.map(within),
-    }
+    let interval = (of > 0).then(|| wilson(hits, of));
+    let least_cases = cases_to_decide(at_least, at_most);
+    let is_out_of_reach = interval
+        .is_some_and(|(low, high)| at_least.is_some_and(|l| high < l) || at_most.is_some_and(|m| low > m));
+    let met = match value {
+        _ if is_out_of_reach => Some(false),
+        Some(value) if of >= least_cases => Some(within(value)),
+        _ => None,
+    };
+    Goal { name: name.into(), value, hits: Some(hits), of, interval, at_least, at_most, least_cases, met }
 }
 
 fn middle(name: &str, values: &[f64], at_most: f64) -> Goal {
@@ -200,8 +203,24 @@ fn middle(name: &str, values: &[f64], at_most: f64) -> Goal {
         interval: None,
         at_least: None,
         at_most: Some(at_most),
-        met: value.map(|v| v <= at_most),
+        least_cases: MEDIAN_CASES,
+        met: value.filter(|_| values.len() >= MEDIAN_CASES).map(|v| v <= at_most),
     }
+}
+
+/// Cases from which on the least and the greatest value enclose a median with 95 % confidence: 1 - 2 / 2^6 is 97 %.
+const MEDIAN_CASES: usize = 6;
+
+/// Cases of which one weighs no more than the share that may go wrong.
+fn cases_to_decide(at_least: Option<f64>, at_most: Option<f64>) -> usize {
+    let allowed = match (at_least, at_most) {
+        (Some(least), None) => 1.0 - least,
+        (None, Some(most)) => most,
+        (Some(least), Some(most)) => (1.0 - most).min(1.0 - least),
+        (None, None) => 1.0,
+    };
+    // Rounded first: 1 / (1 - 0.95) is a little more than 20.
+    (1.0 / allowed.max(1e-6) - 1e-6).ceil() as usize
 }
 
 /// 95 % interval of a rate (Wilson, J. Am. Stat. Assoc. 22, 1927): good for small counts too.
@@ -216,6 +235,25 @@ fn wilson(hits: usize, of: usize) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn too_few_trials_decide_nothing_but_what_is_out_of_reach() {
+        let wrong_names = |hits, of| rate("wrong name", hits, of, None, Some(0.02)).met;
+        assert_eq!((wrong_names(1, 10), wrong_names(0, 10)), (None, None));
+        assert_eq!((wrong_names(1, 50), wrong_names(2, 50)), (Some(true), Some(false)));
+        assert_eq!(wrong_names(5, 5), Some(false), "no further trial would mend it");
+        let right = |hits, of| rate("right name", hits, of, Some(0.95), None);
+        assert_eq!((right(3, 4).met, right(4, 4).met, right(0, 4).met), (None, None, Some(false)));
+        assert_eq!((right(19, 20).met, right(18, 20).met), (Some(true), Some(false)));
+        assert_eq!(right(0, 0).met, None);
+        assert_eq!(rate("inside", 8, 8, Some(0.9), Some(0.98)).met, None);
+        assert_eq!(rate("inside", 47, 50, Some(0.9), Some(0.98)).met, Some(true));
+        assert_eq!(rate("false cause", 0, 1, None, Some(0.01)).least_cases, 100);
+        assert_eq!(
+            (middle("error", &[0.5; 5], 0.1).met, middle("error", &[0.5; 6], 0.1).met),
+            (None, Some(false))
+        );
+    }
 
     #[test]
     fn the_interval_is_wilsons() {

@@ -120,9 +120,9 @@ fn line(goal: &Goal) -> String {
         (None, None) => String::new(),
     };
     let met = match goal.met {
-        Some(true) => "met",
-        Some(false) => "MISSED",
-        None => "",
+        Some(true) => "met".into(),
+        Some(false) => "MISSED".into(),
+        None => format!("not decided: {} cases are needed", goal.least_cases),
     };
     format!("{:<44} {value:>8}  {counts:>9}  {interval:<15} {limit} {met}", goal.name).trim_end().to_string()
 }
