@@ -23,7 +23,7 @@ pub(super) fn all() -> Vec<Check> {
         memlock(getrlimit(Resource::Memlock).current),
         governor(),
         cores(std::thread::available_parallelism().map_or(1, std::num::NonZero::get)),
-        isolation(&first_line("/sys/devices/system/cpu/isolated")),
+        isolation(&first_line("/sys/devices/system/cpu/isolated"), &usable_cpus()),
         smt(&first_line("/sys/devices/system/cpu/smt/active")),
         clocksource(&first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource")),
         timer_slack(&first_line("/proc/self/timerslack_ns")),
@@ -148,16 +148,45 @@ fn cores(count: usize) -> Check {
     check("cores", grade, format!("{count} usable"), advice)
 }
 
-fn isolation(isolated: &Option<String>) -> Check {
+/// CPUs that this process may use, by number.
+fn usable_cpus() -> Vec<usize> {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let list = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
+    list.map_or(Vec::new(), cpu_list)
+}
+
+/// Reads a list of CPUs as the kernel writes it, such as `0-3,8`.
+fn cpu_list(text: &str) -> Vec<usize> {
+    let range = |part: &str| {
+        let (first, last) = part.split_once('-').unwrap_or((part, part));
+        Some(first.trim().parse().ok()?..=last.trim().parse().ok()?)
+    };
+    text.split(',').filter_map(range).flatten().collect()
+}
+
+/// At most as many CPUs are isolated as there are nodes in the loop.
+const NODES_IN_THE_LOOP: usize = 3;
+
+fn isolation(isolated: &Option<String>, usable: &[usize]) -> Check {
     match isolated.as_deref() {
         None => check("isolated CPUs", Grade::Unknown, "not told by this kernel", ""),
-        Some("") => check(
-            "isolated CPUs",
-            Grade::Warn,
-            "none",
-            "boot with `isolcpus=2,3 nohz_full=2,3 rcu_nocbs=2,3` and give those to the nodes with `cpus` in the launch file",
-        ),
+        Some("") => check("isolated CPUs", Grade::Warn, "none", &isolation_advice(usable)),
         Some(list) => check("isolated CPUs", Grade::Ok, list, ""),
+    }
+}
+
+/// Half of the CPUs, the last ones, stay for the nodes; the first ones serve the rest of the system.
+fn isolation_advice(usable: &[usize]) -> String {
+    let count = (usable.len() / 2).min(NODES_IN_THE_LOOP);
+    let names: Vec<_> = usable[usable.len() - count..].iter().map(usize::to_string).collect();
+    match names.join(",") {
+        list if list.is_empty() => {
+            "one CPU cannot be kept for the nodes alone: use a machine with 4 cores or more".into()
+        }
+        list => format!(
+            "boot with `isolcpus={list} nohz_full={list} rcu_nocbs={list}` and give {} to the nodes with `cpus` in the launch file",
+            if count == 1 { "it" } else { "those" }
+        ),
     }
 }
 
@@ -246,6 +275,18 @@ mod tests {
         let dynamic = preemption(&None, "6.12.0 #1 SMP PREEMPT_DYNAMIC");
         assert_eq!(dynamic.grade, Grade::Warn);
         assert!(dynamic.found.contains("PREEMPT_DYNAMIC") && dynamic.advice.unwrap().contains("PREEMPT_RT"));
+    }
+
+    #[test]
+    fn only_cpus_that_are_there_are_to_be_isolated() {
+        let advice = |cpus: &[usize]| isolation(&Some(String::new()), cpus).advice.unwrap();
+        assert!(advice(&[0, 1]).starts_with("boot with `isolcpus=1 nohz_full=1 rcu_nocbs=1` and give it"));
+        assert!(advice(&[0, 1, 2, 3]).contains("`isolcpus=2,3 "));
+        assert!(advice(&(0..64).collect::<Vec<_>>()).contains("`isolcpus=61,62,63 "));
+        assert!(advice(&[4, 6, 8]).contains("`isolcpus=8 "));
+        assert!(advice(&[0]).contains("one CPU"));
+        assert_eq!(cpu_list("\t0-2,8\n"), [0, 1, 2, 8]);
+        assert!(!usable_cpus().is_empty());
     }
 
     #[test]
