@@ -254,7 +254,9 @@ impl Bench<'_> {
             self.health.node_died();
         }
         if self.ending.is_some() {
-            if asked && !end.well {
+            // Of those that had to be killed the observer was told.
+            if asked && !end.well && !self.killed_at_end.contains(&self.nodes[i].spec.name) {
+                let node = &self.nodes[i];
                 tracing::warn!("{} {} after it was asked to end", node.spec.name, end.how);
             }
             return;
