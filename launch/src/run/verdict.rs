@@ -10,7 +10,7 @@ use super::summarised::Summarised;
 use crate::style;
 use crate::supervisor::Ending;
 
-/// Greatest number of outputs in the verdict, those moved most first.
+/// Greatest number of outputs in the verdict, those moved most; they stand in the order of their names.
 const MOST_OUTPUTS: usize = 4;
 
 /// The lines that are printed at the end of a run.
@@ -57,7 +57,8 @@ fn of_run(run: &Summarised) -> String {
         }
     }
     row("timing", timing(run));
-    let restarts: Vec<_> = run.restarts.iter().map(|(node, n)| format!("{node} {n}")).collect();
+    let mut restarts: Vec<_> = run.restarts.iter().map(|(node, n)| format!("{node} {n}")).collect();
+    restarts.sort();
     if !restarts.is_empty() {
         row("restarts", restarts.join(", "));
     }
@@ -67,7 +68,9 @@ fn of_run(run: &Summarised) -> String {
     if !run.expect.is_empty() {
         let holding = run.expect.iter().filter(|v| v.holds).count();
         row("expected", format!("{holding} of {} hold", run.expect.len()));
-        for why in run.expect.iter().filter_map(|v| v.why.as_ref()) {
+        let mut broken: Vec<_> = run.expect.iter().filter_map(|v| Some((&v.key, v.why.as_ref()?))).collect();
+        broken.sort();
+        for (_, why) in broken {
             row("", style::bad(why));
         }
     }
@@ -98,7 +101,9 @@ fn response(figures: &RunSummary, at_s: f64) -> String {
     if moved.is_empty() {
         return "nothing that could be seen".into();
     }
-    let texts = moved.iter().take(MOST_OUTPUTS).map(|(name, o, d)| match d.recovery_s {
+    moved.truncate(MOST_OUTPUTS);
+    moved.sort_by_key(|(name, _, _)| name.as_str());
+    let texts = moved.iter().map(|(name, o, d)| match d.recovery_s {
         Some(back) => format!("{name} by {}, back after {back:.2} s", shown(d.peak, &o.unit)),
         None => format!("{name} by {}, not back", shown(d.peak, &o.unit)),
     });
