@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use whirlstand_control::{Controller, Design};
 use whirlstand_ident::excite::{ClosedLoop, InjectionPoint, Kind, Options, Shape, design};
+use whirlstand_msgs::names::did_you_mean;
 use whirlstand_msgs::units::Quantity;
 use whirlstand_nodes::estimator::filter_of;
 use whirlstand_nodes::setup::Setup;
@@ -15,6 +16,7 @@ use super::vehicles::find;
 use super::{print, write, write_json};
 use crate::cli::{ExciteArgs, ExciteKind};
 use crate::error::Failure;
+use crate::file::unknown;
 
 /// Largest predicted angle without `--limit`, rad.
 const ANGLE: f64 = 20.0 * std::f64::consts::PI / 180.0;
@@ -75,7 +77,8 @@ fn closed_loop(args: &ExciteArgs, vehicle: &Vehicle) -> Result<Option<ClosedLoop
         vehicle.state_index(name).ok_or_else(|| {
             let names: Vec<&str> = vehicle.states.iter().map(|s| s.name.as_str()).collect();
             Failure::Mend(format!(
-                "--setpoint {name}: no such state; '{}' has {}",
+                "--setpoint {name}: no such state{}; '{}' has {}",
+                did_you_mean(name, names.iter().copied()),
                 vehicle.name,
                 names.join(", ")
             ))
@@ -123,6 +126,10 @@ fn options(args: &ExciteArgs, vehicle: &Vehicle) -> Result<Options, Failure> {
         let wrong = |reason: String| Failure::Mend(format!("--limit {text}: {reason}"));
         let (name, value) =
             text.split_once('=').ok_or_else(|| wrong("write OUTPUT=VALUE, as in roll=\"10 deg\"".into()))?;
+        if vehicle.output_index(name).is_none() {
+            let known = vehicle.outputs.iter().map(|o| o.name.as_str());
+            return Err(wrong(format!("{} of the vehicle {}", unknown("output", name, known), vehicle.name)));
+        }
         let value = match value.trim().parse::<f64>() {
             Ok(value) => value,
             Err(_) => {

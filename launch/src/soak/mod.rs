@@ -17,6 +17,7 @@ use crate::run::{fly, unique_bench};
 use crate::supervisor::Ending;
 use fault_injector::{FaultInjector, FaultKind};
 use result::SoakResult;
+use whirlstand_msgs::names::did_you_mean;
 
 /// Bench time of a soak: it ends when all faults are done, long before.
 const FOR_EVER_S: f64 = 1e6;
@@ -83,7 +84,11 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
 fn nodes(args: &SoakArgs, plan: &Plan) -> Result<Vec<String>, Failure> {
     let all: Vec<_> = plan.nodes.iter().filter(|n| !n.section.external).map(|n| n.name.clone()).collect();
     if let Some(unknown) = args.nodes.iter().find(|n| !all.contains(n)) {
-        return Err(Failure::Mend(format!("--node {unknown}: the bench has the nodes {}", all.join(", "))));
+        let hint = did_you_mean(unknown, all.iter().map(String::as_str));
+        return Err(Failure::Mend(format!(
+            "--node {unknown}{hint}: the bench has the nodes {}",
+            all.join(", ")
+        )));
     }
     Ok(if args.nodes.is_empty() { all } else { args.nodes.clone() })
 }

@@ -7,7 +7,7 @@ use crate::error::NodeError;
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     /// There is no such measurement.
-    #[error("there is no measurement \"{0}\"; there are {list}", list = MEASUREMENTS.join(", "))]
+    #[error("there is no measurement \"{0}\"{hint}; there are {list}", hint = whirlstand_msgs::names::did_you_mean(.0, MEASUREMENTS), list = MEASUREMENTS.join(", "))]
     Unknown(String),
     /// A process cannot be started or talked to.
     #[error("{what}: {source}")]
