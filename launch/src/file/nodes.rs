@@ -85,9 +85,6 @@ impl Planner<'_> {
                 format!("only transport = \"zenoh\" has endpoints, this bench runs over {}", file.transport),
             );
         }
-        if section.priority.is_some_and(|p| !(1..=99).contains(&p)) {
-            return fail("priority", "a priority of SCHED_FIFO is expected: 1 to 99".into());
-        }
         if section.lock_memory && section.exec.is_some() {
             return fail(
                 "lock_memory",

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use serde::Deserialize;
-use serde::de::IgnoredAny;
+use serde::de::{Error, IgnoredAny};
+use serde::{Deserialize, Deserializer};
 use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
 use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig};
@@ -159,11 +159,21 @@ pub(crate) struct NodeSection {
     /// Time between asking it to end (SIGTERM) and killing it (SIGKILL).
     pub stop_timeout_s: Seconds,
     /// Priority under SCHED_FIFO, 1 to 99.
+    #[serde(deserialize_with = "priority")]
     pub priority: Option<u8>,
     /// CPUs that it may use; empty: all.
     pub cpus: Vec<usize>,
     /// Lock all memory.
     pub lock_memory: bool,
+}
+
+/// Any number, so that one out of range is refused in words.
+fn priority<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u8>, D::Error> {
+    let asked = i64::deserialize(deserializer)?;
+    let known = u8::try_from(asked).ok().filter(|p| (1..=99).contains(p));
+    known.map(Some).ok_or_else(|| {
+        D::Error::custom(format!("a priority of SCHED_FIFO, from 1 to 99, is expected, not {asked}"))
+    })
 }
 
 impl Default for NodeSection {

@@ -137,7 +137,9 @@ fn nodes_are_replaced_added_and_refused() {
     for (section, word) in [
         ("[nodes.controler]\npriority = 1\n", "'controller'"),
         ("[nodes.viewer]\nready = 'start'\n", "exec"),
-        ("[nodes.plant]\npriority = 100\n", "1 to 99"),
+        ("[nodes.plant]\npriority = 100\n", "from 1 to 99, is expected, not 100"),
+        ("[nodes.plant]\npriority = -1\n", "from 1 to 99, is expected, not -1"),
+        ("[nodes.plant]\npriority = 300\n", "from 1 to 99, is expected, not 300"),
         ("[nodes.plant]\nexternal = true\n", "started here"),
         ("[nodes.controller]\nexec = ['x']\nlock_memory = true\n", "mlockall"),
         ("[nodes.controller]\nexec = []\n", "program"),
