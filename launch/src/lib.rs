@@ -77,6 +77,8 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Doctor(args) => doctor::doctor(args),
         Command::Soak(args) => soak::soak(args),
         Command::Clean(args) => command::clean::clean(args),
+        Command::Completions(args) => command::shell::completions(args),
+        Command::Man(args) => command::shell::man(args),
         Command::Guard(args) => command::guard::guard(args),
         Command::Exec(args) => command::node::exec(args),
     }

@@ -5,22 +5,30 @@ mod files;
 mod json;
 mod keys;
 mod live;
+mod machine;
+mod overrides;
 mod quantity;
 mod records;
+mod shell;
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand};
 
 pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
 pub(crate) use files::{DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleNewArgs};
 pub(crate) use json::JsonArg;
 pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
 pub(crate) use live::{EchoArgs, InjectArgs, SetArgs};
+pub(crate) use machine::{BenchArgs, DoctorArgs, FaultArg, SoakArgs};
+pub(crate) use overrides::OverrideArgs;
+#[cfg(test)]
+pub(crate) use overrides::{ModeArg, TransportArg};
 use quantity::seconds;
 pub(crate) use records::{
     CompareArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
 };
+pub(crate) use shell::{CompletionsArgs, ManArgs};
 
 /// A hardware-in-the-loop bench for small VTOL control.
 ///
@@ -80,6 +88,8 @@ pub(crate) enum Command {
     Doctor(DoctorArgs),
     Soak(SoakArgs),
     Clean(CleanArgs),
+    Completions(CompletionsArgs),
+    Man(ManArgs),
     #[command(hide = true)]
     Guard(GuardArgs),
     #[command(hide = true)]
@@ -125,47 +135,6 @@ pub(crate) struct CleanArgs {
     pub json: JsonArg,
 }
 
-/// Who keeps the time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ModeArg {
-    /// The plant wakes at absolute deadlines; a late command is a miss.
-    Realtime,
-    /// The plant waits for each command: as fast as the processes can go.
-    Lockstep,
-}
-
-/// What carries the messages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum TransportArg {
-    /// Shared memory on one host.
-    Iceoryx2,
-    /// A network.
-    Zenoh,
-    /// All nodes in one process and one thread.
-    Inproc,
-}
-
-impl ModeArg {
-    /// The word as a launch file has it.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Realtime => "realtime",
-            Self::Lockstep => "lockstep",
-        }
-    }
-}
-
-impl TransportArg {
-    /// The word as a launch file has it.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Iceoryx2 => "iceoryx2",
-            Self::Zenoh => "zenoh",
-            Self::Inproc => "inproc",
-        }
-    }
-}
-
 /// Run a bench: start its nodes, watch them, and leave a log and a report.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
@@ -190,29 +159,6 @@ pub(crate) struct RunArgs {
     pub bench: Option<String>,
     #[command(flatten)]
     pub json: JsonArg,
-}
-
-/// What may be changed in a launch file without editing it.
-#[derive(Debug, Clone, Default, Args)]
-pub(crate) struct OverrideArgs {
-    /// Who keeps the time.
-    #[arg(long)]
-    pub mode: Option<ModeArg>,
-    /// What carries the messages.
-    #[arg(long)]
-    pub transport: Option<TransportArg>,
-    /// Bench time of the run, in seconds or with a unit ("2 min").
-    #[arg(long, value_name = "TIME", value_parser = seconds, allow_negative_numbers = true)]
-    pub duration: Option<f64>,
-    /// Seed of every random number.
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// In lockstep, longest wait for a command, in seconds or with a unit [default: as long as the nodes live].
-    #[arg(long, value_name = "TIME", value_parser = seconds, allow_negative_numbers = true)]
-    pub answer_timeout: Option<f64>,
-    /// Sets any key of the launch file, for example controller.law=lqr or effects.0.magnitude=3; may be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
 }
 
 /// Run one node: for the launcher, and by hand on another host.
@@ -244,42 +190,6 @@ pub(crate) struct NodeArgs {
     /// Log file of a recorder.
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-}
-
-/// Measure latency, jitter and throughput beside the bare floor of this machine.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
-    whirlstand bench lockstep recorded\n  \
-    whirlstand bench realtime --realtime-seconds 60 --priority 80\n\n\
-    Processes that are compared run on the same CPUs. The realtime measurement runs cyclictest (Debian: rt-tests) \
-    at the same priority beside it.")]
-pub(crate) struct BenchArgs {
-    /// What to measure: plant, inproc, lockstep, recorded, zenoh, realtime, vehicles, autopilots [default: all]
-    pub what: Vec<String>,
-    /// Measure the bridges alone: wire to bus and back, beside a bare echo.
-    #[arg(long)]
-    pub bridge: bool,
-    /// Length of each throughput measurement, in seconds or with a unit.
-    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
-    pub seconds: f64,
-    /// How often each throughput is measured.
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
-    pub repeat: u32,
-    /// Length of the realtime measurement, in seconds or with a unit.
-    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 10.0)]
-    pub realtime_seconds: f64,
-    /// SCHED_FIFO priority of the realtime measurement [default: none]
-    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(1..=99))]
-    pub priority: Option<u8>,
-    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the ring beside them [default: the
-    /// scheduler decides]
-    #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
-    pub cpus: Vec<usize>,
-    #[command(flatten)]
-    pub json: JsonArg,
-    /// One process of a measurement, told on standard input what to do.
-    #[arg(long, hide = true)]
-    pub member: bool,
 }
 
 /// What can be done with a bridge.
@@ -318,46 +228,6 @@ pub(crate) struct BridgeCheckArgs {
     /// Sets any key of the launch file; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-}
-
-/// Tell whether this machine is fit for real time, and what to change.
-#[derive(Debug, Args)]
-pub(crate) struct DoctorArgs {
-    #[command(flatten)]
-    pub json: JsonArg,
-}
-
-/// Inject faults into every node of a bench at random times, again and again, and check that the bench survives.
-#[derive(Debug, Args)]
-#[command(after_help = "Example:\n  whirlstand soak --fault kill --rounds 50 --seed 1 --json soak.json")]
-pub(crate) struct SoakArgs {
-    /// Built-in launch file or path [default: quadrotor]
-    pub launch: Option<String>,
-    /// kill: SIGKILL; stop: SIGSTOP for --stop-for seconds, then SIGCONT.
-    #[arg(long, value_enum, default_value_t = FaultArg::Kill)]
-    pub fault: FaultArg,
-    /// How many faults each node gets.
-    #[arg(long, value_name = "N", default_value_t = 5)]
-    pub rounds: u32,
-    /// Length of a stop, in seconds or with a unit.
-    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
-    pub stop_for: f64,
-    #[command(flatten)]
-    pub overrides: OverrideArgs,
-    /// Only these nodes; may be repeated [default: every node]
-    #[arg(long = "node", value_name = "NODE")]
-    pub nodes: Vec<String>,
-    #[command(flatten)]
-    pub json: JsonArg,
-}
-
-/// What `soak` does to a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum FaultArg {
-    /// SIGKILL.
-    Kill,
-    /// SIGSTOP, later SIGCONT.
-    Stop,
 }
 
 #[cfg(test)]

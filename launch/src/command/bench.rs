@@ -1,6 +1,5 @@
 //! `whirlstand bench`: measures this machine, next to the bare floor that it can reach.
 
-use std::path::Path;
 use std::process::ExitCode;
 
 use whirlstand_nodes::bench::{Figure, Member, Options, run, run_member};

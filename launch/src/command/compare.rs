@@ -1,6 +1,5 @@
 //! `whirlstand compare`: a record compared with the simulation.
 
-use std::path::Path;
 use std::process::ExitCode;
 
 use whirlstand_ident::CompareOptions;

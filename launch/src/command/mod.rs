@@ -16,6 +16,7 @@ pub(crate) mod keys;
 pub(crate) mod launch_files;
 pub(crate) mod log;
 pub(crate) mod node;
+pub(crate) mod shell;
 pub(crate) mod simulate;
 mod stage_line;
 pub(crate) mod vehicle_new;

@@ -1,0 +1,89 @@
+//! Options of the calls that look at this machine, and at what the bench stands: bench, doctor, soak.
+
+use clap::{Args, ValueEnum};
+
+use super::JsonArg;
+use super::overrides::OverrideArgs;
+use super::quantity::seconds;
+
+/// Measure latency, jitter and throughput beside the bare floor of this machine.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand bench lockstep recorded\n  \
+    whirlstand bench realtime --realtime-seconds 60 --priority 80\n\n\
+    Processes that are compared run on the same CPUs. The realtime measurement runs cyclictest (Debian: rt-tests) \
+    at the same priority beside it.")]
+pub(crate) struct BenchArgs {
+    /// What to measure: plant, inproc, lockstep, recorded, zenoh, realtime, vehicles, autopilots [default: all]
+    pub what: Vec<String>,
+    /// Measure the bridges alone: wire to bus and back, beside a bare echo.
+    #[arg(long)]
+    pub bridge: bool,
+    /// Length of each throughput measurement, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
+    pub seconds: f64,
+    /// How often each throughput is measured.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
+    pub repeat: u32,
+    /// Length of the realtime measurement, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 10.0)]
+    pub realtime_seconds: f64,
+    /// SCHED_FIFO priority of the realtime measurement [default: none]
+    #[arg(long, value_name = "P", value_parser = priority, allow_negative_numbers = true)]
+    pub priority: Option<u8>,
+    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the ring beside them [default: the
+    /// scheduler decides]
+    #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
+    pub cpus: Vec<usize>,
+    #[command(flatten)]
+    pub json: JsonArg,
+    /// One process of a measurement, told on standard input what to do.
+    #[arg(long, hide = true)]
+    pub member: bool,
+}
+
+/// Tell whether this machine is fit for real time, and what to change.
+#[derive(Debug, Args)]
+pub(crate) struct DoctorArgs {
+    #[command(flatten)]
+    pub json: JsonArg,
+}
+
+/// Inject faults into every node of a bench at random times, again and again, and check that the bench survives.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  whirlstand soak --fault kill --rounds 50 --seed 1 --json soak.json")]
+pub(crate) struct SoakArgs {
+    /// Built-in launch file or path [default: quadrotor]
+    pub launch: Option<String>,
+    /// kill: SIGKILL; stop: SIGSTOP for --stop-for seconds, then SIGCONT.
+    #[arg(long, value_enum, default_value_t = FaultArg::Kill)]
+    pub fault: FaultArg,
+    /// How many faults each node gets.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub rounds: u32,
+    /// Length of a stop, in seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
+    pub stop_for: f64,
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+    /// Only these nodes; may be repeated [default: every node]
+    #[arg(long = "node", value_name = "NODE")]
+    pub nodes: Vec<String>,
+    #[command(flatten)]
+    pub json: JsonArg,
+}
+
+/// What `soak` does to a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FaultArg {
+    /// SIGKILL.
+    Kill,
+    /// SIGSTOP, later SIGCONT.
+    Stop,
+}
+
+/// Reads a priority of SCHED_FIFO.
+fn priority(text: &str) -> Result<u8, String> {
+    let known = text.trim().parse().ok().filter(|p| (1..=99).contains(p));
+    known.ok_or_else(|| format!("a priority of SCHED_FIFO, from 1 to 99, is expected, not '{text}'"))
+}
