@@ -216,3 +216,18 @@ fn two_benches_at_once_do_not_disturb_each_other() {
         assert_eq!(diff.code(), 0, "{}", diff.stdout);
     });
 }
+
+#[test]
+fn a_node_that_must_be_killed_at_the_end_is_told_of_once() {
+    let dir = tempfile::tempdir().unwrap();
+    // It is ready once it no longer listens.
+    let script = "trap '' TERM; echo deaf now; while :; do sleep 1; done";
+    let deaf =
+        format!("nodes.deaf={{exec=[\"sh\", \"-c\", {script:?}], ready=\"start\", stop_timeout_s=0.2}}");
+    let mut running = start("deaf", "1000", dir.path(), &["--set", &deaf]);
+    running.wait_for_stderr("deaf now");
+    running.signal(libc::SIGTERM);
+    let end = running.finish();
+    let told: Vec<_> = end.stderr.lines().filter(|l| l.contains("deaf") && l.contains("killed")).collect();
+    assert_eq!(told, ["deaf did not end within 0.2 s and was killed"], "{}", end.stderr);
+}

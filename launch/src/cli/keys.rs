@@ -35,7 +35,7 @@ pub(crate) struct KeysNewArgs {
 #[command(after_help = "Examples:\n  \
     whirlstand keys show lab --path\n  \
     python3 estimate_zenoh.py --bench lab --config \"$(whirlstand keys show lab --path)\"\n\n\
-    The observer hears everything and publishes nothing; the guest also publishes topics of its own, inject and pilot. The \
+    The observer hears everything and publishes nothing; the guest also publishes topics of its own, inject, pilot and adjust. The \
     configuration holds a private key: whoever reads it is that member until the run ends.")]
 pub(crate) struct KeysShowArgs {
     /// Name of the bench, as given with `run --bench`.

@@ -240,6 +240,32 @@ mod tests {
         Cli::command().debug_assert();
     }
 
+    #[test]
+    fn units_and_files_are_taken_by_the_calls_that_did_not() {
+        for line in [
+            "excite quadrotor --duration 2min --rate 0.1kHz --lowest 0.1Hz --highest 2Hz --json",
+            "design quadrotor --law lqr --rate 1kHz --json design.json",
+            "compare log.csv --vehicle quadrotor --from 500ms --to 2min --period 5ms --horizon 2s --json",
+            "identify log.csv --vehicle quadrotor --delay roll=60ms --hold-out 1min:84s",
+            "bench --seconds 500ms --realtime-seconds 1min --json",
+            "soak --stop-for 500ms --json",
+            "blind --length 30s:2min --rate 0.1kHz,200 --json",
+            "run --json summary.json",
+            "doctor --json doctor.json",
+        ] {
+            let words = ["whirlstand"].into_iter().chain(line.split(' '));
+            if let Err(error) = Cli::try_parse_from(words) {
+                panic!("{line}: {error}");
+            }
+        }
+        let refused =
+            Cli::try_parse_from(["whirlstand", "bench", "--priority", "-1"]).unwrap_err().to_string();
+        assert!(
+            refused.contains("a priority of SCHED_FIFO, from 1 to 99, is expected, not '-1'"),
+            "{refused}"
+        );
+    }
+
     /// Goes through a call and all below it.
     fn each(call: &clap::Command, look: &mut impl FnMut(&clap::Command)) {
         look(call);
