@@ -11,6 +11,8 @@ use std::path::Path;
 const HELPER: &str = "=(e,t)=>()=>(t||e((t={exports:{}}).exports,t),t.exports)";
 /// The entry registers all kinds of plots beside that of lines, which the core has.
 const KINDS: (&str, &str) = (".register([", "])");
+/// The only one of them that pages need beside lines, for spectrograms: how its module names itself.
+const HEATMAP: &str = "name:\"heatmap\"";
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
@@ -31,7 +33,8 @@ fn plotly() -> String {
     elements[start..end].to_string()
 }
 
-/// The bundle with no kind of plot registered, and of its modules only those that can still be asked for.
+/// The bundle with no kind of plot registered but lines and heat maps, and of its modules only those that can still be
+/// asked for.
 ///
 /// A module counts as asked for wherever its name stands, though it may be the name of something else: that keeps too
 /// many rather than too few.
@@ -52,8 +55,12 @@ fn without_unused_modules(script: &str) -> Option<String> {
         starts.iter().zip(ends).map(|((at, name), end)| (*name, &script[*at..end])).collect();
 
     let (head, kinds) = script[last..].split_once(KINDS.0)?;
-    let (_, tail) = kinds.split_once(KINDS.1)?;
-    let end = [head, KINDS.0, KINDS.1, tail].concat();
+    let (kinds, tail) = kinds.split_once(KINDS.1)?;
+    // The entry registers a wrapper of the module.
+    let heatmap = *modules.iter().find(|(_, module)| module.contains(HEATMAP))?.0;
+    let wraps = |kind: &str| modules.get(kind).is_some_and(|m| m.contains(&format!("={heatmap}()")));
+    let kept = kinds.split(',').find(|kind| wraps(kind.trim_end_matches("()")))?;
+    let end = [head, KINDS.0, kept, KINDS.1, tail].concat();
     modules.insert(entry, &end);
 
     let mut needed: HashSet<&str> = HashSet::from([entry]);
@@ -67,8 +74,8 @@ fn without_unused_modules(script: &str) -> Option<String> {
             }
         }
     }
-    let kept = starts.iter().filter(|(_, name)| needed.contains(name)).map(|(_, name)| modules[name]);
-    Some(script[..first].to_string() + &kept.collect::<String>())
+    let parts = starts.iter().filter(|(_, name)| needed.contains(name)).map(|(_, name)| modules[name]);
+    Some(script[..first].to_string() + &parts.collect::<String>())
 }
 
 /// True for a character of a name in JavaScript, as the bundler makes them.

@@ -54,7 +54,7 @@ pub struct MultivariableMargins {
 }
 
 impl ReturnRatio {
-    fn inputs(&self) -> usize {
+    pub(crate) fn inputs(&self) -> usize {
         self.b.ncols()
     }
 
@@ -71,7 +71,7 @@ impl ReturnRatio {
     }
 
     /// The return ratio of loop `i` with the others closed.
-    fn loop_at(&self, i: usize, w: f64) -> C64 {
+    pub(crate) fn loop_at(&self, i: usize, w: f64) -> C64 {
         let m = self.inputs();
         let difference = DMatrix::<C64>::identity(m, m) + self.at(w);
         match difference.try_inverse() {
@@ -169,7 +169,8 @@ impl ReturnRatio {
         })
     }
 
-    fn smallest_difference(&self, w: f64) -> Result<f64, DecompositionError> {
+    /// Smallest singular value of the return difference at the frequency `w`, rad/s; infinite at a pole.
+    pub(crate) fn smallest_difference(&self, w: f64) -> Result<f64, DecompositionError> {
         let m = self.inputs();
         let difference = DMatrix::<C64>::identity(m, m) + self.at(w);
         if difference.iter().any(|v| !v.re.is_finite() || !v.im.is_finite()) {

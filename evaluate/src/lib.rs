@@ -10,6 +10,7 @@ mod merge;
 pub mod metrics;
 mod output;
 pub mod run;
+pub mod spectra;
 pub mod summary;
 mod survey;
 

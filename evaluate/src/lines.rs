@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 
 use whirlstand_logs::Line;
 
+use crate::spectra::Spectrum;
+
 /// Most spans that are held; beyond, neighbours are joined.
 const MOST_SPANS: usize = 4_096;
 
@@ -18,6 +20,10 @@ pub struct Lines {
     pub nis: NisLine,
     /// Errors of the estimated states; empty without truth or estimate.
     pub errors: Vec<ErrorLines>,
+    /// Spectra of what the sensors measured, output by output.
+    pub output_spectra: Vec<Spectrum>,
+    /// Spectra of what was applied, input by input.
+    pub input_spectra: Vec<Spectrum>,
     /// Parts over which the last command was held.
     pub held: Spans,
     /// Parts in failsafe.

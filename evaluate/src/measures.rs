@@ -12,6 +12,7 @@ use crate::lines::{ErrorLines, Lines, NisLine, OutputLines};
 use crate::merge::Merge;
 use crate::metrics::{Consistency, ConsistencySum, Effort, EffortSum, FailsafeSteps, Timing, timing};
 use crate::output::OutputSum;
+use crate::spectra::SpectrumSum;
 use crate::summary::OutputFigures;
 use crate::survey::Survey;
 
@@ -44,6 +45,8 @@ pub(crate) struct Measures<'a> {
     inputs: Vec<EffortSum>,
     consistency: ConsistencySum,
     lines: Lines,
+    output_spectra: Vec<SpectrumSum>,
+    input_spectra: Vec<SpectrumSum>,
     /// What is wanted of each output now; `None` before the first setpoint.
     wanted: Option<Vec<f64>>,
     /// The last truth.
@@ -77,6 +80,12 @@ impl<'a> Measures<'a> {
                 errors: vec![ErrorLines::default(); layout.states],
                 ..Lines::default()
             },
+            output_spectra: vehicle
+                .outputs
+                .iter()
+                .map(|output| SpectrumSum::new(f64::from(output.every) * period_s))
+                .collect(),
+            input_spectra: vec![SpectrumSum::new(period_s); layout.inputs],
             wanted: None,
             truth: None,
             failsafe: FailsafeSteps::default(),
@@ -167,9 +176,11 @@ impl<'a> Measures<'a> {
     }
 
     fn take_inputs(&mut self, t: f64, u: &[f64]) {
-        for ((sum, line), u) in self.inputs.iter_mut().zip(&mut self.lines.inputs).zip(u) {
+        let inputs = self.inputs.iter_mut().zip(&mut self.lines.inputs).zip(&mut self.input_spectra);
+        for (((sum, line), spectrum), u) in inputs.zip(u) {
             sum.take(*u);
             line.push(t, *u);
+            spectrum.take(t, *u);
         }
     }
 
@@ -178,6 +189,7 @@ impl<'a> Measures<'a> {
         let t = seconds(message);
         for (i, y) in self.layout.measured(message) {
             self.lines.outputs[i].measured.push(t, y);
+            self.output_spectra[i].take(t, y);
             if self.source == Source::Measured {
                 let wanted = self.wanted(i, coming);
                 self.outputs[i].take(t, y, wanted);
@@ -188,6 +200,8 @@ impl<'a> Measures<'a> {
     /// Figures and lines of all that came.
     pub fn finish(mut self, vehicle: &Vehicle, health: &[NodeHealth]) -> Measured {
         self.lines.nis.finish();
+        self.lines.output_spectra = self.output_spectra.into_iter().map(SpectrumSum::finish).collect();
+        self.lines.input_spectra = self.input_spectra.into_iter().map(SpectrumSum::finish).collect();
         let outputs = vehicle.outputs.iter().zip(self.outputs);
         let inputs = vehicle.inputs.iter().zip(&self.inputs);
         let names = vehicle.states.iter().map(|state| &state.name);

@@ -38,6 +38,11 @@ pub(crate) fn dim(text: &str) -> String {
     marked(DIM, text)
 }
 
+/// The text without its styles, for a page.
+pub(crate) fn plain(text: &str) -> String {
+    text.chars().filter(|c| ![GOOD, BAD, STRONG, DIM, END].contains(c)).collect()
+}
+
 /// The text as the terminal is to get it.
 pub(crate) fn rendered(text: &str) -> String {
     let mut out = String::with_capacity(text.len());

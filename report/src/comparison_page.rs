@@ -58,6 +58,7 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
             ("initial state".into(), initial_state(c)),
         ],
         attachments: Vec::new(),
+        ..Page::default()
     };
     page.to_html()
 }
@@ -127,8 +128,7 @@ fn table(c: &Comparison) -> Table {
         rows: rows.collect(),
         note: "Growth: rms residual in the last tenth of the record over that of the rest. Line: strongest tone in the \
                residual and its share of the residual's power."
-            .into(),
-    }
+            .into(), ..Table::default() }
 }
 
 fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {

@@ -49,6 +49,7 @@ pub fn diagnosis_report(answer: &Diagnosis) -> Result<String, ReportError> {
         sections,
         facts: facts(answer),
         attachments,
+        ..Page::default()
     }
     .to_html()
 }

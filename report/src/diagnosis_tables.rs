@@ -33,7 +33,7 @@ pub(crate) fn causes(answer: &Diagnosis) -> Option<Section> {
                data left out of the fit, in standard errors; 2 are asked. By chance: how likely chance does as well anywhere in \
                the library."
             .into(),
-        tables: vec![Table { head: head(&names), rows, note: notes.join(" ") }],
+        tables: vec![Table { head: head(&names), rows, note: notes.join(" "), ..Table::default() }],
         ..Section::default()
     })
 }
@@ -107,7 +107,7 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
             number(answer.heldout.from_s),
             number(answer.heldout.to_s)
         ),
-        tables: vec![Table { head: head(&names), rows: rows.collect(), note: String::new() }],
+        tables: vec![Table { head: head(&names), rows: rows.collect(), ..Table::default() }],
         ..Section::default()
     }
 }
@@ -120,7 +120,7 @@ pub(crate) fn rejected(answer: &Diagnosis) -> Table {
             vec![Cell::new(format!("{:+.0}", r.delta_bic)), Cell::new(r.why.clone())],
         )
     });
-    Table { head: head(&["rejected", "BIC", "why"]), rows: rows.collect(), note: String::new() }
+    Table { head: head(&["rejected", "BIC", "why"]), rows: rows.collect(), ..Table::default() }
 }
 
 /// What the record could not have shown.
@@ -133,7 +133,7 @@ pub(crate) fn not_testable(answer: &Diagnosis) -> Option<Section> {
     (!rows.is_empty()).then(|| Section {
         title: "Not testable with this record".into(),
         text: "These effects may be there: the record could not have shown them.".into(),
-        tables: vec![Table { head: head(&["effect", "why, and what to fly"]), rows, note: String::new() }],
+        tables: vec![Table { head: head(&["effect", "why, and what to fly"]), rows, ..Table::default() }],
         ..Section::default()
     })
 }

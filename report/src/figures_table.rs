@@ -171,8 +171,7 @@ pub fn estimator_table(summaries: &[RunSummary]) -> Option<Table> {
         note: "Over the part before the first disturbance. A NIS ratio below the interval: the filter is more careful \
                than it need be, as when it allows for disturbances that did not come; above: it trusts itself too much. \
                Errors within 2 std: the worst state; 95.4 for a consistent filter."
-            .into(),
-    })
+            .into(), ..Table::default() })
 }
 
 /// What was expected of the runs and what was found: a row an expectation, a column a run.

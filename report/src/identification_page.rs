@@ -40,6 +40,7 @@ pub fn identification_report(answer: &Identification) -> Result<String, ReportEr
         sections,
         facts: facts(answer),
         attachments,
+        ..Page::default()
     }
     .to_html()
 }
@@ -114,8 +115,7 @@ fn figures(answer: &Identification) -> Section {
             note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)); what the sensor adds counts against it. Noise: what \
                    cannot be predicted one step ahead. White: Ljung and Box's test at 1 %, beside it the greatest \
                    autocorrelation."
-                .into(),
-        }],
+                .into(), ..Table::default() }],
         ..Section::default()
     }
 }
@@ -337,8 +337,7 @@ fn values(answer: &Identification) -> Table {
         } else {
             "In the units of the vehicle file. The standard errors are not to be trusted: see the remarks."
         }
-        .into(),
-    }
+        .into(), ..Table::default() }
 }
 
 /// The poles of the identified model, of a conjugate pair one row.
@@ -355,6 +354,7 @@ fn poles(answer: &Identification) -> Table {
         head: ["pole, 1/s", "frequency, Hz", "damping ratio"].iter().map(|h| h.to_string()).collect(),
         rows: poles.collect(),
         note: String::new(),
+        ..Table::default()
     }
 }
 
@@ -377,5 +377,6 @@ fn correlations(answer: &Identification) -> Table {
         head: std::iter::once("correlation".to_string()).chain(names()).collect(),
         rows: rows.collect(),
         note: String::new(),
+        ..Table::default()
     }
 }

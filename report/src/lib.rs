@@ -2,6 +2,7 @@
 
 mod comparison_page;
 mod correlation;
+mod design_page;
 mod diagnosis_page;
 mod diagnosis_signals;
 mod diagnosis_tables;
@@ -11,14 +12,20 @@ mod outcome;
 mod packed;
 pub mod page;
 pub mod plot;
+mod run_events;
 mod run_page;
+mod run_signals;
+mod run_spectra;
 mod text_diff;
+mod winner;
 
 pub use comparison_page::comparison_report;
+pub use design_page::{DesignReport, design_report};
 pub use diagnosis_page::diagnosis_report;
 pub use identification_page::identification_report;
 pub use outcome::{Expected, Outcome};
 pub use run_page::run_report;
+pub use winner::winner;
 
 /// Why a report cannot be put together: what the template engine says. The template is part of the program, so
 /// this is a bug of the program.

@@ -15,6 +15,8 @@ pub struct Outcome {
     pub problems: Vec<String>,
     /// What was expected and what was found.
     pub expected: Vec<Expected>,
+    /// Files beside the page: text, and path from the page's own folder.
+    pub files: Vec<(String, String)>,
 }
 
 /// One expectation and what was found in each run.

@@ -1,5 +1,7 @@
 //! A page: verdict, sections of plots and tables, facts; one self-contained HTML file.
 
+use std::path::{Component, Path};
+
 use minijinja::Environment;
 use minijinja::value::Serde;
 use serde::Serialize;
@@ -67,6 +69,8 @@ pub struct Table {
     pub rows: Vec<Row>,
     /// Small print under the table; may be empty.
     pub note: String,
+    /// The cells are words, not figures.
+    pub words: bool,
 }
 
 /// How a line of a text changed.
@@ -135,6 +139,8 @@ pub struct Page {
     pub sections: Vec<Section>,
     /// Facts: what, value.
     pub facts: Vec<(String, String)>,
+    /// Files beside the page: text, and path from the page's own folder.
+    pub files: Vec<(String, String)>,
     /// Folded texts at the end.
     pub attachments: Vec<Attachment>,
 }
@@ -161,7 +167,7 @@ impl Page {
                 let plots: Vec<_> = s
                     .plots
                     .iter()
-                    .map(|p| json!({ "id": p.id, "title": p.title, "height": p.height, "y": p.y_label, "caption": p.caption }))
+                    .map(|p| json!({ "id": p.id, "title": p.title, "height": p.height, "aside": p.aside, "caption": p.caption }))
                     .collect();
                 json!({
                     "title": s.title, "text": s.text, "tables": s.tables, "diff": s.diff, "plots": plots,
@@ -177,6 +183,7 @@ impl Page {
             "remarks": self.remarks,
             "sections": sections,
             "facts": self.facts,
+            "files": self.files.iter().map(|(text, path)| (text, relative(path))).collect::<Vec<_>>(),
             "attachments": self.attachments,
             "style": STYLE,
             "script": SCRIPT,
@@ -185,6 +192,24 @@ impl Page {
         })))?;
         Ok(html)
     }
+}
+
+/// A path as an address that stays below the page's own folder whatever is in it.
+fn relative(path: &str) -> String {
+    let mut address = String::from(".");
+    for part in Path::new(path).components() {
+        if let Component::Normal(part) = part {
+            address.push('/');
+            for byte in part.to_string_lossy().bytes() {
+                if byte.is_ascii_alphanumeric() || b"-_.~".contains(&byte) {
+                    address.push(byte as char);
+                } else {
+                    address.push_str(&format!("%{byte:02X}"));
+                }
+            }
+        }
+    }
+    address
 }
 
 #[cfg(test)]
@@ -233,6 +258,16 @@ mod tests {
         assert!(html.contains("All is well.") && html.contains("id=\"plot-roll\""));
         let data = html.split("id=\"data\">").nth(1).unwrap().split('<').next().unwrap();
         assert!(unpacked(data).contains("\"truth\""), "{}", unpacked(data));
+    }
+
+    #[test]
+    fn files_are_linked_and_stay_beside_the_page() {
+        let files = ["log.mcap", "../../etc/passwd", "javascript:alert(1)", "/a \"b/c"];
+        let files = files.map(|path| (path.to_string(), path.to_string())).to_vec();
+        let html = Page { files, ..page(Vec::new()) }.to_html().unwrap();
+        let links: Vec<&str> =
+            html.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+        assert_eq!(links, ["./log.mcap", "./etc/passwd", "./javascript%3Aalert%281%29", "./a%20%22b/c"]);
     }
 
     #[test]

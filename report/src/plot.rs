@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use whirlstand_logs::decimate;
+use whirlstand_logs::shown::number;
 
 /// How a trace is drawn. The page maps it to colour, width and dash, for light and for dark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -12,6 +13,8 @@ pub enum Style {
     Main,
     /// A second line beside the main one, dashed.
     Second,
+    /// What an estimator makes of a line, in a colour of its own.
+    Estimate,
     /// What a sensor reported: thin and pale.
     Sensor,
     /// A wanted value: neutral, in steps.
@@ -24,6 +27,8 @@ pub enum Style {
     Histogram,
     /// Single points.
     Points,
+    /// Single points as crosses, such as poles.
+    Crosses,
     /// Many single points, pale.
     Cloud,
 }
@@ -85,6 +90,19 @@ pub struct Span {
     pub kind: SpanKind,
 }
 
+/// Values over a plane, shown as colours: equal steps along both axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Heat {
+    /// Middles of the columns, in the unit of the x axis.
+    pub x: Vec<f64>,
+    /// Middles of the rows, in the unit of the y axis.
+    pub y: Vec<f64>,
+    /// Row by row, a value each column; NaN is a gap.
+    pub z: Vec<Vec<f64>>,
+    /// Unit of the values.
+    pub unit: String,
+}
+
 /// A plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plot {
@@ -92,9 +110,11 @@ pub struct Plot {
     pub id: String,
     /// Heading.
     pub title: String,
-    /// Label of the x axis.
+    /// Words beside the heading, less weighty; may be empty.
+    pub aside: String,
+    /// Label of the x axis; its unit stands behind the last comma.
     pub x_label: String,
-    /// Label of the y axis.
+    /// Label of the y axis, which is its unit, or has it behind the last comma.
     pub y_label: String,
     /// Plots of one group zoom together.
     pub group: Option<&'static str>,
@@ -106,6 +126,10 @@ pub struct Plot {
     pub y_range: Option<(f64, f64)>,
     /// Lines.
     pub traces: Vec<Trace>,
+    /// Colours under the lines.
+    pub heat: Option<Heat>,
+    /// Both axes have the same scale, as for poles in the plane.
+    pub square: bool,
     /// Shaded parts.
     pub spans: Vec<Span>,
     /// Texts at points, `(x, y, text)`.
@@ -132,6 +156,7 @@ impl Plot {
         Self {
             id: id.into(),
             title: title.into(),
+            aside: String::new(),
             x_label: x_label.into(),
             y_label: y_label.into(),
             group: None,
@@ -139,12 +164,44 @@ impl Plot {
             log_y: false,
             y_range: None,
             traces: Vec::new(),
+            heat: None,
+            square: false,
             spans: Vec::new(),
             notes: Vec::new(),
             caption: String::new(),
             height: 280,
         }
     }
+
+    /// Keeps what `transient` lines do in the first twentieth of the x axis from flattening the rest: where it would more
+    /// than double the y axis, the axis is that of the rest, and the caption says what lies beyond it.
+    pub fn leave_out_start(&mut self, transient: impl Fn(&Trace) -> bool) {
+        let ends = extent(self.traces.iter().flat_map(|t| t.x.iter().copied()));
+        let from = ends.0 + 0.05 * (ends.1 - ends.0);
+        let shown = || self.traces.iter().filter(|t| !t.hidden);
+        let all = extent(shown().flat_map(|t| t.y.iter().copied()));
+        let settled = extent(shown().flat_map(|t| {
+            let all = !transient(t);
+            t.x.iter().zip(&t.y).filter(move |(x, _)| all || **x >= from).map(|(_, y)| *y)
+        }));
+        let (wide, narrow) = (all.1 - all.0, settled.1 - settled.0);
+        if narrow > 0.0 && wide > 2.0 * narrow {
+            self.y_range = Some((settled.0 - 0.06 * narrow, settled.1 + 0.06 * narrow));
+            let far = if all.1.abs() > all.0.abs() { all.1 } else { all.0 };
+            let unit = if self.y_label.is_empty() { String::new() } else { format!(" {}", self.y_label) };
+            self.caption = format!(
+                "The start, up to {}{unit}, is beyond the scale: double-click to see it.",
+                number(far)
+            );
+        }
+    }
+}
+
+/// Least and greatest finite value.
+fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values
+        .filter(|v| v.is_finite())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
 }
 
 /// Numbers that all plots of a page may hold together; about 8 characters each in the file.
@@ -182,13 +239,21 @@ pub fn plots_json(plots: &[Plot]) -> String {
             serde_json::json!({
                 "id": p.id, "title": p.title, "x": p.x_label, "y": p.y_label, "group": p.group,
                 "log_x": p.log_x, "log_y": p.log_y, "y_range": p.y_range, "height": p.height,
-                "traces": traces, "spans": p.spans, "notes": p.notes,
+                "traces": traces, "spans": p.spans, "notes": p.notes, "square": p.square,
+                "heat": p.heat.as_ref().map(|h| serde_json::json!({
+                    "x": column(rounded(&h.x)), "y": column(rounded(&h.y)), "z": tenths(&h.z), "unit": h.unit,
+                })),
             })
         })
         .collect();
     // Whoever puts the text into a page as it is must find neither the end of a script in a name nor the start of a
     // comment: `<` stands in strings alone.
     serde_json::json!({ "columns": columns, "plots": plots }).to_string().replace('<', "\\u003c")
+}
+
+/// Colours are told apart no better.
+fn tenths(rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    rows.iter().map(|row| row.iter().map(|v| (10.0 * v).round() / 10.0).collect()).collect()
 }
 
 /// Values with as many decimals as the eye can tell: a hundred-thousandth of the range of the column, six
@@ -236,6 +301,21 @@ mod tests {
         assert!(r.iter().zip(&y).take(3).all(|(a, b)| (a - b).abs() <= 1e-5 * 1.3));
         let decades = [1e-9, 1.0, 1e6];
         assert!(rounded(&decades).iter().zip(&decades).all(|(a, b)| (a / b - 1.0).abs() < 1e-5));
+    }
+
+    #[test]
+    fn a_transient_at_the_start_does_not_flatten_the_rest() {
+        let t: Vec<f64> = (0..1_000).map(f64::from).collect();
+        let y: Vec<f64> = t.iter().map(|t| (0.1 * t).sin() + 40.0 * (-t).exp()).collect();
+        let mut plot = Plot::over_time("a", "a", "deg");
+        plot.traces.push(Trace::new("error", 0, Style::Main, &t, &y));
+        let mut kept = plot.clone();
+        kept.leave_out_start(|_| false);
+        assert_eq!(kept.y_range, None, "the line is no transient");
+        plot.leave_out_start(|_| true);
+        let (low, high) = plot.y_range.unwrap();
+        assert!(low < -1.0 && low > -1.2 && high > 1.0 && high < 1.2, "{low} {high}");
+        assert!(plot.caption.contains("40.0 deg"), "{}", plot.caption);
     }
 
     #[test]

@@ -6,11 +6,14 @@ use super::ReportError;
 use super::figures_table::{estimator_table, expected_table, input_table, output_table, timing_table};
 use super::outcome::Outcome;
 use super::page::{Attachment, Page, Section};
-use super::plot::{Plot, Span, SpanKind, Style, Trace};
+use super::plot::{Plot, Style, Trace};
+use super::run_events::events_table;
+use super::run_signals::{input_plot, output_plot, spans, trace};
+use super::run_spectra::spectra;
+use super::winner::winner;
 use whirlstand_evaluate::metrics::nis_bounds;
 use whirlstand_evaluate::run::Run;
 use whirlstand_evaluate::summary::RunSummary;
-use whirlstand_logs::Line;
 use whirlstand_logs::shown::{shown_factor, shown_unit};
 
 /// The report of a bench: one run, or several variants side by side.
@@ -27,11 +30,15 @@ pub fn run_report(
     let page = Page {
         kind: "run report".into(),
         title: name.into(),
-        verdict: outcome.verdict.clone(),
+        verdict: match winner(&summaries, &outcome.expected) {
+            Some(winner) if outcome.ok != Some(false) => format!("{winner} {}", outcome.verdict),
+            _ => outcome.verdict.clone(),
+        },
         level: outcome.level(&summaries),
         remarks: outcome.remarks(&summaries),
         sections: sections(description, outcome, runs, &summaries),
         facts: facts(runs, &summaries),
+        files: outcome.files.clone(),
         attachments: runs.first().map_or(Vec::new(), |run| {
             run.attachments
                 .iter()
@@ -44,34 +51,45 @@ pub fn run_report(
 
 fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[RunSummary]) -> Vec<Section> {
     let Some(first) = runs.first() else { return Vec::new() };
+    let drawn = |plots: Vec<Plot>| -> Vec<Plot> {
+        plots.into_iter().filter(|plot| plot.traces.iter().any(|trace| !trace.x.is_empty())).collect()
+    };
     let outputs = (0..first.vehicle.outputs.len()).map(|i| output_plot(runs, summaries, i)).collect();
     let inputs = (0..first.vehicle.inputs.len()).map(|i| input_plot(runs, summaries, i)).collect();
     let mut sections = vec![
         Section {
-            title: "Figures".into(),
+            title: "Outputs".into(),
             text: description.into(),
-            tables: vec![output_table(summaries), input_table(summaries)],
+            plots: drawn(outputs),
+            columns: 2,
             ..Section::default()
         },
-        Section { title: "Outputs".into(), plots: outputs, columns: 2, ..Section::default() },
         Section {
             title: "Commands".into(),
             text: "What the plant applied, after its limits.".into(),
-            plots: inputs,
+            plots: drawn(inputs),
             columns: 2,
+            ..Section::default()
+        },
+        Section {
+            title: "Figures".into(),
+            tables: vec![output_table(summaries), input_table(summaries)],
             ..Section::default()
         },
     ];
     if !outcome.expected.is_empty() {
-        sections.insert(
-            0,
-            Section {
-                title: "Expected".into(),
-                tables: vec![expected_table(&outcome.expected)],
-                ..Section::default()
-            },
-        );
+        sections.push(Section {
+            title: "Expected".into(),
+            tables: vec![expected_table(&outcome.expected)],
+            ..Section::default()
+        });
     }
+    sections.extend(events_table(runs).map(|table| Section {
+        title: "Events".into(),
+        tables: vec![table],
+        ..Section::default()
+    }));
+    sections.extend(spectra(runs));
     let estimator = estimator_plots(runs, summaries);
     if !estimator.is_empty() {
         sections.push(Section {
@@ -96,109 +114,9 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
         plots: latency_plot(runs).into_iter().collect(),
         ..Section::default()
     });
+    // A run that ended at once has nothing to draw.
+    sections.retain(|section| !section.plots.is_empty() || section.tables.iter().any(|t| !t.rows.is_empty()));
     sections
-}
-
-/// Longest list of spans that a plot gets; beyond, neighbours are joined.
-const MOST_SPANS: usize = 60;
-
-/// Disturbances of the first run that has some, held and failsafe steps of all.
-fn spans(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Span> {
-    let mut spans = Vec::new();
-    if let Some(s) = summaries.iter().find(|s| !s.disturbances.is_empty()) {
-        for event in &s.disturbances {
-            // A disturbance that stays would shade all that follows: its onset says as much.
-            let lasting = event.until_s - event.at_s > 0.4 * s.duration_s;
-            spans.push(Span {
-                from: event.at_s,
-                until: if lasting { event.at_s } else { event.until_s },
-                kind: SpanKind::Disturbance,
-            });
-        }
-    }
-    for run in runs {
-        let (held, failsafe) = (&run.lines.held, &run.lines.failsafe);
-        for (parts, kind) in [(held, SpanKind::Held), (failsafe, SpanKind::Failsafe)] {
-            let parts = parts.at_most(MOST_SPANS, 0.002 * run.figures.duration_s);
-            spans.extend(parts.into_iter().map(|(from, until)| Span { from, until, kind }));
-        }
-    }
-    spans
-}
-
-/// A line of a run in the unit of its plot.
-fn trace(name: impl Into<String>, variant: usize, style: Style, line: &Line, factor: f64) -> Trace {
-    let (t, y) = line.points();
-    Trace::new(name, variant, style, &t, &scaled(&y, factor))
-}
-
-fn scaled(values: &[f64], factor: f64) -> Vec<f64> {
-    values.iter().map(|v| v * factor).collect()
-}
-
-fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
-    let output = &runs[0].vehicle.outputs[i];
-    let si = output.unit.si_symbol();
-    let factor = shown_factor(&si);
-    let mut plot = Plot::over_time(format!("output-{i}"), output.name.clone(), shown_unit(&si));
-    let several = runs.len() > 1;
-    let mut wanted = None;
-    for (variant, run) in runs.iter().enumerate() {
-        if i >= run.vehicle.outputs.len() {
-            continue;
-        }
-        let lines = &run.lines.outputs[i];
-        let line = |name: String, style, line: &Line| trace(name, variant, style, line, factor);
-        let main = !lines.truth.is_empty();
-        if !lines.measured.is_empty() {
-            let hidden = several && main;
-            plot.traces.push(line("measured".into(), Style::Sensor, &lines.measured).hide_if(hidden));
-        }
-        if main {
-            let name = if several { run.name.clone() } else { "truth".into() };
-            plot.traces.push(line(name, Style::Main, &lines.truth));
-        }
-        if !lines.estimate.is_empty() {
-            let style = if main { Style::Second } else { Style::Main };
-            plot.traces.push(line("estimate".into(), style, &lines.estimate).hide_if(several && main));
-        }
-        let setpoint = line("setpoint".into(), Style::Wanted, &lines.wanted);
-        if wanted.is_none() && setpoint.y.iter().any(|v| v.is_finite()) {
-            wanted = Some(setpoint);
-        }
-    }
-    plot.traces.extend(wanted);
-    plot.spans = spans(runs, summaries);
-    plot
-}
-
-fn input_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
-    let input = &runs[0].vehicle.inputs[i];
-    let si = input.unit.si_symbol();
-    let factor = shown_factor(&si);
-    let mut plot = Plot::over_time(format!("input-{i}"), input.name.clone(), shown_unit(&si));
-    let (mut least, mut most, mut end) = (0.0f64, 0.0f64, 0.0f64);
-    for (variant, run) in runs.iter().enumerate() {
-        let Some(line) = run.lines.inputs.get(i) else { continue };
-        let name = if runs.len() > 1 { run.name.clone() } else { "applied".into() };
-        let applied = trace(name, variant, Style::Held, line, factor);
-        (least, most) = applied.y.iter().fold((least, most), |(l, m), v| (l.min(*v), m.max(*v)));
-        end = end.max(run.figures.duration_s);
-        plot.traces.push(applied);
-    }
-    // A limit far beyond all commands would only flatten them.
-    for (limit, near) in [(input.upper, most), (input.lower, least)] {
-        let limit = limit * factor;
-        if limit.is_finite() && near.abs() > 0.3 * limit.abs() {
-            plot.traces.push(Trace::new("limit", 0, Style::Limit, &[0.0, end], &[limit, limit]));
-        }
-    }
-    if input.lower.is_finite() && input.upper.is_finite() {
-        plot.y_label =
-            format!("{} limits {} to {}", plot.y_label, input.lower * factor, input.upper * factor);
-    }
-    plot.spans = spans(runs, summaries);
-    plot
 }
 
 /// Fewest steps with an estimate that are worth a plot.
@@ -227,6 +145,7 @@ fn nis_plot(runs: &[&Run], summaries: &[RunSummary]) -> Option<Plot> {
         }
     }
     plot.spans = spans(runs, summaries);
+    plot.leave_out_start(|_| true);
     (!plot.traces.is_empty()).then_some(plot)
 }
 
@@ -242,6 +161,7 @@ fn error_plots(run: &Run, summaries: &[RunSummary]) -> Vec<Plot> {
             plot.traces.push(trace("± 2 std", 0, Style::Limit, &lines.claimed, sign * factor));
         }
         plot.spans = spans(&[run], summaries);
+        plot.leave_out_start(|_| true);
         plot.height = 230;
         plot
     });

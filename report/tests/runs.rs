@@ -77,12 +77,15 @@ fn reports_of_one_and_of_several_runs_are_complete_and_small() {
             unit: "rad".into(),
             holds: false,
         }],
+        files: vec![("log.mcap".into(), "log.mcap".into())],
     };
     for (file, part) in [("run.html", &all[..1]), ("variants.html", &all[..])] {
         let html = run_report("quadrotor", "State feedback, softer and stiffer.", &outcome, part).unwrap();
         assert!(html.contains("class=\"verdict bad\"") && html.contains("15.3 deg ✕"));
         assert!(html.len() < 8_000_000, "{}", html.len());
-        for text in ["All runs completed.", "peak after disturbance", "launch.toml", "roll estimate error"] {
+        for text in
+            ["All runs completed.", "peak after disturbance", "launch.toml", "roll estimate error", "Spectra"]
+        {
             assert!(html.contains(text), "{text}");
         }
         std::fs::write(std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(file), html).unwrap();

@@ -26,6 +26,9 @@ pub(crate) struct DesignArgs {
     pub set: Vec<String>,
     #[command(flatten)]
     pub json: JsonArg,
+    /// Folder for report.html: steps, Bode plots and poles.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
 }
 
 /// Simulate a vehicle's open-loop response to recorded inputs.

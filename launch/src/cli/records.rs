@@ -40,16 +40,19 @@ pub(crate) struct ResultArgs {
     pub out: Option<PathBuf>,
 }
 
-/// Hold a record against the simulation: what the simulation gets wrong.
+/// Compare a record with the simulation, or several runs with each other.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  \
-    whirlstand compare flight.csv --vehicle helicopter-hover --map roll=phi --map u_roll=in_lat --out out/compare")]
+#[command(after_help = "Examples:\n  \
+    whirlstand compare flight.csv --vehicle helicopter-hover --map roll=phi --map u_roll=in_lat --out out/compare\n  \
+    whirlstand compare out/before out/after --out out/both")]
 pub(crate) struct CompareArgs {
-    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
-    pub log: PathBuf,
+    /// With --vehicle a record: MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox. Without, the logs of two
+    /// or more runs of benches, or the folders that they are in.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
     /// Built-in vehicle or path of a vehicle file.
     #[arg(long)]
-    pub vehicle: String,
+    pub vehicle: Option<String>,
     #[command(flatten)]
     pub part: RecordArgs,
     /// How far the short predictions look ahead, in seconds or with a unit.

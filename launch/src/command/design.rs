@@ -3,12 +3,13 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use whirlstand_control::Design;
 use whirlstand_control::design::Pole;
+use whirlstand_control::{Design, Responses};
 use whirlstand_nodes::setup::Setup;
+use whirlstand_report::{DesignReport, design_report};
 use whirlstand_vehicle::Vehicle;
 
-use super::tell;
+use super::{tell, write};
 use crate::cli::DesignArgs;
 use crate::error::Failure;
 use crate::file::{Document, Plan, plan};
@@ -16,8 +17,24 @@ use crate::style;
 
 /// Runs the command.
 pub(crate) fn design(args: &DesignArgs) -> Result<ExitCode, Failure> {
-    let design = designed(args)?;
-    tell(&args.json, &design, || design_text(&design))?;
+    let (vehicle, design) = designed(args)?;
+    let report = args.out.as_ref().map(|folder| folder.join("report.html"));
+    if let Some(path) = &report {
+        let responses = Responses::of(&design).map_err(Failure::run)?;
+        let report = DesignReport {
+            vehicle: &vehicle.name,
+            design: &design,
+            responses: &responses,
+            state_units: &vehicle.states.iter().map(|s| s.unit.si_symbol()).collect::<Vec<_>>(),
+            text: &style::plain(&design_text(&design)),
+        };
+        write(path, &design_report(&report).map_err(Failure::run)?)?;
+    }
+    let told = || {
+        let report = report.as_ref().map(|path| format!("\nreport  {}\n", path.display()));
+        design_text(&design) + &report.unwrap_or_default()
+    };
+    tell(&args.json, &design, told)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -41,7 +58,7 @@ pub(super) fn controller_plan(
     plan(&document, "design", Path::new(".")).map_err(Failure::mend)
 }
 
-fn designed(args: &DesignArgs) -> Result<Design, Failure> {
+fn designed(args: &DesignArgs) -> Result<(Vehicle, Design), Failure> {
     let plan = controller_plan(&args.vehicle, &args.law, args.rate, &args.set)?;
     let Some(options) = plan.config.controller.options() else {
         return Err(Failure::Mend(
@@ -52,8 +69,9 @@ fn designed(args: &DesignArgs) -> Result<Design, Failure> {
     let source = &plan.config.vehicle;
     let vehicle = Vehicle::parse(&source.text, &source.origin).map_err(Failure::mend)?;
     let plant = Setup::plant_of(&vehicle, Setup::period_s(&plan.config)).map_err(Failure::mend)?;
-    Design::new(&plant, &options)
-        .map_err(|e| Failure::Mend(format!("{} cannot be designed for {}: {e}", args.law, args.vehicle)))
+    let design = Design::new(&plant, &options)
+        .map_err(|e| Failure::Mend(format!("{} cannot be designed for {}: {e}", args.law, args.vehicle)))?;
+    Ok((vehicle, design))
 }
 
 fn design_text(d: &Design) -> String {

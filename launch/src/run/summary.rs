@@ -91,13 +91,21 @@ pub(super) fn write(
 ) -> Result<(), Failure> {
     crate::command::write_json(whole, &out.join("summary.json"))?;
     let recorded: Vec<&Run> = runs.iter().filter_map(|r| r.recorded.as_ref()).collect();
-    if !recorded.is_empty() {
-        let outcome = outcome(whole, runs);
+    // What failed before there was anything to record is told as well.
+    if !recorded.is_empty() || !whole.ok {
+        let outcome = Outcome { files: files(out, runs), ..outcome(whole, runs) };
         let html = whirlstand_report::run_report(&jobs.name, &jobs.description, &outcome, &recorded)
             .map_err(|e| Failure::Run(format!("the report cannot be made: {e}")))?;
         crate::command::write(&out.join("report.html"), &html)?;
     }
     Ok(())
+}
+
+/// Log and summary as they lie below `out`, where the report is.
+fn files(out: &Path, runs: &[Summarised]) -> Vec<(String, String)> {
+    let logs = runs.iter().filter_map(|run| run.log.as_ref()?.strip_prefix(out).ok());
+    let logs = logs.map(|path| path.display().to_string());
+    logs.chain(["summary.json".to_string()]).map(|path| (path.clone(), path)).collect()
 }
 
 /// How the bench ended, for the report.
@@ -132,6 +140,7 @@ fn outcome(whole: &SummaryFile, runs: &[Summarised]) -> Outcome {
         ok: Some(whole.ok),
         problems: problems.collect(),
         expected: expected.collect(),
+        files: Vec::new(),
     }
 }
 

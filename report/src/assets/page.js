@@ -20,6 +20,22 @@
   const narrow = window.matchMedia("(max-width: 640px)").matches;
   const config = { responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover",
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "hoverClosestCartesian", "hoverCompareCartesian", "toggleSpikelines"] };
+  // What is drawn, for a spreadsheet; every sample is in the log.
+  function asCsv(plot) {
+    const quoted = (text) => '"' + String(text).replaceAll('"', '""') + '"';
+    const rows = plot.traces.flatMap((trace) => columns[trace.x].map((x, i) =>
+      [quoted(trace.name), x, columns[trace.y][i] ?? ""].join(",")));
+    return [["line", plot.x, plot.y].map(quoted).join(","), ...rows].join("\n") + "\n";
+  }
+
+  function save(name, text) {
+    const link = document.createElement("a");
+    link.download = name;
+    link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+    link.click();
+    URL.revokeObjectURL(link.href);
+  }
+
   const meaning = { disturbance: "disturbance", held: "command held", failsafe: "failsafe", worst: "greatest error", held_out: "held out" };
 
   // The legend says what a shade means: a text at the shade itself would lie on lines or on other texts.
@@ -30,19 +46,20 @@
 
   function lines(plot) {
     const known = new Set();
-    const all = plot.traces.map(drawn);
+    const all = plot.traces.map((trace) => drawn(trace, plot));
     for (const trace of all) {
       trace.legendgroup = trace.name;
       trace.showlegend = !known.has(trace.name);
       known.add(trace.name);
     }
-    return all.concat([...new Set(plot.spans.map((span) => span.kind))].map(key));
+    return (plot.heat ? [heat(plot)] : []).concat(all, [...new Set(plot.spans.map((span) => span.kind))].map(key));
   }
 
   function line(trace) {
     const own = colour("v" + (trace.variant % 6));
     switch (trace.look) {
       case "second": return { color: own, width: 1.5, dash: "5px,3px" };
+      case "estimate": return { color: colour("estimate"), width: 1.5, dash: "5px,3px" };
       case "sensor": return { color: colour("sensor"), width: 0.9 };
       case "wanted": return { color: colour("wanted"), width: 1.3, dash: "6px,4px", shape: "hv" };
       case "limit": return { color: colour("soft"), width: 1.1, dash: "dot" };
@@ -51,20 +68,41 @@
     }
   }
 
-  function drawn(trace) {
+  function heat(plot) {
+    const { x, y, z, unit } = plot.heat;
+    return { type: "heatmap", x: columns[x], y: columns[y], z, zsmooth: false, name: "",
+      colorscale: [[0, colour("heat-0")], [0.5, colour("heat-1")], [1, colour("heat-2")]],
+      hovertemplate: `%{x:.4~g}, %{y:.4~g}: %{z:.3~g} ${unit}<extra></extra>`,
+      colorbar: { thickness: 10, outlinewidth: 0, tickfont: { size: 11 } } };
+  }
+
+  // The unit of an axis is what stands behind the last comma of its label, or the whole label.
+  const unit = (label) => (label ? " " + label.split(", ").pop() : "");
+
+  function drawn(trace, plot) {
     const common = { name: trace.name, x: columns[trace.x], y: columns[trace.y],
-      visible: trace.hidden ? "legendonly" : true, hovertemplate: "%{y:.5~g}" };
+      visible: trace.hidden ? "legendonly" : true, hovertemplate: "%{y:.5~g}" + unit(plot.y) };
     if (trace.look === "histogram") {
       return { ...common, type: "scatter", mode: "lines", fill: "tozeroy", line: { ...line(trace), shape: "hv", width: 1.3 } };
     }
     if (trace.look === "cloud") {
       return { ...common, type: "scatter", mode: "markers", marker: { color: colour("cloud"), size: 3 }, hoverinfo: "skip", hovertemplate: null };
     }
-    if (trace.look === "points") {
-      return { ...common, type: "scatter", mode: "markers", marker: { color: colour("v" + (trace.variant % 6)), size: 6.5 } };
+    if (trace.look === "points" || trace.look === "crosses") {
+      const symbol = trace.look === "crosses" ? "x-thin" : "circle";
+      const own = colour("v" + (trace.variant % 6));
+      return { ...common, type: "scatter", mode: "markers",
+        marker: { color: own, size: trace.look === "crosses" ? 10 : 6.5, symbol, line: { width: trace.look === "crosses" ? 2 : 0, color: own } } };
     }
     return { ...common, type: "scatter", mode: "lines", line: line(trace), connectgaps: false,
       opacity: trace.look === "sensor" ? 0.75 : 1 };
+  }
+
+  // A label a decade where there are some: those between would stand without their power.
+  function decades(plot) {
+    const values = plot.traces.filter((trace) => !trace.hidden).flatMap((trace) => columns[trace.y]).filter((v) => v > 0);
+    const [low, high] = values.reduce(([l, h], v) => [Math.min(l, v), Math.max(h, v)], [Infinity, 0]);
+    return plot.log_y && high > 30 * low ? { dtick: Math.max(1, Math.round(Math.log10(high / low) / 6)) } : {};
   }
 
   function layout(plot) {
@@ -85,14 +123,15 @@
       font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("ink") },
       paper_bgcolor: colour("card"), plot_bgcolor: colour("card"),
       margin: { l: narrow ? 44 : 56, r: narrow ? 8 : 34, t: 30, b: 40 }, height: height(plot),
-      xaxis: { ...axis, title: { text: plot.x, standoff: 6 }, type: plot.log_x ? "log" : "linear", zeroline: false,
-        hoverformat: ".4~g" },
-      yaxis: { ...axis, type: plot.log_y ? "log" : "linear", zeroline: !plot.log_y, fixedrange: false,
-        ...(plot.y_range ? { range: plot.y_range } : {}) },
+      xaxis: { ...axis, title: { text: plot.x, standoff: 6 }, type: plot.log_x ? "log" : "linear", zeroline: plot.square,
+        hoverformat: ".4~g", ticksuffix: unit(plot.x), showticksuffix: "last" },
+      yaxis: { ...axis, title: { text: plot.y, standoff: 4 }, type: plot.log_y ? "log" : "linear", zeroline: !plot.log_y,
+        fixedrange: false, ...decades(plot), ...(plot.y_range ? { range: plot.y_range } : {}),
+        ...(plot.square ? { scaleanchor: "x", scaleratio: 1 } : {}) },
       legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", font: { size: 12 }, bgcolor: "rgba(0,0,0,0)" },
       // Upright in the margin, where it covers neither lines nor legend.
       modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)", color: colour("sensor"), activecolor: colour("accent") },
-      showlegend: plot.traces.length + plot.spans.length > 1, hovermode: "x unified", bargap: 0.08,
+      showlegend: plot.traces.length + plot.spans.length > 1, hovermode: plot.heat || plot.square ? "closest" : "x unified", bargap: 0.08,
       hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"), font: { color: colour("ink") } },
       shapes, annotations,
     };
@@ -118,12 +157,14 @@
     });
   }
 
-  const draw = (act) => plots.forEach((plot) => act("plot-" + plot.id, lines(plot), layout(plot), config));
+  const settings = (plot) => ({ ...config, modeBarButtonsToAdd: plot.traces.length === 0 ? [] :
+    [{ name: "csv", title: "Save what is drawn as CSV", icon: Plotly.Icons.disk, click: () => save(plot.id + ".csv", asCsv(plot)) }] });
+  const draw = (act) => plots.forEach((plot) => act("plot-" + plot.id, lines(plot), layout(plot), settings(plot)));
   for (const plot of plots) {
     document.getElementById("plot-" + plot.id).style.height = height(plot) + "px";
   }
   for (const plot of plots) {
-    link(plot, await Plotly.newPlot("plot-" + plot.id, lines(plot), layout(plot), config));
+    link(plot, await Plotly.newPlot("plot-" + plot.id, lines(plot), layout(plot), settings(plot)));
     await pause();
   }
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
