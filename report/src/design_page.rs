@@ -193,6 +193,7 @@ fn poles(design: &Design) -> Section {
             ..Table::default()
         }],
         plots: vec![plot],
+        columns: 2,
         ..Section::default()
     }
 }

@@ -55,7 +55,9 @@ impl Outcome {
 
     /// What is worth reading under the verdict.
     pub(crate) fn remarks(&self, summaries: &[RunSummary]) -> Vec<(Level, String)> {
-        let mut remarks: Vec<_> = self.problems.iter().map(|p| (Level::Bad, p.clone())).collect();
+        // What the verdict says already is not said again.
+        let further = self.problems.iter().filter(|p| !self.verdict.contains(p.as_str()));
+        let mut remarks: Vec<_> = further.map(|p| (Level::Bad, p.clone())).collect();
         for s in summaries {
             let t = &s.timing;
             let mut warn = |text: String| remarks.push((Level::Warn, format!("{}: {text}", s.name)));

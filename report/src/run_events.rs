@@ -76,13 +76,8 @@ fn of_run(run: usize, recorded: &Run) -> Vec<Event> {
     let mut events = Vec::new();
     for (name, output) in figures.outputs.iter().filter(|(_, output)| output.tracked) {
         for step in &output.steps {
-            let (from, to) = (shown(step.from, &output.unit), shown(step.to, &output.unit));
-            events.push(event(
-                step.at_s,
-                None,
-                format!("setpoint of {name}: {from} to {to}"),
-                Level::Neutral,
-            ));
+            let to = shown(step.to, &output.unit);
+            events.push(event(step.at_s, None, format!("setpoint of {name} to {to}"), Level::Neutral));
         }
     }
     for d in &figures.disturbances {

@@ -73,7 +73,11 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
         },
         Section {
             title: "Figures".into(),
-            tables: vec![output_table(summaries), input_table(summaries)],
+            tables: if summaries.iter().any(|s| s.duration_s > 0.0) {
+                vec![output_table(summaries), input_table(summaries)]
+            } else {
+                Vec::new()
+            },
             ..Section::default()
         },
     ];

@@ -99,10 +99,11 @@
   }
 
   // A label a decade where there are some: those between would stand without their power.
-  function decades(plot) {
-    const values = plot.traces.filter((trace) => !trace.hidden).flatMap((trace) => columns[trace.y]).filter((v) => v > 0);
+  function decades(plot, axis) {
+    if (!plot["log_" + axis]) return {};
+    const values = plot.traces.filter((trace) => !trace.hidden).flatMap((trace) => columns[trace[axis]]).filter((v) => v > 0);
     const [low, high] = values.reduce(([l, h], v) => [Math.min(l, v), Math.max(h, v)], [Infinity, 0]);
-    return plot.log_y && high > 30 * low ? { dtick: Math.max(1, Math.round(Math.log10(high / low) / 6)) } : {};
+    return high > 30 * low ? { dtick: Math.max(1, Math.round(Math.log10(high / low) / 6)) } : {};
   }
 
   function layout(plot) {
@@ -124,9 +125,9 @@
       paper_bgcolor: colour("card"), plot_bgcolor: colour("card"),
       margin: { l: narrow ? 44 : 56, r: narrow ? 8 : 34, t: 30, b: 40 }, height: height(plot),
       xaxis: { ...axis, title: { text: plot.x, standoff: 6 }, type: plot.log_x ? "log" : "linear", zeroline: plot.square,
-        hoverformat: ".4~g", ticksuffix: unit(plot.x), showticksuffix: "last" },
+        hoverformat: ".4~g", ticksuffix: unit(plot.x), showticksuffix: "last", ...decades(plot, "x") },
       yaxis: { ...axis, title: { text: plot.y, standoff: 4 }, type: plot.log_y ? "log" : "linear", zeroline: !plot.log_y,
-        fixedrange: false, ...decades(plot), ...(plot.y_range ? { range: plot.y_range } : {}),
+        fixedrange: false, ...decades(plot, "y"), ...(plot.y_range ? { range: plot.y_range } : {}),
         ...(plot.square ? { scaleanchor: "x", scaleratio: 1 } : {}) },
       legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", font: { size: 12 }, bgcolor: "rgba(0,0,0,0)" },
       // Upright in the margin, where it covers neither lines nor legend.

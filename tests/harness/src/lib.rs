@@ -17,7 +17,7 @@ use std::process::ExitCode;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
-pub use prerequisite::{Missing, betaflight_sitl, data, python, python_with};
+pub use prerequisite::{Missing, betaflight_sitl, browser, data, python, python_with};
 pub use undisturbed::{in_real_time, undisturbed, wait_for_rest};
 
 /// What a test returns: nothing, or what the machine lacks. A failure is a panic, as in any test.

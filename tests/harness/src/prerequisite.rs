@@ -83,6 +83,18 @@ pub fn betaflight_sitl() -> Result<PathBuf, Missing> {
         .into())
 }
 
+/// A headless browser that draws pages: Chromium.
+///
+/// # Errors
+/// None is installed.
+pub fn browser() -> Result<PathBuf, Missing> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let places = std::env::split_paths(&path)
+        .flat_map(|folder| ["chromium", "chromium-browser", "google-chrome"].map(|name| folder.join(name)));
+    let remedy = "install it, on Debian: apt-get install chromium";
+    places.into_iter().find(|p| p.is_file()).ok_or_else(|| Missing::installable("no Chromium", remedy))
+}
+
 fn named(variable: &str) -> Option<OsString> {
     std::env::var_os(variable).filter(|value| !value.is_empty())
 }
