@@ -12,7 +12,17 @@ use whirlstand_logs::shown::{number, shown_factor, shown_unit};
 /// # Errors
 /// [`ReportError`], when the page cannot be put together.
 pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
-    let mut sections = vec![Section {
+    let outputs = c.series.outputs.iter();
+    let mut sections: Vec<Section> =
+        outputs.filter_map(|s| Some(output(c, s, c.outputs.get(&s.name)?))).collect();
+    let inputs = c.series.inputs.iter().enumerate().map(|(i, (name, unit, values))| {
+        let mut plot = Plot::over_time(format!("input-{i}"), name.clone(), shown_unit(unit));
+        let values: Vec<f64> = values.iter().map(|v| v * shown_factor(unit)).collect();
+        plot.traces.push(Trace::new(name.clone(), 0, Style::Held, &c.series.t, &values));
+        plot.height = 200;
+        plot
+    });
+    sections.push(Section {
         title: "Figures".into(),
         text: format!(
             "Fit is 100 (1 - norm(residual) / norm(measured - its mean)) of a free simulation: 100 is perfect, 0 is what \
@@ -23,14 +33,6 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
         ),
         tables: vec![table(c)],
         ..Section::default()
-    }];
-    sections.extend(c.series.outputs.iter().filter_map(|s| Some(output(c, s, c.outputs.get(&s.name)?))));
-    let inputs = c.series.inputs.iter().enumerate().map(|(i, (name, unit, values))| {
-        let mut plot = Plot::over_time(format!("input-{i}"), name.clone(), shown_unit(unit));
-        let values: Vec<f64> = values.iter().map(|v| v * shown_factor(unit)).collect();
-        plot.traces.push(Trace::new(name.clone(), 0, Style::Held, &c.series.t, &values));
-        plot.height = 200;
-        plot
     });
     sections.push(Section {
         title: "Inputs".into(),

@@ -13,10 +13,9 @@ use whirlstand_logs::shown::{number, shown, shown_factor, shown_unit};
 /// # Errors
 /// [`ReportError`], which would be a bug.
 pub fn identification_report(answer: &Identification) -> Result<String, ReportError> {
-    let mut sections = vec![figures(answer), parameters(answer)];
-    for (index, part) in answer.series.iter().enumerate() {
-        sections.push(real_and_simulated(part, index));
-    }
+    let parts = answer.series.iter().enumerate();
+    let mut sections: Vec<Section> = parts.map(|(index, part)| real_and_simulated(part, index)).collect();
+    sections.extend([figures(answer), parameters(answer)]);
     for (index, part) in answer.series.iter().enumerate() {
         sections.push(quadratic_errors(part, index));
     }
