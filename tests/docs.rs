@@ -107,7 +107,9 @@ fn links_lead_somewhere() {
     let summary = std::fs::read_to_string(here().join("docs/SUMMARY.md")).unwrap();
     for file in files() {
         let text = std::fs::read_to_string(&file).unwrap();
-        for (i, target) in text.split("](").enumerate().skip(1).map(|(i, rest)| (i, rest.split(')').next().unwrap())) {
+        for (i, target) in
+            text.split("](").enumerate().skip(1).map(|(i, rest)| (i, rest.split(')').next().unwrap()))
+        {
             if target.contains("://") || target.contains(char::is_whitespace) {
                 continue;
             }

@@ -22,12 +22,19 @@ pub(super) fn closing_lines(out: &Path, runs: &[Summarised]) -> String {
     let mut file = |head: &str, name: &str| {
         let path = out.join(name);
         if path.is_file() {
-            text.push_str(&format!("  {:<12}{}\n", head, path.display()));
+            text.push_str(&format!("  {:<12}{}\n", head, from_here(&path)));
         }
     };
     file("summary", "summary.json");
     file("report", "report.html");
     text
+}
+
+/// A path as the user can type it: from the folder that they are in, where it lies below that.
+fn from_here(path: &Path) -> String {
+    let here = std::env::current_dir().and_then(|here| here.canonicalize());
+    let below = here.ok().and_then(|here| path.strip_prefix(here).ok().map(Path::to_path_buf));
+    below.as_deref().unwrap_or(path).display().to_string()
 }
 
 fn of_run(run: &Summarised) -> String {
@@ -82,7 +89,7 @@ fn of_run(run: &Summarised) -> String {
         row("problem", style::bad(problem));
     }
     if let Some(log) = &run.log {
-        row("log", log.display().to_string());
+        row("log", from_here(log));
     }
     text
 }
