@@ -24,7 +24,7 @@ pub(crate) struct BlindArgs {
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub trials: usize,
     /// Seed; trial K of it has the number SEED 000000 + K.
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// Built-in vehicle or path, the same in all trials [default: drawn]
     #[arg(long, value_name = "VEHICLE")]

@@ -290,11 +290,8 @@ mod tests {
         each(&Cli::command(), &mut |call| {
             for argument in call.get_arguments() {
                 let names = argument.get_value_names().unwrap_or_default();
-                assert!(
-                    !names.iter().any(|n| ["S", "HZ"].contains(&n.as_str())),
-                    "{} {argument}",
-                    call.get_name()
-                );
+                let bare = names.iter().any(|name| ["S", "HZ"].contains(&name.as_str()));
+                assert!(!bare, "{} {}", call.get_name(), argument.get_id());
             }
         });
     }
