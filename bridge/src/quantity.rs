@@ -49,6 +49,11 @@ pub(crate) fn angle<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D
     deserializer.deserialize_any(units(&["rad"])?)
 }
 
+/// A turn rate, rad/s.
+pub(crate) fn rate<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    deserializer.deserialize_any(units(&["rad/s"])?)
+}
+
 /// A list of angles, rad.
 pub(crate) fn angles<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<f64>>, D::Error> {
     #[derive(Deserialize)]

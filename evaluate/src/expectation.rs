@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 use whirlstand_logs::shown::shown;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_msgs::units::{Unit, two_readings};
+use whirlstand_vehicle::{SignalUnit, Vehicle};
 
 use crate::metrics::Timing;
 use crate::summary::{Figure, INPUT_KEYS, OUTPUT_KEYS, RunSummary};
@@ -67,29 +68,45 @@ pub struct CheckedExpectation {
     pub why: Option<String>,
 }
 
-/// The figures that an output or input of the vehicle has, and the SI unit of each; `None` for a name that is neither.
-pub fn signal_figures(vehicle: &Vehicle, name: &str) -> Option<Vec<(&'static str, String)>> {
+/// The figures that an output or input of the vehicle has, and the unit of each; `None` for a name that is neither.
+pub fn signal_figures(vehicle: &Vehicle, name: &str) -> Option<Vec<(&'static str, FigureUnit)>> {
     let output = vehicle.output_index(name).map(|i| (&vehicle.outputs[i].unit, &OUTPUT_KEYS[..]));
     let input = || vehicle.input_index(name).map(|i| (&vehicle.inputs[i].unit, &INPUT_KEYS[..]));
     let (unit, figures) = output.or_else(input)?;
-    let unit = unit.si_symbol();
-    Some(figures.iter().map(|figure| (*figure, unit_of_figure(figure, &unit))).collect())
+    Some(figures.iter().map(|figure| (*figure, FigureUnit::of(figure, unit))).collect())
 }
 
-/// SI unit of a figure of a signal in `unit`; see the keys in [`crate::summary`].
-fn unit_of_figure(figure: &str, unit: &str) -> String {
-    let times_s = |power: &str| match unit {
-        "" => "s".to_string(),
-        unit => format!("{unit}{power}*s"),
-    };
-    match figure {
-        "recovery_s" | "rise_s" | "settling_s" => "s".into(),
-        "overshoot_percent" | "saturated" => String::new(),
-        "iae" => times_s(""),
-        "ise" => times_s("^2"),
-        "travel_per_s" if unit.is_empty() => "1/s".into(),
-        "travel_per_s" => format!("{unit}/s"),
-        _ => unit.into(),
+/// The unit of a figure of a signal, as the vehicle file's own units have it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FigureUnit {
+    /// The unit.
+    pub unit: Unit,
+    /// The signal's own unit, for a figure that is measured in it.
+    signal: Option<SignalUnit>,
+}
+
+impl FigureUnit {
+    /// See the keys in [`crate::summary`].
+    fn of(figure: &str, signal: &SignalUnit) -> Self {
+        let own = signal.unit();
+        let unit = match figure {
+            "recovery_s" | "rise_s" | "settling_s" => Some(Unit::SECOND),
+            "overshoot_percent" | "saturated" => Some(Unit::ONE),
+            "iae" => own.times(&Unit::SECOND, 1),
+            "ise" => own.times(own, 1).and_then(|square| square.times(&Unit::SECOND, 1)),
+            "travel_per_s" => own.times(&Unit::SECOND, -1),
+            _ => return Self { unit: *own, signal: Some(signal.clone()) },
+        };
+        // Exponents of real units stay far inside their range.
+        Self { unit: unit.unwrap_or(*own), signal: None }
+    }
+
+    /// Why a number without a unit cannot be taken, with both of its readings; `None` where it can.
+    pub fn two_readings(&self, value: f64) -> Option<String> {
+        match &self.signal {
+            Some(signal) => signal.two_readings(value),
+            None => two_readings(value, &self.unit, None),
+        }
     }
 }
 
@@ -222,11 +239,13 @@ mod tests {
         let vehicle = Vehicle::builtin("quadrotor").unwrap();
         let unit = |signal: &str, figure: &str| {
             let all = signal_figures(&vehicle, signal).unwrap();
-            all.into_iter().find(|(name, _)| *name == figure).unwrap().1
+            all.into_iter().find(|(name, _)| *name == figure).unwrap().1.unit.si_symbol()
         };
         assert_eq!(unit("roll", "peak"), "rad");
         assert_eq!(unit("roll", "ise"), "rad^2*s");
         assert_eq!(unit("roll_rate", "recovery_s"), "s");
+        assert_eq!(unit("roll_rate", "iae"), "rad");
+        assert_eq!(unit("roll_rate", "ise"), "rad^2/s");
         assert_eq!(unit("u_roll", "travel_per_s"), "1/s");
         assert_eq!(signal_figures(&vehicle, "yaw"), None);
     }

@@ -1,5 +1,7 @@
 //! Values as an engineer reads them: angles in degrees, three or four digits.
 
+pub use whirlstand_msgs::units::{clean, number};
+
 /// The unit in which values with the given SI unit are shown, and how many of it one SI unit is.
 fn display(si: &str) -> (String, f64) {
     let degree = 180.0 / std::f64::consts::PI;
@@ -29,21 +31,6 @@ pub fn shown(value: f64, si: &str) -> String {
     if unit.is_empty() { number } else { format!("{number} {unit}") }
 }
 
-/// A number with about three significant digits.
-pub fn number(v: f64) -> String {
-    let size = v.abs();
-    if v == 0.0 {
-        "0".into()
-    } else if !v.is_finite() {
-        "-".into()
-    } else if !(1e-4..1e6).contains(&size) {
-        format!("{v:.2e}")
-    } else {
-        let decimals = (2 - size.log10().floor() as i32).max(0) as usize;
-        format!("{v:.decimals$}")
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,6 +43,5 @@ mod tests {
         assert_eq!(shown(0.0, ""), "0");
         assert_eq!(shown(1234.5, "m/s"), "1234 m/s");
         assert_eq!(shown_unit("radian"), "radian");
-        assert_eq!(number(2.5e-7), "2.50e-7");
     }
 }

@@ -18,6 +18,21 @@ impl Vehicle {
         Ok(())
     }
 
+    /// Adds an effect that was read from a file, as a person wrote it there.
+    ///
+    /// # Errors
+    /// As [`Vehicle::add_effect`], and when a number without a unit could be meant in another unit than that of SI.
+    pub fn add_written_effect(&mut self, effect: Effect) -> Result<(), EffectError> {
+        self.check_written_effect(&effect)?;
+        self.effects.push(effect.confirmed());
+        Ok(())
+    }
+
+    pub(crate) fn check_written_effect(&self, effect: &Effect) -> Result<(), EffectError> {
+        let place = self.check_effect(effect)?;
+        effect.check_bare(self, place)
+    }
+
     pub(crate) fn check_effect(&self, effect: &Effect) -> Result<Place, EffectError> {
         let place = effect.resolve(self)?;
         if effect.kind() == crate::effects::Kind::ModeTransition {

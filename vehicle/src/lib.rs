@@ -28,17 +28,22 @@ mod free;
 mod free_values;
 mod kinematics;
 mod model;
+mod plausible;
 mod random;
+mod signal_unit;
 mod simulator;
 
 pub use builtin::{builtin_names, template_names};
 pub use discretise::{DiscretiseError, discretise, finite_horizon_gramian, matrix_exponential};
 pub use effects::{
-    Effect, FieldValue, Kind, Matrix, Parameter, Place, PlaceKind, Requirement, SPECS, Scale, Spec,
+    Effect, FieldValue, Kind, Matrix, Parameter, ParameterUnit, Place, PlaceKind, Requirement, SPECS, Scale,
+    Spec,
 };
 pub use error::{EffectError, FileError, SimulatorError, VehicleError};
 pub use free::{Free, Provenance, Target};
 pub use kinematics::kinematic_row;
-pub use model::{Engine, Input, Output, SignalUnit, State, Vehicle, Vibration};
+pub use model::{Engine, Input, Output, State, Vehicle, Vibration};
+pub use plausible::check_attitude;
 pub use random::Stream;
+pub use signal_unit::SignalUnit;
 pub use simulator::Simulator;

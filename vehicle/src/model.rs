@@ -1,67 +1,12 @@
 //! The vehicle: signals, matrices and effects, in SI.
 
-use std::fmt;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use nalgebra::{Complex, DMatrix};
 use whirlstand_linalg::{DecompositionError, eigenvalues};
-use whirlstand_msgs::units::{Dimension, Unit, UnitError};
 
 use crate::effects::Effect;
-
-/// A unit with the text it was declared by.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SignalUnit {
-    text: String,
-    unit: Unit,
-}
-
-impl SignalUnit {
-    /// What kind of quantity it measures.
-    pub fn dimension(&self) -> Dimension {
-        self.unit.dimension()
-    }
-
-    /// How many SI units one of it is.
-    pub fn factor(&self) -> f64 {
-        self.unit.factor()
-    }
-
-    /// The unit itself.
-    pub fn unit(&self) -> &Unit {
-        &self.unit
-    }
-
-    /// Symbol of the SI unit in which values are held in memory; empty for a pure number.
-    pub fn si_symbol(&self) -> String {
-        self.unit.si_symbol()
-    }
-}
-
-impl Default for SignalUnit {
-    fn default() -> Self {
-        Self { text: "1".into(), unit: Unit::ONE }
-    }
-}
-
-impl FromStr for SignalUnit {
-    type Err = UnitError;
-
-    fn from_str(text: &str) -> Result<Self, UnitError> {
-        let unit: Unit = text.parse()?;
-        if unit.to_si(0.0) != 0.0 {
-            return Err(UnitError::Offset { symbol: text.into(), text: "a linear model".into() });
-        }
-        Ok(Self { text: text.into(), unit })
-    }
-}
-
-impl fmt::Display for SignalUnit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
-    }
-}
+use crate::signal_unit::SignalUnit;
 
 /// How many times the vehicle's largest scale a state may be, where the file gives no bound.
 const DEFAULT_BOUND_SCALES: f64 = 1e3;

@@ -125,7 +125,7 @@ fn errors_name_file_line_field_and_reason() {
             &["line 25: effects[1].where", "must name an input", "there are u"],
         ),
         ("delay_s", "delay", &["line 26: effects[1].delay", "did you mean 'delay_s'?"]),
-        ("\"80 ms\"", "-1", &["line 26: effects[1].delay_s", "from 0 to 60"]),
+        ("\"80 ms\"", "-1", &["line 26: effects[1].delay_s", "from 0 s to 60 s, but is -1 s"]),
         ("\"80 ms\"", "\"80 deg\"", &["line 26: effects[1].delay_s", "quantity in s"]),
     ];
     for (from, to, parts) in cases {

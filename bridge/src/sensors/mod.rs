@@ -48,6 +48,7 @@ pub struct SensorOptions {
     #[serde(deserialize_with = "quantity::angle")]
     pub heading: f64,
     /// Noise of the gyroscope beside that of the vehicle's rate outputs, rad/s.
+    #[serde(deserialize_with = "quantity::rate")]
     pub gyro_noise: f64,
     /// Noise of the accelerometer beside that of the vehicle's angle outputs, m/s^2.
     pub accel_noise: f64,

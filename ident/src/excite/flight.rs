@@ -126,11 +126,13 @@ pub enum ExciteError {
     },
     /// Nothing says how far a setpoint may move.
     #[error(
-        "nothing says how far the setpoint of {name} may move: give the greatest value of the output that shows it, as in --limit {name}=2"
+        "nothing says how far the setpoint of {name} may move: give the greatest value of the output that shows it, as in --limit '{name}=2 {unit}'"
     )]
     NoRange {
         /// The state.
         name: String,
+        /// Its unit.
+        unit: String,
     },
     /// The vehicle cannot be simulated.
     #[error(transparent)]

@@ -144,7 +144,7 @@ fn tops(vehicle: &Vehicle, options: &Options, limits: &[f64]) -> Result<Vec<(Str
                 });
                 match shown.map(|i| limits[i] / vehicle.c[(i, j)].abs()) {
                     Some(range) if range.is_finite() => Ok((name, options.amplitude * range)),
-                    _ => Err(ExciteError::NoRange { name }),
+                    _ => Err(ExciteError::NoRange { name, unit: vehicle.states[j].unit.to_string() }),
                 }
             })
             .collect();

@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
+use whirlstand_logs::shown::{clean, number, shown};
 use whirlstand_vehicle::Vehicle;
 
 use super::Flight;
-use whirlstand_logs::shown::{number, shown};
 
 impl Flight {
     /// The flight as text for a terminal, without colour.
@@ -92,9 +92,9 @@ impl Flight {
         out
     }
 
-    /// A launch file that flies the test signals; `vehicle` is a built-in name or a path, `controller` the lines of
-    /// `[controller]` beside the law.
-    pub fn launch(&self, reference: &str, controller: &str) -> String {
+    /// A launch file that flies the test signals; `reference` is the vehicle's built-in name or path, `controller` the
+    /// lines of `[controller]` beside the law. Values are those of [`Flight::csv`], with their units.
+    pub fn launch(&self, vehicle: &Vehicle, reference: &str, controller: &str) -> String {
         let law = self.controller.as_deref().unwrap_or("manual");
         let role = match (&self.controller, self.through.as_str()) {
             (None, _) => "the stick is the test input",
@@ -107,9 +107,10 @@ impl Flight {
              rate_hz = {}\nduration_s = {}\nseed = 1\n\n",
             self.vehicle,
             toml_text(reference),
-            1.0 / self.period_s,
-            self.duration_s
+            clean(1.0 / self.period_s),
+            clean(self.duration_s)
         );
+        let units: Vec<String> = self.amplitudes.iter().map(|(name, _)| self.unit(vehicle, name)).collect();
         let _ =
             writeln!(out, "# Only changes are written; a value holds until the next.\n{} = [", self.through);
         let mut last = vec![0.0; self.signals.len()];
@@ -122,7 +123,11 @@ impl Flight {
             let _ = write!(out, "    {{ at_s = {:.6}", k as f64 * self.period_s);
             for j in changed {
                 last[j] = self.signals[j][k];
-                let _ = write!(out, ", {} = {:.9}", toml_text(&self.amplitudes[j].0), last[j]);
+                let value = match units[j].as_str() {
+                    "" => format!("{:.9}", last[j]),
+                    unit => toml_text(&format!("{:.9} {unit}", last[j])),
+                };
+                let _ = write!(out, ", {} = {value}", toml_text(&self.amplitudes[j].0));
             }
             out.push_str(" },\n");
         }

@@ -201,7 +201,7 @@ pub(crate) struct ExciteArgs {
     /// An option of the law, for example bandwidth=4; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Largest predicted value of an output, for example roll="10 deg" (a number is SI); may be repeated. Angles stay
+    /// Largest predicted value of an output, for example roll="10 deg"; may be repeated. Angles stay
     /// below 20 deg unless this says otherwise.
     #[arg(long = "limit", value_name = "OUTPUT=VALUE")]
     pub limit: Vec<String>,

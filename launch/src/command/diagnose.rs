@@ -10,7 +10,7 @@ use whirlstand_diagnose::{Diagnosis, Options, Watch, diagnose as run};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
-use super::log::read_for;
+use super::log::{check_delays, read_for};
 use super::stage_line::StageLine;
 use super::vehicles::find;
 use super::{INTERRUPTED, print, write, write_json};
@@ -108,6 +108,7 @@ fn part(path: &Path, args: &DiagnoseArgs, vehicle: &Vehicle) -> Result<Record, F
     if args.part.from.is_some() || args.part.to.is_some() {
         record = record
             .between(args.part.from.unwrap_or(f64::NEG_INFINITY), args.part.to.unwrap_or(f64::INFINITY));
+        check_delays(vehicle, &record)?;
     }
     Ok(record)
 }

@@ -31,7 +31,7 @@ pub(crate) fn excite(args: &ExciteArgs) -> Result<ExitCode, Failure> {
     if let Some((csv, launch)) = &files {
         write(csv, &flight.csv(&vehicle))?;
         let lines: String = args.set.iter().map(|a| line(a)).collect();
-        write(launch, &flight.launch(&reference(&args.vehicle), &lines))?;
+        write(launch, &flight.launch(&vehicle, &reference(&args.vehicle), &lines))?;
     }
     if let Some(path) = &args.json.path {
         write_json(&flight, path)?;
@@ -126,21 +126,17 @@ fn options(args: &ExciteArgs, vehicle: &Vehicle) -> Result<Options, Failure> {
         let wrong = |reason: String| Failure::Mend(format!("--limit {text}: {reason}"));
         let (name, value) =
             text.split_once('=').ok_or_else(|| wrong("write OUTPUT=VALUE, as in roll=\"10 deg\"".into()))?;
-        if vehicle.output_index(name).is_none() {
+        let Some(i) = vehicle.output_index(name) else {
             let known = vehicle.outputs.iter().map(|o| o.name.as_str());
             return Err(wrong(format!("{} of the vehicle {}", unknown("output", name, known), vehicle.name)));
-        }
+        };
+        let unit = &vehicle.outputs[i].unit;
         let value = match value.trim().parse::<f64>() {
-            Ok(value) => value,
+            Ok(value) => unit.two_readings(value).map_or(Ok(value), |why| Err(wrong(why)))?,
             Err(_) => {
                 let quantity: Quantity = value.parse().map_err(|e| wrong(format!("{e}")))?;
-                match vehicle.output_index(name) {
-                    Some(i) => {
-                        let unit = vehicle.outputs[i].unit.unit();
-                        unit.to_si(quantity.in_unit(unit).map_err(|e| wrong(e.to_string()))?)
-                    }
-                    None => quantity.si,
-                }
+                quantity.in_unit(unit.unit()).map_err(|e| wrong(e.to_string()))?;
+                quantity.si
             }
         };
         if value > 0.0 {

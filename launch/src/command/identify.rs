@@ -11,6 +11,7 @@ use whirlstand_ident::identify::{
     Log, Method, Noise, Nuisance, Options, Progress, Segment, Source, identify as run,
 };
 use whirlstand_logs::Record;
+use whirlstand_msgs::units::clean;
 use whirlstand_vehicle::Vehicle;
 
 use super::log::{hash, read_all_for};
@@ -151,8 +152,16 @@ fn parts(
 
 /// Moves the signals whose delay is known; says what lags when nobody asked.
 fn aligned(record: Record, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Record, Failure> {
-    for (name, _) in &args.delay {
+    for (name, delay) in &args.delay {
         record.signal(name).map_err(|e| Failure::Mend(format!("--delay {name}: {e}")))?;
+        if delay.abs() >= record.duration() {
+            return Err(Failure::Mend(format!(
+                "--delay {name}={delay}: {delay} s = {} ms, but {} lasts {} s: nothing would be left of {name}",
+                clean(1e3 * delay),
+                record.origin,
+                clean(record.duration())
+            )));
+        }
     }
     let mut delays = args.delay.clone();
     let given = |name: &str| args.delay.iter().any(|(n, _)| n == name);

@@ -120,8 +120,23 @@ fn in_units_of(vehicle: &Vehicle, record: Record, given: &[Mapping]) -> Result<R
     let record = record.expecting(inputs.chain(outputs));
     match record.unreadable().iter().find(|u| given.iter().any(|m| m.name == u.name)) {
         Some(wrong) => Err(Failure::mend(wrong)),
-        None => Ok(record),
+        None => check_delays(vehicle, &record).map(|()| record),
     }
+}
+
+/// Refuses a delay of the vehicle that a record is too short to show.
+///
+/// # Errors
+/// With the delay in two units.
+pub(crate) fn check_delays(vehicle: &Vehicle, record: &Record) -> Result<(), Failure> {
+    if record.time_unit == "samples" {
+        return Ok(());
+    }
+    let span = format!("the record {}", record.origin);
+    let mut checked = vehicle.effects.iter().map(|e| e.check_delay(record.duration(), &span));
+    checked
+        .find_map(Result::err)
+        .map_or(Ok(()), |e| Err(Failure::Mend(format!("vehicle '{}': {e}", vehicle.name))))
 }
 
 fn export(record: &Record, output: &Path) -> Result<(), Failure> {

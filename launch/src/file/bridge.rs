@@ -4,10 +4,12 @@ use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, ConfigError};
 use whirlstand_bridge::vehicle::{Bench, Vehicle};
 use whirlstand_bus::Transport;
+use whirlstand_msgs::units::{Unit, two_readings};
 use whirlstand_nodes::bridge::link::Address;
 use whirlstand_nodes::bridge::vehicle::inputs_of;
 use whirlstand_nodes::config::{Mode, Role};
 
+use super::amount::Amount;
 use super::document::{LaunchError, Step, at};
 use super::plan::Planner;
 use super::schema::LaunchFile;
@@ -34,6 +36,7 @@ impl Planner<'_> {
                 "a bridge is a process of its own: transport = \"iceoryx2\" or \"zenoh\" is expected";
             return Err(self.document.error_at(at!["transport"], message));
         }
+        self.check_bare_angles()?;
         let config = BridgeConfig { kind, options: file.bridge.clone() };
         if kind.is_vehicle() {
             if file.mode == Mode::Lockstep {
@@ -52,6 +55,35 @@ impl Planner<'_> {
             }
         }
         Ok(Some(config))
+    }
+
+    /// Angles, rates and angular accelerations of the bridge: no file declares a unit for them, so a number alone could be
+    /// meant in degrees as well as in radians.
+    fn check_bare_angles(&self) -> Result<(), LaunchError> {
+        let refuse = |path: &[Step<'_>], amount: &Amount, symbol: &str| {
+            let unit: Unit = symbol.parse().unwrap_or(Unit::ONE);
+            let Amount::Si(value) = amount else { return Ok(()) };
+            let why = two_readings(*value, &unit, Some(symbol));
+            why.map_or(Ok(()), |why| Err(self.document.error_at(path, format!("this {why}"))))
+        };
+        let quantities: [(&[Step<'_>], &str); 7] = [
+            (at!["bridge", "sensors", "heading"], "deg"),
+            (at!["bridge", "sensors", "field", "inclination"], "deg"),
+            (at!["bridge", "sensors", "field", "declination"], "deg"),
+            (at!["bridge", "sensors", "gyro_noise"], "deg/s"),
+            (at!["bridge", "mixer", "roll", "acceleration"], "deg/s^2"),
+            (at!["bridge", "mixer", "pitch", "acceleration"], "deg/s^2"),
+            (at!["bridge", "mixer", "yaw", "acceleration"], "deg/s^2"),
+        ];
+        for (path, symbol) in quantities {
+            let amount: Option<Amount> = self.document.read_at(path)?;
+            amount.map_or(Ok(()), |amount| refuse(path, &amount, symbol))?;
+        }
+        let azimuths: Option<Vec<Amount>> = self.document.read_at(at!["bridge", "mixer", "azimuths"])?;
+        for (i, azimuth) in azimuths.unwrap_or_default().iter().enumerate() {
+            refuse(at!["bridge", "mixer", "azimuths", i], azimuth, "deg")?;
+        }
+        Ok(())
     }
 
     fn check_vehicle_bridge(&self, file: &LaunchFile, config: &BridgeConfig) -> Result<(), LaunchError> {

@@ -24,7 +24,8 @@ pub(super) fn read(
     all.retain(|strict| !keys.contains(&&strict.key));
     for &key in keys {
         if let Some((_, unit)) = BENCH_LIMITS.iter().find(|(known, _)| known == key) {
-            let limit = limit(document, at!["expect", key], unit)?;
+            let unit_of_limit = unit.parse().unwrap_or(Unit::ONE);
+            let limit = limit(document, at!["expect", key], &unit_of_limit, key, |_| None)?;
             all.push(Expectation { key: key.clone(), limit, unit: (*unit).into() });
         } else if let Some(known) = signal_figures(vehicle, key) {
             let figures: BTreeMap<String, Amount> = document.read_at(at!["expect", key])?.unwrap_or_default();
@@ -34,8 +35,9 @@ pub(super) fn read(
                     let names = known.iter().map(|(name, _)| *name);
                     return Err(document.error_at(here, unknown("figure", figure, names)));
                 };
-                let limit = limit(document, here, unit)?;
-                all.push(Expectation { key: format!("{key}.{figure}"), limit, unit: unit.clone() });
+                let name = format!("{key}.{figure}");
+                let limit = limit(document, here, &unit.unit, &name, |value| unit.two_readings(value))?;
+                all.push(Expectation { key: name, limit, unit: unit.unit.si_symbol() });
             }
         } else {
             let signals = vehicle.outputs.iter().map(|o| o.name.as_str());
@@ -47,10 +49,21 @@ pub(super) fn read(
     Ok(all)
 }
 
-fn limit(document: &Document, here: &[super::document::Step<'_>], unit: &str) -> Result<f64, LaunchError> {
-    let unit: Unit = unit.parse().unwrap_or(Unit::ONE);
+/// A limit in SI; `readings` says why a number cannot stand there without a unit.
+fn limit(
+    document: &Document,
+    here: &[super::document::Step<'_>],
+    unit: &Unit,
+    name: &str,
+    readings: impl Fn(f64) -> Option<String>,
+) -> Result<f64, LaunchError> {
     let amount: Option<Amount> = document.read_at(here)?;
-    let limit = amount.map_or(Ok(f64::NAN), |a| a.si(&unit));
+    if let Some(Amount::Si(value)) = amount
+        && let Some(why) = readings(value)
+    {
+        return Err(document.error_at(here, format!("{name} {why}")));
+    }
+    let limit = amount.map_or(Ok(f64::NAN), |a| a.si(unit));
     let limit = limit.map_err(|e| document.error_at(here, e.to_string()))?;
     if limit >= 0.0 {
         Ok(limit)
@@ -108,6 +121,16 @@ mod tests {
             ("[expect]\n\nrol.peak = 1\n", "line 3", "'roll'"),
             ("[expect]\nroll.peek = 1\n", "line 2", "'peak'"),
             ("[expect]\nroll.peak = '1 m'\n", "line 2", "rad"),
+            (
+                "[expect]\nroll.peak = 10\n",
+                "line 2",
+                "roll.peak is 10 without a unit: 10 rad = 573 deg, or 10 deg",
+            ),
+            (
+                "[expect]\nroll.iae = 1\n",
+                "line 2",
+                "1 rad*s, or 0.0175 rad*s by the units that the file declares",
+            ),
             ("[expect]\nmax_lost = -1\n", "line 2", "at least 0"),
         ] {
             let error = expectations(text).unwrap_err();

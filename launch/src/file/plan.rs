@@ -9,7 +9,7 @@ use whirlstand_msgs::units::Unit;
 use whirlstand_nodes::config::{
     NodeConfig, PlantConfig, RealtimeOptions, RecorderConfig, Role, SignalChange, VehicleSource,
 };
-use whirlstand_vehicle::{Effect, Vehicle};
+use whirlstand_vehicle::{Effect, SignalUnit, Vehicle, check_attitude};
 
 use super::amount::{Amount, Seconds};
 use super::document::{Document, LaunchError, Step, at};
@@ -63,7 +63,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
     let planner = Planner { document, vehicle: &vehicle };
     planner.check_numbers(&file)?;
     planner.check_names(&file)?;
-    let (effects, extended) = planner.effects(file.effects.len())?;
+    let (effects, extended) = planner.effects(file.effects.len(), file.duration_s.0)?;
     let nodes = planner.nodes(&file)?;
     let native = |role: Role| {
         let node = nodes.iter().find(|n| n.role == Some(role));
@@ -296,14 +296,33 @@ impl Planner<'_> {
         let Some(i) = self.vehicle.state_index(name) else {
             return Err(self.document.error_at(here, unknown("state", name, self.states())));
         };
-        self.si(here, amount, self.vehicle.states[i].unit.unit())
+        let state = &self.vehicle.states[i];
+        let value = self.signal(here, name, amount, &state.unit)?;
+        check_attitude(state, value)
+            .map_or(Ok(value), |why| Err(self.document.error_at(here, format!("{name} {why}"))))
     }
 
     fn input_value(&self, here: &[Step<'_>], name: &str, amount: &Amount) -> Result<f64, LaunchError> {
         let Some(i) = self.vehicle.input_index(name) else {
             return Err(self.document.error_at(here, unknown("input", name, self.inputs())));
         };
-        self.si(here, amount, self.vehicle.inputs[i].unit.unit())
+        self.signal(here, name, amount, &self.vehicle.inputs[i].unit)
+    }
+
+    /// A value of a signal in SI; without a unit only where the number can mean one thing.
+    fn signal(
+        &self,
+        here: &[Step<'_>],
+        name: &str,
+        amount: &Amount,
+        unit: &SignalUnit,
+    ) -> Result<f64, LaunchError> {
+        if let Amount::Si(value) = amount
+            && let Some(why) = unit.two_readings(*value)
+        {
+            return Err(self.document.error_at(here, format!("{name} {why}")));
+        }
+        self.si(here, amount, unit.unit())
     }
 
     fn si(&self, here: &[Step<'_>], amount: &Amount, unit: &Unit) -> Result<f64, LaunchError> {
@@ -343,15 +362,21 @@ impl Planner<'_> {
     }
 
     /// The launch file's effects, and the vehicle that has them.
-    fn effects(&self, count: usize) -> Result<(Vec<Effect>, Vehicle), LaunchError> {
+    fn effects(&self, count: usize, duration_s: f64) -> Result<(Vec<Effect>, Vehicle), LaunchError> {
         let mut extended = self.vehicle.clone();
         let own = extended.effects.len();
         for i in 0..count {
             let here: &[_] = at!["effects", i];
             let Some(effect) = self.document.read_at::<Effect>(here)? else { continue };
-            extended.add_effect(effect).map_err(|e| {
+            extended.add_written_effect(effect).map_err(|e| {
                 let field = e.field.clone().unwrap_or_else(|| "where".into());
                 self.document.error_at(at!["effects", i, &field], e.to_string())
+            })?;
+        }
+        for (i, effect) in extended.effects.iter().enumerate() {
+            effect.check_delay(duration_s, "the run").map_err(|e| match i.checked_sub(own) {
+                Some(i) => self.document.error_at(at!["effects", i, "delay_s"], e.to_string()),
+                None => self.document.error_at(at!["vehicle"], e.to_string()),
             })?;
         }
         Ok((extended.effects[own..].to_vec(), extended))

@@ -77,6 +77,61 @@ fn quantities_arrive_in_si() {
 }
 
 #[test]
+fn a_number_without_a_unit_is_refused_where_it_could_be_meant_in_two() {
+    for (text, line, words) in [
+        (
+            "[[setpoint]]\nat_s = 1\nroll = 5\n",
+            "line 5",
+            "roll is 5 without a unit: 5 rad = 286 deg, or 5 deg",
+        ),
+        ("[plant]\ninitial = { roll_rate = 0.1 }\n", "line 4", "0.1 rad/s = 5.73 deg/s, or 0.1 deg/s"),
+        (
+            "[[effects]]\neffect = 'pulse_disturbance'\nwhere = 'roll_rate'\nat_s = 1\nduration_s = 0.2\nmagnitude = 60\n",
+            "line 8",
+            "magnitude is 60 without a unit: 60 rad/s^2 = 3438 deg/s^2, or 60 deg/s^2",
+        ),
+    ] {
+        let error = plain(&format!("{SMALL}{text}")).unwrap_err();
+        assert!(error.place.ends_with(line) && error.message.contains(words), "{text}: {error}");
+        assert!(error.message.contains("write the unit"), "{error}");
+    }
+    let set = |assignment: &str| {
+        let overrides = OverrideArgs { set: vec![assignment.into()], ..OverrideArgs::default() };
+        read(SMALL, &overrides).map(|jobs| jobs.runs[0].plan.config.plant.initial["roll"])
+    };
+    let error = set("plant.initial.roll=10").unwrap_err().to_string();
+    let words = "--set plant.initial.roll=10: roll is 10 without a unit: 10 rad = 573 deg, or 10 deg";
+    assert!(error.starts_with(words), "{error}");
+    assert_eq!(set("plant.initial.roll=0").unwrap(), 0.0);
+    assert_eq!(set("plant.initial.roll=0.1 rad").unwrap(), 0.1);
+    // Declared in SI, or without a unit: there is one reading.
+    let hover = "vehicle = 'helicopter-hover'\ncontroller.law = 'lqr'\n[[setpoint]]\nat_s = 1\nlateral_speed = 0.5\n\
+                 [[stick]]\nat_s = 1\nu_roll = 0.1\n";
+    assert_eq!(plain(hover).unwrap().runs[0].plan.config.setpoint[0].values["lateral_speed"], 0.5);
+}
+
+#[test]
+fn implausible_values_are_refused_and_read_back_in_two_units() {
+    for (text, line, words) in [
+        (
+            "plant.initial.roll = '120 deg'\n",
+            "line 3",
+            "roll is 120 deg = 2.09 rad: an attitude beyond 90 deg",
+        ),
+        ("[[setpoint]]\nat_s = 1\npitch = '-10 rad'\n", "line 5", "pitch is -573 deg = -10.0 rad"),
+        (
+            "[[effects]]\neffect = 'input_delay'\nwhere = 'u_roll'\ndelay_s = 60\n",
+            "line 6",
+            "delay_s is 60 s = 60000 ms, but the run lasts 12 s",
+        ),
+    ] {
+        let error = plain(&format!("{SMALL}{text}")).unwrap_err();
+        assert!(error.place.ends_with(line) && error.message.contains(words), "{text}: {error}");
+    }
+    assert!(plain(&format!("{SMALL}plant.initial.roll = '90 deg'\n")).is_ok());
+}
+
+#[test]
 fn the_command_line_is_stronger_than_a_variant_and_a_variant_than_the_file() {
     let text = format!(
         "{SMALL}seed = 1\n[[variants]]\nname = 'one'\nset = {{ 'controller.law' = 'lqr', seed = 2 }}\n\

@@ -16,13 +16,17 @@
 //! assert!((tilt.in_unit(&"rad".parse().unwrap()).unwrap() - 5f64.to_radians()).abs() < 1e-15);
 //! ```
 
+mod bare;
 mod dimension;
+mod number;
 mod symbols;
 mod unit;
 
 use std::str::FromStr;
 
+pub use self::bare::two_readings;
 pub use self::dimension::Dimension;
+pub use self::number::{clean, number};
 use self::symbols::lookup;
 pub use self::unit::Unit;
 

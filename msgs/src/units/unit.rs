@@ -16,6 +16,22 @@ impl Unit {
     /// The second.
     pub const SECOND: Self = Self { factor: 1.0, offset: 0.0, dimension: TIME };
 
+    /// The coherent SI unit of a dimension.
+    pub const fn coherent(dimension: Dimension) -> Self {
+        Self { factor: 1.0, offset: 0.0, dimension }
+    }
+
+    /// This unit times a power of another, zero points aside; `None` when an exponent leaves the range of i8.
+    pub fn times(&self, other: &Self, power: i8) -> Option<Self> {
+        let dimension = self.dimension.times(other.dimension, power)?;
+        // A quotient, so that a unit over itself is exactly one.
+        let factor = match power {
+            ..0 => self.factor / other.factor.powi(-i32::from(power)),
+            _ => self.factor * other.factor.powi(power.into()),
+        };
+        Some(Self { factor, offset: 0.0, dimension })
+    }
+
     /// The value in SI of `value` in this unit.
     pub fn to_si(&self, value: f64) -> f64 {
         // A unit of SI leaves every bit as it is, NaN payloads and signed zeros too.

@@ -20,11 +20,13 @@ mod place;
 mod resolve;
 mod serial;
 mod table;
+mod units;
 
 pub use field::FieldValue;
 pub use kind::Kind;
 pub use place::{Matrix, Place};
 pub use table::{Parameter, PlaceKind, Requirement, SPECS, Scale, Spec};
+pub use units::ParameterUnit;
 
 use whirlstand_msgs::names::did_you_mean;
 use whirlstand_msgs::units::Dimension;
@@ -145,12 +147,16 @@ impl Effect {
                 return Err(self.error(Some(p.name), format!("{value} is not a finite number")));
             }
             if value < p.lower || value > p.upper {
-                let range = match (p.lower.is_finite(), p.upper.is_finite()) {
-                    (true, true) => format!("must be from {} to {}", p.lower, p.upper),
-                    (true, false) => format!("must be at least {}", p.lower),
-                    _ => format!("must be at most {}", p.upper),
+                let unit = match p.own_unit() {
+                    None | Some("") => String::new(),
+                    Some(symbol) => format!(" {symbol}"),
                 };
-                return Err(self.error(Some(p.name), format!("{range}, but is {value}")));
+                let range = match (p.lower.is_finite(), p.upper.is_finite()) {
+                    (true, true) => format!("must be from {}{unit} to {}{unit}", p.lower, p.upper),
+                    (true, false) => format!("must be at least {}{unit}", p.lower),
+                    _ => format!("must be at most {}{unit}", p.upper),
+                };
+                return Err(self.error(Some(p.name), format!("{range}, but is {value}{unit}")));
             }
         }
         if let (Some(lower), Some(upper)) = (self.parameter("lower"), self.parameter("upper"))
@@ -185,7 +191,7 @@ mod tests {
     fn parameters_are_checked() {
         let message = |e: Result<Effect, EffectError>| e.unwrap_err().to_string();
         let negative = Effect::new(Kind::InputDelay, "u_roll", &[("delay_s", -0.1)]);
-        assert!(message(negative).contains("delay_s must be from 0 to 60, but is -0.1"));
+        assert!(message(negative).contains("delay_s must be from 0 s to 60 s, but is -0.1 s"));
         let missing = Effect::new(Kind::PulseDisturbance, "roll", &[("at_s", 1.0), ("duration_s", 1.0)]);
         assert!(message(missing).contains("magnitude is missing"));
         let typo = Effect::new(Kind::InputDelay, "u_roll", &[("delay", 0.1)]);

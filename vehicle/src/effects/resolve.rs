@@ -1,11 +1,10 @@
 //! From the `where` of an effect to its place in a vehicle.
 
 use whirlstand_msgs::names::did_you_mean;
-use whirlstand_msgs::units::{Dimension, Unit};
 
 use super::Effect;
 use super::place::{Matrix, Place};
-use super::table::{PlaceKind, Scale};
+use super::table::PlaceKind;
 use crate::error::{EffectError, list};
 use crate::model::Vehicle;
 
@@ -16,10 +15,17 @@ impl Effect {
     /// When the place does not exist or is of the wrong kind (the message says which are valid), or when a
     /// unit does not fit.
     pub fn resolve(&self, vehicle: &Vehicle) -> Result<Place, EffectError> {
+        let place = self.find_place(vehicle)?;
+        self.check_units(vehicle, place)?;
+        Ok(place)
+    }
+
+    /// Finds the effect's place in `vehicle`.
+    pub(super) fn find_place(&self, vehicle: &Vehicle) -> Result<Place, EffectError> {
         let inputs = || vehicle.inputs.iter().map(|s| s.name.as_str());
         let outputs = || vehicle.outputs.iter().map(|s| s.name.as_str());
         let states = || vehicle.states.iter().map(|s| s.name.as_str());
-        let place = match self.kind.spec().place {
+        Ok(match self.kind.spec().place {
             PlaceKind::Input => Place::Input(self.find("input", &self.place, inputs)?),
             PlaceKind::Output => Place::Output(self.find("output", &self.place, outputs)?),
             PlaceKind::State => Place::State(self.find("state", &self.place, states)?),
@@ -40,9 +46,7 @@ impl Effect {
             PlaceKind::Vehicle => {
                 return Err(self.error(Some("where"), "must be \"vehicle\"".into()));
             }
-        };
-        self.check_units(vehicle, place)?;
-        Ok(place)
+        })
     }
 
     /// Forgets in which units values were written, once they are known to fit.
@@ -107,51 +111,4 @@ impl Effect {
         }
         Ok(Place::Entry(matrix, row - 1, column - 1))
     }
-
-    fn check_units(&self, vehicle: &Vehicle, place: Place) -> Result<(), EffectError> {
-        let none = Unit::ONE.dimension();
-        let time = Unit::SECOND.dimension();
-        let input = |i: usize| vehicle.inputs[i].unit.dimension();
-        let output = |i: usize| vehicle.outputs[i].unit.dimension();
-        let state = |i: usize| vehicle.states[i].unit.dimension();
-        let (first, second) = match place {
-            Place::Input(i) => (input(i), none),
-            Place::InputPair(i, j) => (input(i), input(j)),
-            Place::Output(i) => (output(i), none),
-            Place::OutputPair(i, j) => (output(i), output(j)),
-            Place::State(i) => (state(i), none),
-            Place::StatePair(i, j) => (state(i), state(j)),
-            Place::Entry(Matrix::A, i, j) => (state(j), over(state(i), time, 1)),
-            Place::Entry(Matrix::B, i, j) => (input(j), over(state(i), time, 1)),
-            Place::Entry(Matrix::C, i, j) => (state(j), output(i)),
-            Place::Entry(Matrix::D, i, j) => (input(j), output(i)),
-            Place::Vehicle => (none, none),
-        };
-        for &(index, found) in &self.written {
-            let parameter = &self.kind.spec().parameters[index];
-            let expected = match parameter.scale {
-                Scale::One => none,
-                Scale::Time => time,
-                Scale::Frequency => over(none, time, 1),
-                Scale::Angle => continue,
-                Scale::Signal => first,
-                Scale::SignalRate => over(first, time, 1),
-                Scale::Drag => over(over(none, time, 1), first, 1),
-                Scale::Cubic => over(over(second, time, 1), first, 3),
-                Scale::Entry | Scale::Coupling => over(second, first, 1),
-            };
-            if found != expected {
-                let name =
-                    |d: Dimension| if d.is_none() { "a pure number".into() } else { format!("in {d}") };
-                let reason = format!("must be {}, but is {}", name(expected), name(found));
-                return Err(self.error(Some(parameter.name), reason));
-            }
-        }
-        Ok(())
-    }
-}
-
-/// `a` divided by `b` to a power. Exponents of real units stay far inside i8; a unit beyond that cannot match.
-fn over(a: Dimension, b: Dimension, power: i8) -> Dimension {
-    a.times(b, -power).unwrap_or(a)
 }

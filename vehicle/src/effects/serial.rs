@@ -9,7 +9,7 @@ use whirlstand_msgs::units::{Quantity, Unit, UnitError};
 use super::Effect;
 use super::field::FieldValue;
 use super::kind::Kind;
-use super::table::{Requirement, Scale};
+use super::table::Requirement;
 use crate::error::EffectError;
 
 impl Effect {
@@ -76,14 +76,7 @@ impl Effect {
             FieldValue::Text(text) => {
                 let quantity: Quantity =
                     text.parse().map_err(|e: UnitError| self.error(Some(name), format!("is wrong: {e}")))?;
-                let fixed = match spec.parameters[index].scale {
-                    Scale::One => Some("1"),
-                    Scale::Time => Some("s"),
-                    Scale::Frequency => Some("1/s"),
-                    Scale::Angle => Some("rad"),
-                    _ => None,
-                };
-                match fixed.map(str::parse::<Unit>) {
+                match spec.parameters[index].own_unit().map(str::parse::<Unit>) {
                     Some(unit) => unit
                         .and_then(|unit| quantity.in_unit(&unit))
                         .map_err(|e| self.error(Some(name), format!("is wrong: {e}")))?,

@@ -74,6 +74,21 @@ pub struct Parameter {
     pub requirement: Requirement,
 }
 
+impl Parameter {
+    /// The unit that belongs to the parameter wherever it stands, as in `delay_s`; empty for a pure number, `None` where
+    /// the place decides.
+    pub fn own_unit(&self) -> Option<&'static str> {
+        match self.scale {
+            Scale::One => Some(""),
+            Scale::Time => Some("s"),
+            Scale::Frequency if self.name.ends_with("_hz") => Some("Hz"),
+            Scale::Frequency => Some("1/s"),
+            Scale::Angle => Some("rad"),
+            _ => None,
+        }
+    }
+}
+
 /// One row of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spec {

@@ -9,7 +9,8 @@ use whirlstand_msgs::units::Unit;
 
 use super::table::Table;
 use crate::error::FileError;
-use crate::model::{Input, SignalUnit, State};
+use crate::model::{Input, State};
+use crate::signal_unit::SignalUnit;
 
 /// An axis: its key, the names of its integral, its rate and its input, and their units.
 const AXES: [(&str, [&str; 3], [&str; 2]); 2] = [
@@ -43,14 +44,15 @@ pub(super) fn axes(file: &Table<'_>, states: &[State], inputs: &[Input]) -> Resu
         }
         let signal_unit = |text: &str| {
             text.parse::<SignalUnit>()
+                .map(SignalUnit::implied)
                 .map_err(|e: whirlstand_msgs::units::UnitError| node.error(e.to_string()))
         };
-        let gain = table.requirement("gain")?.quantity(signal_unit(rate_unit)?.unit())?;
         let time = table.requirement("time_constant_s")?;
         let time_constant = time.magnitude(&Unit::SECOND)?;
         if time_constant == 0.0 {
             return Err(time.error("must be above 0"));
         }
+        let gain = table.requirement("gain")?.signal_value(&signal_unit(rate_unit)?)?;
         let limit = |key, default| table.get(key).map_or(Ok(default), |n| n.number());
         let (lower, upper) = (limit("lower", -1.0)?, limit("upper", 1.0)?);
         if lower > upper {

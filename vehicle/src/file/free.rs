@@ -44,7 +44,7 @@ fn one(node: &Node<'_>, vehicle: &Vehicle) -> Result<Free, FileError> {
                 format!("{key} is missing: a free parameter needs bounds, as in lower = -10.0, upper = 10.0 for {name}"),
             )
         })?;
-        Ok(node.number()? * factor)
+        free_value(&node, vehicle, &target, factor)
     };
     let (lower, upper) = (bound("lower")?, bound("upper")?);
     if lower >= upper {
@@ -57,13 +57,27 @@ fn one(node: &Node<'_>, vehicle: &Vehicle) -> Result<Free, FileError> {
         let key = if lower < least { "lower" } else { "upper" };
         return Err(table.error(Some(key), format!("{name} can only be from {least} to {most}")));
     }
-    let start = table.get("start").map(|n| n.number()).transpose()?.map(|v| v * factor);
+    let start = table.get("start").map(|n| free_value(&n, vehicle, &target, factor)).transpose()?;
     if let Some(start) = start
         && !(lower..=upper).contains(&start)
     {
         return Err(table.error(Some("start"), "lies outside lower and upper"));
     }
     Ok(Free { target, lower, upper, start })
+}
+
+/// A bound or start in SI: in the units of the matrix for an entry, otherwise as the effect itself would have it.
+fn free_value(node: &Node<'_>, vehicle: &Vehicle, target: &Target, factor: f64) -> Result<f64, FileError> {
+    let unit = match target {
+        Target::Entry(..) => None,
+        Target::Effect(index, name) => vehicle.effects[*index].unit(name, vehicle),
+    };
+    let Some(unit) = unit else { return Ok(node.number()? * factor) };
+    if node.is_text() {
+        return node.quantity(unit.unit());
+    }
+    let value = node.number()?;
+    unit.two_readings(value).map_or(Ok(value), |reason| Err(node.error(reason)))
 }
 
 fn entry_target(node: &Node<'_>, vehicle: &Vehicle) -> Result<Target, FileError> {
@@ -144,11 +158,15 @@ pub fn push_free(text: &mut String, vehicle: &Vehicle) {
                     )
                 }
             };
+            let unit = match &f.target {
+                Target::Entry(..) => None,
+                Target::Effect(index, name) => vehicle.effects[*index].unit(name, vehicle),
+            };
+            let written = |si| unit.as_ref().map_or_else(|| number(si, factor), |unit| unit.written(si));
             // Writing to a String cannot fail.
-            let _ =
-                write!(line, ", lower = {}, upper = {}", number(f.lower, factor), number(f.upper, factor));
+            let _ = write!(line, ", lower = {}, upper = {}", written(f.lower), written(f.upper));
             if let Some(start) = f.start {
-                let _ = write!(line, ", start = {}", number(start, factor));
+                let _ = write!(line, ", start = {}", written(start));
             }
             push(text, &format!("    {{ {line} }},"));
         }

@@ -1,9 +1,10 @@
 //! Vehicle files: TOML in the user's units, described in `docs/vehicle-file.md`.
 
 mod axes;
+mod copies;
 mod free;
 mod map;
 mod read;
 mod table;
-mod text;
+pub(crate) mod text;
 mod write;

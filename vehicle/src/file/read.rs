@@ -6,10 +6,12 @@ use whirlstand_msgs::names::did_you_mean;
 use whirlstand_msgs::units::Unit;
 
 use super::axes;
+use super::copies::{Signal, unconverted};
 use super::table::{Node, Source, Table};
 use crate::effects::{Effect, FieldValue, Kind};
 use crate::error::FileError;
-use crate::model::{Input, Output, SignalUnit, State, Vehicle, Vibration};
+use crate::model::{Input, Output, State, Vehicle, Vibration};
+use crate::signal_unit::SignalUnit;
 
 const KEYS: &[&str] = &[
     "name",
@@ -47,23 +49,23 @@ impl Vehicle {
 
         let mut states = states(&file)?;
         let mut inputs = inputs(&file)?;
-        let a = matrix(&file, "A", (&units_of(&states), "state"), (&units_of(&states), "state"), true)?;
-        let b =
-            matrix(&file, "B", (&units_of(&states), "state"), (&units_of_inputs(&inputs), "input"), true)?;
+        let own_states = states.clone();
+        let own_inputs = inputs.clone();
+        let (state_signals, input_signals) = (signals_of(&own_states), signals_of_inputs(&own_inputs));
+        let a = matrix(&file, "A", (&state_signals, "state"), (&state_signals, "state"), true)?;
+        let b = matrix(&file, "B", (&state_signals, "state"), (&input_signals, "input"), true)?;
         let a = a.ok_or_else(|| file.error(None, "A is missing"))?;
         let b = b.ok_or_else(|| file.error(None, "B is missing"))?;
-        let own_states = units_of(&states);
-        let own_inputs = units_of_inputs(&inputs);
         let axes = axes::axes(&file, &states, &inputs)?;
         let (a, b) = axes::append(axes, &mut states, &mut inputs, a, b);
         let outputs = outputs(&file, &states)?;
-        let rows = (&outputs.iter().map(|o| o.unit.clone()).collect::<Vec<_>>()[..], "output");
-        let c = match matrix(&file, "C", rows, (&own_states, "state"), false)? {
+        let rows = (&outputs.iter().map(|o| (o.name.as_str(), &o.unit)).collect::<Vec<_>>()[..], "output");
+        let c = match matrix(&file, "C", rows, (&state_signals, "state"), false)? {
             // C and D speak of the file's own states and inputs.
             Some(c) => c.resize(outputs.len(), states.len(), 0.0),
             None => outputs_name_states(&file, &outputs, &states)?,
         };
-        let d = matrix(&file, "D", rows, (&own_inputs, "input"), false)?
+        let d = matrix(&file, "D", rows, (&input_signals, "input"), false)?
             .map(|d| d.resize(outputs.len(), inputs.len(), 0.0))
             .unwrap_or_else(|| DMatrix::zeros(outputs.len(), inputs.len()));
 
@@ -104,12 +106,12 @@ fn folder_of(origin: &str) -> Option<std::path::PathBuf> {
     std::path::Path::new(origin).parent().filter(|p| !p.as_os_str().is_empty()).map(Into::into)
 }
 
-fn units_of(states: &[State]) -> Vec<SignalUnit> {
-    states.iter().map(|s| s.unit.clone()).collect()
+fn signals_of(states: &[State]) -> Vec<Signal<'_>> {
+    states.iter().map(|s| (s.name.as_str(), &s.unit)).collect()
 }
 
-fn units_of_inputs(inputs: &[Input]) -> Vec<SignalUnit> {
-    inputs.iter().map(|s| s.unit.clone()).collect()
+fn signals_of_inputs(inputs: &[Input]) -> Vec<Signal<'_>> {
+    inputs.iter().map(|s| (s.name.as_str(), &s.unit)).collect()
 }
 
 /// Elements of an array of tables; a bare name stands for a table with nothing but that name.
@@ -243,8 +245,8 @@ fn vibration(node: &Node<'_>, unit: &SignalUnit) -> Result<Vibration, FileError>
 fn matrix(
     file: &Table<'_>,
     key: &str,
-    (rows, row_is): (&[SignalUnit], &str),
-    (columns, column_is): (&[SignalUnit], &str),
+    (rows, row_is): (&[Signal<'_>], &str),
+    (columns, column_is): (&[Signal<'_>], &str),
     square: bool,
 ) -> Result<Option<DMatrix<f64>>, FileError> {
     let node = match file.get(key) {
@@ -266,9 +268,13 @@ fn matrix(
                 format!("this row has {found} entries, but {needed} are needed: one for each {column_is}");
             return Err(line.error(reason));
         }
-        for (j, entry) in entries.iter().enumerate() {
+        let numbers = entries.iter().map(Node::number).collect::<Result<Vec<_>, _>>()?;
+        if let Some((j, reason)) = unconverted(key, &numbers, rows[i], columns) {
+            return Err(entries[j].error(reason));
+        }
+        for (j, number) in numbers.into_iter().enumerate() {
             // The ratio first: it is exactly 1 between equal units, and the paper's digits stay as they are.
-            matrix[(i, j)] = entry.number()? * (rows[i].factor() / columns[j].factor());
+            matrix[(i, j)] = number * (rows[i].1.factor() / columns[j].1.factor());
         }
     }
     Ok(Some(matrix))
@@ -326,6 +332,6 @@ fn effect(node: &Node<'_>, vehicle: &Vehicle) -> Result<Effect, FileError> {
     let located =
         |e: crate::error::EffectError| table.error(e.field.as_deref(), format!("{}: {}", e.effect, e.reason));
     let effect = Effect::from_fields(kind, place, fields).map_err(located)?;
-    vehicle.check_effect(&effect).map_err(located)?;
+    vehicle.check_written_effect(&effect).map_err(located)?;
     Ok(effect.confirmed())
 }

@@ -7,6 +7,7 @@ use whirlstand_msgs::units::{Quantity, Unit};
 use whirlstand_msgs::names::did_you_mean;
 
 use crate::error::{FileError, list};
+use crate::signal_unit::SignalUnit;
 
 /// The text a node belongs to.
 #[derive(Clone, Copy)]
@@ -96,6 +97,15 @@ impl<'a> Node<'a> {
         };
         let quantity: Quantity = text.parse().map_err(|e| self.error(format!("{e}")))?;
         Ok(unit.to_si(quantity.in_unit(unit).map_err(|e| self.error(e.to_string()))?))
+    }
+
+    /// A text with a unit of the kind that is expected, or a number where it can have one meaning only; the value in SI.
+    pub fn signal_value(&self, unit: &SignalUnit) -> Result<f64, FileError> {
+        if self.is_text() {
+            return self.quantity(unit.unit());
+        }
+        let value = self.number()?;
+        unit.two_readings(value).map_or(Ok(value), |reason| Err(self.error(reason)))
     }
 
     /// As [`Node::quantity`], not negative.

@@ -4,7 +4,8 @@ use nalgebra::DMatrix;
 
 use super::text::{number, push, quoted};
 use crate::effects::Effect;
-use crate::model::{Input, Output, SignalUnit, Vehicle};
+use crate::model::{Input, Output, Vehicle};
+use crate::signal_unit::SignalUnit;
 
 impl Vehicle {
     /// The vehicle as the text of a vehicle file, which reads back as the same vehicle.
@@ -24,7 +25,7 @@ impl Vehicle {
         }
         let mut text = self.source_text.clone();
         // A file that gives effects as one array cannot be continued by appending tables.
-        push_effects(&mut text, added);
+        push_effects(&mut text, added, self);
         let whole = Self::parse(&text, &self.name).ok()?;
         (whole.effects == self.effects).then_some(text)
     }
@@ -56,7 +57,7 @@ impl Vehicle {
         }
         self.inputs.iter().for_each(|input| push_input(&mut text, input));
         self.outputs.iter().for_each(|output| push_output(&mut text, output));
-        push_effects(&mut text, &self.effects);
+        push_effects(&mut text, &self.effects, self);
         text
     }
 
@@ -129,7 +130,8 @@ fn push_matrix(
     push(text, "]");
 }
 
-fn push_effects(text: &mut String, effects: &[Effect]) {
+/// Values with their units, and in those that the file declares for its signals.
+fn push_effects(text: &mut String, effects: &[Effect], vehicle: &Vehicle) {
     for effect in effects {
         if !text.ends_with('\n') && !text.is_empty() {
             text.push('\n');
@@ -137,7 +139,8 @@ fn push_effects(text: &mut String, effects: &[Effect]) {
         push(text, "\n[[effects]]");
         push(text, &format!("effect = {}\nwhere = {}", quoted(effect.kind().name()), quoted(effect.place())));
         for (name, value) in effect.parameters() {
-            push(text, &format!("{name} = {value:?}"));
+            let written = effect.unit(name, vehicle).map_or(format!("{value:?}"), |unit| unit.written(value));
+            push(text, &format!("{name} = {written}"));
         }
         if let (Some((name, _)), Some(value)) = (effect.kind().spec().text, effect.text()) {
             push(text, &format!("{name} = {}", quoted(value)));

@@ -1,0 +1,51 @@
+//! Numbers as an engineer reads them.
+
+/// A number with about three significant digits; `-` for one that is not finite.
+pub fn number(v: f64) -> String {
+    let size = v.abs();
+    if v == 0.0 {
+        "0".into()
+    } else if !v.is_finite() {
+        "-".into()
+    } else if !(1e-4..1e6).contains(&size) {
+        format!("{v:.2e}")
+    } else {
+        let decimals = (2 - size.log10().floor() as i32).max(0) as usize;
+        format!("{v:.decimals$}")
+    }
+}
+
+/// A number as it was meant, without the noise of floating-point arithmetic: at most twelve significant digits, and no
+/// zeros at the end (120 for 120.00000000000001).
+pub fn clean(v: f64) -> String {
+    // Twelve digits read back as the nearest number, which prints with as few digits as tell it from its neighbours.
+    let rounded = format!("{v:.11e}").parse::<f64>().unwrap_or(v);
+    if rounded == 0.0 || (1e-5..1e15).contains(&rounded.abs()) || !rounded.is_finite() {
+        format!("{rounded}")
+    } else {
+        format!("{rounded:e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_arithmetic_adds_is_not_shown() {
+        for (value, text) in [
+            (120.000_000_000_000_01, "120"),
+            (0.010_000_000_000_000_009, "0.01"),
+            (0.1 + 0.2, "0.3"),
+            (0.0, "0"),
+            (-1.0 / 3.0, "-0.333333333333"),
+            (2.5e-7, "2.5e-7"),
+            (1e6, "1000000"),
+            (f64::INFINITY, "inf"),
+        ] {
+            assert_eq!(clean(value), text);
+        }
+        assert_eq!(number(2.5e-7), "2.50e-7");
+        assert_eq!(number(1234.5), "1234");
+    }
+}
