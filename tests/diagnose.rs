@@ -56,6 +56,8 @@ fn a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same() {
     );
     let delay = causes[0]["parameters"]["delay_s"]["value"].as_f64().unwrap();
     assert!((delay - 0.06).abs() < 0.005, "{delay} s, in truth 0.06 s\n{text}");
+    assert_eq!(causes[0]["parameters"]["delay_s"]["unit"], "s");
+    assert!(text.contains("delay_s 0.0") && text.contains(" s)."), "{text}");
     assert!(text.lines().count() <= 15, "{text}");
     let report = std::fs::read_to_string(format!("{out}/report.html")).unwrap();
     assert!(

@@ -37,7 +37,7 @@ fn messages(info: &Value, topic: &str) -> u64 {
 fn a_state_that_has_no_value_ends_the_run_at_that_step() {
     let dir = tempfile::tempdir().unwrap();
     let text = format!(
-        "vehicle = \"quadrotor\"\nrate_hz = 200.0\nduration_s = 4.0\n[plant]\ninitial = {{ roll = 0.2 }}\n\
+        "vehicle = \"quadrotor\"\nrate_hz = 200.0\nduration_s = 4.0\n[plant]\ninitial = {{ roll = \"0.2 rad\" }}\n\
          [controller]\nlaw = \"lqr\"\n{SPRING}"
     );
     let mut steps = Vec::new();

@@ -101,7 +101,7 @@ fn what_does_not_fit_is_refused() {
         (&["--controller", "lqr", "--setpoint", "rol"], &["--setpoint rol", "roll_rate"]),
         (&["--controller", "pid"], &["pid", "lqr"]),
         (&["--controller", "manual"], &["manual", "leave it out"]),
-        (&["--controller", "lqr", "--setpoint", "roll_rate"], &["roll_rate", "--limit roll_rate="]),
+        (&["--controller", "lqr", "--setpoint", "roll_rate"], &["roll_rate", "--limit 'roll_rate=2 deg/s'"]),
         (&["--controller", "lqr", "--set", "bandwith=4"], &["bandwith", "bandwidth"]),
     ] {
         let result = run(["excite", "quadrotor"].iter().chain(args));

@@ -12,7 +12,8 @@ impl Visitor<'_> for Written {
 
     fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let units: Vec<_> = self.0.iter().map(Unit::si_symbol).collect();
-        write!(f, "a number in {}, or a text with its unit", units.join(" or "))
+        let units = if units.is_empty() { "SI".into() } else { units.join(" or ") };
+        write!(f, "a number in {units}, or a text with its unit")
     }
 
     fn visit_f64<E: Error>(self, value: f64) -> Result<f64, E> {
@@ -47,6 +48,11 @@ fn units<E: Error>(texts: &[&str]) -> Result<Written, E> {
 /// An angle, rad.
 pub(crate) fn angle<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     deserializer.deserialize_any(units(&["rad"])?)
+}
+
+/// A value of any signal, SI.
+pub(crate) fn any<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    deserializer.deserialize_any(units(&[])?)
 }
 
 /// A turn rate, rad/s.

@@ -1,5 +1,6 @@
 //! Why a record cannot be diagnosed at all.
 
+use whirlstand_logs::shown::clean;
 use whirlstand_vehicle::SimulatorError;
 
 use whirlstand_ident::compare::CompareError;
@@ -31,7 +32,8 @@ pub enum DiagnoseError {
     Simulator(#[from] SimulatorError),
     /// Records of one diagnosis have different periods.
     #[error(
-        "{other} has a period of {other_s} s, {first} one of {first_s} s: bring them onto one with --period"
+        "{other} has a period of {} s, {first} one of {} s: bring them onto one with --period",
+        clean(*other_s), clean(*first_s)
     )]
     Periods {
         /// The first record.

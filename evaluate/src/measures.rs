@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use whirlstand_logs::BenchMessage;
 use whirlstand_msgs::{Command, Estimate, Message, Setpoint, Truth, flags};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Input, Vehicle};
 
 use crate::health::NodeHealth;
 use crate::layout::{Layout, seconds};
@@ -204,11 +204,14 @@ impl<'a> Measures<'a> {
         self.lines.input_spectra = self.input_spectra.into_iter().map(SpectrumSum::finish).collect();
         let outputs = vehicle.outputs.iter().zip(self.outputs);
         let inputs = vehicle.inputs.iter().zip(&self.inputs);
-        let names = vehicle.states.iter().map(|state| &state.name);
+        let states = vehicle.states.iter().map(|state| (state.name.clone(), state.unit.si_symbol()));
+        let effort = |(input, sum): (&Input, &EffortSum)| {
+            (input.name.clone(), sum.finish(self.period_s, input.unit.si_symbol()))
+        };
         Measured {
             outputs: outputs.map(|(output, sum)| (output.name.clone(), sum.finish())).collect(),
-            inputs: inputs.map(|(input, sum)| (input.name.clone(), sum.finish(self.period_s))).collect(),
-            estimator: self.consistency.finish(names),
+            inputs: inputs.map(effort).collect(),
+            estimator: self.consistency.finish(states),
             timing: timing(
                 health,
                 self.lines.held.steps,

@@ -1,6 +1,7 @@
 //! The first look at a run's log: which messages count, and when what happened.
 
 use whirlstand_logs::{BenchMessage, Hole, Log, ReadError};
+use whirlstand_msgs::units::Unit;
 use whirlstand_msgs::{Disturbance, Estimate, Health, Setpoint, flags};
 use whirlstand_vehicle::Vehicle;
 
@@ -98,8 +99,15 @@ impl Survey {
         }
         // Truth, estimate and command: the steps of the loop.
         let end_s = reading.kept[1..4].iter().map(|kept| kept.last_ns() as f64 * NS).fold(0.0, f64::max);
-        let names: Vec<String> = vehicle.states.iter().map(|state| state.name.clone()).collect();
-        let onsets = Onsets::new(&names, &reading.disturbances.changes, period_s, end_s);
+        let states: Vec<(String, String)> = vehicle
+            .states
+            .iter()
+            .map(|state| {
+                let derivative = state.unit.unit().times(&Unit::SECOND, -1);
+                (state.name.clone(), derivative.map_or(String::new(), |unit| unit.si_symbol()))
+            })
+            .collect();
+        let onsets = Onsets::new(&states, &reading.disturbances.changes, period_s, end_s);
         let onsets = reading.disturbances.onsets(log, onsets)?;
         let mut survey = Self {
             kept: reading.kept,

@@ -24,6 +24,12 @@ pub fn shown_factor(si: &str) -> f64 {
     display(si).1
 }
 
+/// Unit in which a parameter of an effect is shown, and how many of it one SI unit is: in degrees, but for a parameter
+/// whose name says radians.
+pub fn parameter_unit(name: &str, si: &str) -> (String, f64) {
+    if name.ends_with("_rad") { (si.into(), 1.0) } else { display(si) }
+}
+
 /// A value with four significant digits and its unit.
 pub fn shown(value: f64, si: &str) -> String {
     let (unit, factor) = display(si);
@@ -43,5 +49,7 @@ mod tests {
         assert_eq!(shown(0.0, ""), "0");
         assert_eq!(shown(1234.5, "m/s"), "1234 m/s");
         assert_eq!(shown_unit("radian"), "radian");
+        assert_eq!(parameter_unit("angle_rad", "rad"), ("rad".into(), 1.0));
+        assert_eq!(parameter_unit("magnitude", "rad/s^2").0, "deg/s^2");
     }
 }

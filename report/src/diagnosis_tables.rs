@@ -3,7 +3,7 @@
 use super::page::{Cell, Level, Row, Section, Table};
 use whirlstand_diagnose::Diagnosis;
 use whirlstand_diagnose::answer::{Cause, Estimate};
-use whirlstand_logs::shown::{number, shown_factor, shown_unit};
+use whirlstand_logs::shown::{number, parameter_unit, shown_factor, shown_unit};
 
 fn head(names: &[&str]) -> Vec<String> {
     names.iter().map(|n| (*n).to_string()).collect()
@@ -15,7 +15,7 @@ fn row(label: String, cells: Vec<Cell>) -> Row {
 
 /// What was found, with its evidence; `None` without causes.
 pub(crate) fn causes(answer: &Diagnosis) -> Option<Section> {
-    let names = ["cause", "value, SI", "95 % from", "to", "BIC", "held out", "of the residual", "by chance"];
+    let names = ["cause", "value", "95 % from", "to", "BIC", "held out", "of the residual", "by chance"];
     let rows: Vec<Row> = answer.causes.iter().flat_map(cause).collect();
     let mut notes = Vec::new();
     for cause in &answer.causes {
@@ -51,9 +51,12 @@ fn cause(cause: &Cause) -> Vec<Row> {
     let text = cause.text.clone().unwrap_or_default();
     let cells = [text, String::new(), String::new()].into_iter().chain(evidence).map(Cell::new).collect();
     let mut rows = vec![Row { label: format!("{} on {}", cause.effect, cause.place), group: true, cells }];
-    rows.extend(cause.parameters.iter().map(|(name, Estimate { value, low, high })| {
-        let ends = if low == high { ["given".into(), String::new()] } else { [number(*low), number(*high)] };
-        let cells = std::iter::once(number(*value)).chain(ends).map(Cell::new);
+    rows.extend(cause.parameters.iter().map(|(name, Estimate { value, low, high, unit })| {
+        let (unit, factor) = parameter_unit(name, unit);
+        let with_unit = |v: f64| format!("{} {unit}", number(v * factor)).trim_end().to_string();
+        let ends =
+            if low == high { ["given".into(), String::new()] } else { [with_unit(*low), with_unit(*high)] };
+        let cells = std::iter::once(with_unit(*value)).chain(ends).map(Cell::new);
         row(name.clone(), cells.chain((0..4).map(|_| Cell::default())).collect())
     }));
     rows

@@ -6,7 +6,7 @@ use super::plot::{Plot, Style, Trace};
 use whirlstand_ident::identify::answer::{Identification, PartSeries, Role};
 use whirlstand_ident::identify::data::filled;
 use whirlstand_ident::identify::response::{Response, TRUSTED, response};
-use whirlstand_logs::shown::{number, shown, shown_factor, shown_unit};
+use whirlstand_logs::shown::{clean, number, shown, shown_factor, shown_unit};
 
 /// The report of an identification as one HTML text.
 ///
@@ -66,7 +66,7 @@ fn facts(answer: &Identification) -> Vec<(String, String)> {
         "search".into(),
         format!("{} iterations, {} evaluations, {:.2} s", s.iterations, s.evaluations, s.seconds),
     ));
-    facts.push(("period".into(), format!("{} s", answer.period_s)));
+    facts.push(("period".into(), format!("{} s", clean(answer.period_s))));
     facts.push(("seed".into(), answer.seed.to_string()));
     facts.push(("program".into(), format!("whirlstand {}", answer.version)));
     facts
@@ -310,6 +310,7 @@ fn values(answer: &Identification) -> Table {
         group: false,
         cells: vec![
             Cell::new(format!("{:.5}", p.value)),
+            Cell::new(p.unit.clone()),
             Cell::new(p.standard_error.map_or("-".into(), number)),
             Cell::new(number(p.lower)),
             Cell::new(number(p.upper)),
@@ -321,13 +322,14 @@ fn values(answer: &Identification) -> Table {
         group: false,
         cells: vec![
             Cell::new(format!("{:.5}", f.value)),
+            Cell::new(f.unit.clone()),
             Cell::new("-"),
             Cell::default(),
             Cell::default(),
             Cell::leveled(format!("fixed: {}", f.why), Level::Warn),
         ],
     });
-    let head = ["parameter", "value", "standard error", "lower", "upper", ""];
+    let head = ["parameter", "value", "unit", "standard error", "lower", "upper", ""];
     Table {
         head: head.iter().map(|h| h.to_string()).collect(),
         rows: rows.chain(fixed).collect(),

@@ -41,7 +41,7 @@ fn a_log_gives_the_figures_of_its_run() {
     assert_eq!((s.timing.held_steps, s.timing.deadline_misses), (3, 3));
     let latency = s.timing.nodes["plant"].latency.unwrap();
     assert!(latency.p50_us > 40.0 && latency.p50_us < 71.0 && latency.max_us < 80.0, "{latency:?}");
-    let effort = s.inputs["u_roll"];
+    let effort = &s.inputs["u_roll"];
     assert!(effort.rms > 3.0 && effort.travel_per_s > 0.0 && effort.saturated == 0.0, "{effort:?}");
     let json = serde_json::to_value(&s).unwrap();
     assert_eq!(serde_json::from_value::<RunSummary>(json).unwrap(), s);

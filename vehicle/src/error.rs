@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use whirlstand_linalg::DecompositionError;
+use whirlstand_msgs::units::clean;
 
 /// Why a vehicle cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -92,7 +93,8 @@ pub enum SimulatorError {
     Period(f64),
     /// The matrix exponential over one period is not finite.
     #[error(
-        "'{vehicle}' cannot be simulated with a period of {period_s} s: its fastest mode grows beyond any number"
+        "'{vehicle}' cannot be simulated with a period of {} s: its fastest mode grows beyond any number",
+        clean(*period_s)
     )]
     NotFinite {
         /// The vehicle.

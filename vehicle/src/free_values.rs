@@ -1,6 +1,6 @@
 //! Names and values of the parameters that identification may change, in a vehicle.
 
-use crate::effects::Matrix;
+use crate::effects::{Effect, Kind, Matrix};
 use crate::error::EffectError;
 use crate::free::Target;
 use crate::model::Vehicle;
@@ -60,6 +60,28 @@ impl Vehicle {
             Target::Entry(Matrix::C, i, j) => output(i) / state(j),
             Target::Entry(Matrix::D, i, j) => output(i) / input(j),
             Target::Effect(..) => 1.0,
+        }
+    }
+
+    /// The unit of a free parameter in the vehicle file, as it is shown beside a value; empty for a pure number.
+    pub fn free_unit(&self, target: &Target) -> String {
+        match *target {
+            Target::Effect(index, name) => self
+                .effects
+                .get(index)
+                .and_then(|e| e.unit(name, self))
+                .map_or(String::new(), |u| u.si_symbol()),
+            _ => Effect::unit_at(Kind::ParameterChange, &self.free_name(target), "value", self)
+                .map_or(String::new(), |u| u.shown_symbol()),
+        }
+    }
+
+    /// The unit of a free parameter in SI; empty for a pure number.
+    pub fn free_unit_si(&self, target: &Target) -> String {
+        match *target {
+            Target::Effect(..) => self.free_unit(target),
+            _ => Effect::unit_at(Kind::ParameterChange, &self.free_name(target), "value", self)
+                .map_or(String::new(), |u| u.si_symbol()),
         }
     }
 

@@ -13,6 +13,7 @@ use crate::autopilot::betaflight::BetaflightOptions;
 use crate::autopilot::px4::Px4Options;
 use crate::autopilot::{FlightOptions, RcOptions};
 use crate::mixer::MixerOptions;
+use crate::quantity;
 use crate::sensors::SensorOptions;
 pub use error::ConfigError;
 pub use link::{
@@ -257,6 +258,7 @@ pub struct Trim {
     /// Factor; -1 turns the sign.
     pub scale: f64,
     /// Added after scaling, SI.
+    #[serde(deserialize_with = "quantity::any")]
     pub offset: f64,
 }
 

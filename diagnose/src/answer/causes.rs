@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use whirlstand_vehicle::Kind;
+use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 use super::schema::*;
 use super::{experiments, vibration_source};
@@ -29,7 +29,26 @@ pub(crate) fn causes(findings: &Findings<'_>) -> Vec<Cause> {
     all.extend(residual.narrow_band.iter().map(|line| narrow_band_cause(findings, line)));
     all.extend(residual.noise.iter().map(|(channel, noise)| noise_cause(findings, *channel, noise)));
     all.sort_by(|a, b| b.evidence.delta_bic.total_cmp(&a.evidence.delta_bic));
+    all.iter_mut().for_each(|cause| fill_units(cause, findings.baseline.vehicle()));
     all
+}
+
+/// Gives every parameter of a cause its unit at the cause's place.
+fn fill_units(cause: &mut Cause, vehicle: &Vehicle) {
+    let unit = |effect: &str, place: &str, name: &str| {
+        let kind = Kind::from_name(effect).ok()?;
+        Some(Effect::unit_at(kind, place, name, vehicle)?.si_symbol())
+    };
+    for (name, estimate) in &mut cause.parameters {
+        estimate.unit = unit(&cause.effect, &cause.place, name).unwrap_or_default();
+    }
+    for alike in &mut cause.indistinguishable {
+        let units = alike.parameters.keys().map(|name| {
+            let unit = unit(&alike.effect, &alike.place, name).unwrap_or_default();
+            (name.clone(), unit)
+        });
+        alike.units = units.collect();
+    }
 }
 
 /// Name of the output that a channel measures.
@@ -47,6 +66,7 @@ fn accepted_cause(findings: &Findings<'_>, term: usize, accepted: &Accepted) -> 
             place: rival.candidate.place.clone(),
             kappa: rival.kappa,
             parameters: parameters.map(|(t, v)| (t.name.to_string(), *v)).collect(),
+            units: BTreeMap::new(),
             experiment: experiments::separating(candidate.kind, rival.candidate.kind).into(),
         }
     };
@@ -73,10 +93,8 @@ fn accepted_cause(findings: &Findings<'_>, term: usize, accepted: &Accepted) -> 
 
 fn turbulence_cause(findings: &Findings<'_>, found: &Turbulence) -> Cause {
     let states = &findings.baseline.vehicle().states;
-    let around = |(value, error): (f64, f64)| Estimate {
-        value,
-        low: value * (-1.96 * error).exp(),
-        high: value * (1.96 * error).exp(),
+    let around = |(value, error): (f64, f64)| {
+        Estimate::new(value, value * (-1.96 * error).exp(), value * (1.96 * error).exp())
     };
     let near = found.others.iter().filter(|(_, bic)| found.delta_bic - bic < RIVAL_BIC);
     let look_alike = |state: usize| LookAlike {
@@ -84,6 +102,7 @@ fn turbulence_cause(findings: &Findings<'_>, found: &Turbulence) -> Cause {
         place: states[state].name.clone(),
         kappa: 1.0,
         parameters: BTreeMap::new(),
+        units: BTreeMap::new(),
         experiment: experiments::separating(Kind::Turbulence, Kind::Turbulence).into(),
     };
     Cause {
@@ -113,7 +132,7 @@ fn noise_cause(findings: &Findings<'_>, channel: usize, noise: &ExcessNoise) -> 
     Cause {
         effect: Kind::Noise.name().into(),
         place: output_name(findings, channel),
-        parameters: BTreeMap::from([("std".to_string(), Estimate { value, low, high })]),
+        parameters: BTreeMap::from([("std".to_string(), Estimate::new(value, low, high))]),
         text: None,
         evidence: Evidence {
             delta_bic: samples * (power - 1.0 - power.ln()),
@@ -128,7 +147,7 @@ fn noise_cause(findings: &Findings<'_>, channel: usize, noise: &ExcessNoise) -> 
 }
 
 fn narrow_band_cause(findings: &Findings<'_>, found: &NarrowBand) -> Cause {
-    let around = |(value, half): (f64, f64)| Estimate { value, low: value - half, high: value + half };
+    let around = |(value, half): (f64, f64)| Estimate::new(value, value - half, value + half);
     let samples = findings.baseline.data().channels[found.channel].values.len() as f64;
     let mut cause = Cause {
         effect: Kind::Vibration.name().into(),
@@ -178,7 +197,7 @@ fn tone_notes(findings: &Findings<'_>, cause: &mut Cause) {
 
 fn sample_cause(findings: &Findings<'_>, effect: &SampleEffect) -> Cause {
     let n = findings.baseline.data().channels[effect.channel].values.len() as f64;
-    let estimate = |v: &(f64, f64, f64)| Estimate { value: v.0, low: v.1, high: v.2 };
+    let estimate = |v: &(f64, f64, f64)| Estimate::new(v.0, v.1, v.2);
     Cause {
         effect: effect.kind.name().into(),
         place: output_name(findings, effect.channel),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use whirlstand_logs::shown::parameter_unit;
 use whirlstand_vehicle::Vehicle;
 
 use super::causes::causes;
@@ -190,7 +191,7 @@ fn summary(answer: &Diagnosis) -> String {
     let cause = |c: &Cause| {
         let mut parameters: Vec<String> = Vec::new();
         for (name, p) in c.parameters.iter().filter(|(n, _)| *n != "phase_rad") {
-            parameters.push(format!("{name} {} ({} to {})", short(p.value), short(p.low), short(p.high)));
+            parameters.push(interval(name, p));
         }
         let alike = match c.indistinguishable.first() {
             Some(l) => format!(", or {} on {}", l.effect, l.place),
@@ -230,7 +231,37 @@ fn summary(answer: &Diagnosis) -> String {
     }
 }
 
+/// A parameter with its interval and its unit.
+fn interval(name: &str, p: &Estimate) -> String {
+    let (unit, factor) = parameter_unit(name, &p.unit);
+    let unit = if unit.is_empty() { unit } else { format!(" {unit}") };
+    let number = |v: f64| short(v * factor);
+    format!("{name} {}{unit} ({} to {}{unit})", number(p.value), number(p.low), number(p.high))
+}
+
 /// Four digits at most.
 pub(crate) fn short(v: f64) -> String {
     whirlstand_logs::shown::number((v * 1e9).round() / 1e9)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_are_told_with_their_units() {
+        let told = |name: &str, unit: &str, [value, low, high]: [f64; 3]| {
+            interval(name, &Estimate { value, low, high, unit: unit.into() })
+        };
+        assert_eq!(told("delay_s", "s", [0.0599, 0.059, 0.061]), "delay_s 0.0599 s (0.0590 to 0.0610 s)");
+        assert_eq!(
+            told("magnitude", "rad/s^2", [2.59, 2.55, 2.63]),
+            "magnitude 148 deg/s^2 (146 to 151 deg/s^2)"
+        );
+        assert_eq!(told("factor", "", [0.8, 0.7, 0.9]), "factor 0.800 (0.700 to 0.900)");
+        assert_eq!(
+            told("angle_rad", "rad", [0.05, 0.04, 0.06]),
+            "angle_rad 0.0500 rad (0.0400 to 0.0600 rad)"
+        );
+    }
 }

@@ -92,7 +92,7 @@ pub struct Cause {
 }
 
 /// A value with its 95 % interval, SI.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Value.
     pub value: f64,
@@ -100,6 +100,16 @@ pub struct Estimate {
     pub low: f64,
     /// Upper end.
     pub high: f64,
+    /// SI unit of the three; empty for a pure number.
+    #[serde(default)]
+    pub unit: String,
+}
+
+impl Estimate {
+    /// An estimate whose unit is filled in with the others of the answer.
+    pub(crate) fn new(value: f64, low: f64, high: f64) -> Self {
+        Self { value, low, high, unit: String::new() }
+    }
 }
 
 /// What speaks for a cause.
@@ -130,6 +140,9 @@ pub struct LookAlike {
     /// Its parameters, SI.
     #[serde(skip_serializing_if = "BTreeMap::is_empty", default)]
     pub parameters: BTreeMap<String, f64>,
+    /// SI units of its parameters; empty for a pure number.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty", default)]
+    pub units: BTreeMap<String, String>,
     /// What would tell them apart.
     pub experiment: String,
 }

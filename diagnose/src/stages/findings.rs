@@ -77,11 +77,10 @@ pub(crate) fn estimates(residual: &Residual<'_>, term: usize) -> BTreeMap<String
             let turns = (value / std::f64::consts::TAU).round() * std::f64::consts::TAU;
             (value, low, high) = (value - turns, low - turns, high - turns);
         }
-        (tunable.name.to_string(), Estimate { value, low, high })
+        (tunable.name.to_string(), Estimate::new(value, low, high))
     };
-    let fixed = |(name, value): &(&'static str, f64)| {
-        ((*name).to_string(), Estimate { value: *value, low: *value, high: *value })
-    };
+    let fixed =
+        |(name, value): &(&'static str, f64)| ((*name).to_string(), Estimate::new(*value, *value, *value));
     let open = candidate.tunables.iter().zip(selection.model.range(term)).map(estimate);
     open.chain(candidate.fixed.iter().map(fixed)).collect()
 }

@@ -3,8 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 /// Effort of one input over a run, in the unit of the input.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Effort {
+    /// SI unit of the input; empty for a pure number.
+    #[serde(default)]
+    pub unit: String,
     /// Mean of the input: the trim that the controller holds.
     pub mean: f64,
     /// Root of the mean square of the input about neutral (zero).
@@ -61,11 +64,12 @@ impl EffortSum {
         }
     }
 
-    /// The effort of what came, a sample every `period_s` seconds.
-    pub fn finish(&self, period_s: f64) -> Effort {
+    /// The effort of what came in an input in `unit`, a sample every `period_s` seconds.
+    pub fn finish(&self, period_s: f64, unit: String) -> Effort {
         let share = |sum: f64| if self.count > 0 { sum / self.count as f64 } else { 0.0 };
         let length = self.count.saturating_sub(1) as f64 * period_s;
         Effort {
+            unit,
             mean: share(self.sum),
             rms: share(self.square).sqrt(),
             peak: self.peak,
@@ -82,7 +86,7 @@ mod tests {
     fn effort(u: impl IntoIterator<Item = f64>, period_s: f64, lower: f64, upper: f64) -> Effort {
         let mut sum = EffortSum::new(lower, upper);
         u.into_iter().for_each(|u| sum.take(u));
-        sum.finish(period_s)
+        sum.finish(period_s, String::new())
     }
 
     #[test]

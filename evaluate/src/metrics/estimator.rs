@@ -7,8 +7,11 @@ use whirlstand_logs::stats::chi_square_quantile;
 use whirlstand_msgs::{Estimate, flags};
 
 /// Errors of one estimated state against the truth, SI.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StateError {
+    /// SI unit of the state; empty for a pure number.
+    #[serde(default)]
+    pub unit: String,
     /// Root of the mean square error, SI.
     pub rms: f64,
     /// Root of the mean variance that the estimator claims, SI.
@@ -128,24 +131,26 @@ impl ConsistencySum {
         }
     }
 
-    /// The consistency, with the names of the states; `None` without an estimate with a NIS.
-    pub fn finish<'a>(self, names: impl IntoIterator<Item = &'a String>) -> Option<Consistency> {
+    /// The consistency, with the names of the states and their SI units; `None` without an estimate with a NIS.
+    pub fn finish(self, states: impl IntoIterator<Item = (String, String)>) -> Option<Consistency> {
         let sums = if self.flagged.steps > 0 { self.flagged } else { self.settled };
         if sums.degrees == 0.0 {
             return None;
         }
         let nis_ratio = sums.nis / sums.degrees;
         let (low, high) = nis_bounds(sums.degrees);
-        let states =
-            names.into_iter().zip(&sums.states).filter(|(_, sum)| sum.count > 0).map(|(name, sum)| {
+        let states = states.into_iter().zip(&sums.states).filter(|(_, sum)| sum.count > 0).map(
+            |((name, unit), sum)| {
                 let count = sum.count as f64;
                 let error = StateError {
+                    unit,
                     rms: (sum.square / count).sqrt(),
                     claimed_std: (sum.claimed / count).sqrt(),
                     within_two_std: sum.inside as f64 / count,
                 };
-                (name.clone(), error)
-            });
+                (name, error)
+            },
+        );
         Some(Consistency {
             nis_ratio,
             low,

@@ -19,6 +19,9 @@ pub struct DisturbanceEvent {
     pub place: String,
     /// Change of that derivative at the onset, SI.
     pub magnitude: f64,
+    /// SI unit of that derivative.
+    #[serde(default)]
+    pub unit: String,
 }
 
 /// Number of changes up to which their median is exact; beyond, it is that of a histogram.
@@ -73,6 +76,8 @@ impl Changes {
 #[derive(Debug, Clone)]
 struct StateOnsets {
     name: String,
+    /// SI unit of its derivative.
+    unit: String,
     continuous: bool,
     threshold: f64,
     before: f64,
@@ -96,10 +101,12 @@ pub(crate) struct Onsets {
 }
 
 impl Onsets {
-    /// `changes` are those of the states called `names`, over the whole run, which ends at `end_s`.
-    pub fn new(names: &[String], changes: &[Changes], period_s: f64, end_s: f64) -> Self {
-        let states = names.iter().zip(changes).map(|(name, changes)| StateOnsets {
+    /// `changes` are those of the states, given by name and by the SI unit of the derivative, over the whole run, which ends
+    /// at `end_s`.
+    pub fn new(states: &[(String, String)], changes: &[Changes], period_s: f64, end_s: f64) -> Self {
+        let states = states.iter().zip(changes).map(|((name, unit), changes)| StateOnsets {
             name: name.clone(),
+            unit: unit.clone(),
             continuous: changes.continuous(),
             threshold: if changes.continuous() { 10.0 * changes.median() } else { 0.0 },
             before: 0.0,
@@ -143,6 +150,7 @@ impl Onsets {
                 until_s: self.end_s,
                 place: state.name.clone(),
                 magnitude: change,
+                unit: state.unit.clone(),
             });
         }
     }
@@ -158,7 +166,7 @@ impl Onsets {
                         last.place = format!("{}, {}", last.place, event.place);
                     }
                     if event.magnitude.abs() > last.magnitude.abs() {
-                        last.magnitude = event.magnitude;
+                        (last.magnitude, last.unit) = (event.magnitude, event.unit);
                     }
                 }
                 _ => merged.push(event),
@@ -213,7 +221,8 @@ mod tests {
     fn onsets(rows: &[(f64, f64)]) -> Vec<DisturbanceEvent> {
         let mut changes = Changes::default();
         rows.iter().for_each(|(_, v)| changes.take(*v));
-        let mut onsets = Onsets::new(&["roll_rate".to_string()], &[changes], 1e-3, 100.0);
+        let mut onsets =
+            Onsets::new(&[("roll_rate".to_string(), "rad/s^2".to_string())], &[changes], 1e-3, 100.0);
         rows.iter().for_each(|(t, v)| onsets.take(*t, &[*v]));
         onsets.finish()
     }

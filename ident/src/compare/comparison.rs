@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_logs::SignalError;
+use whirlstand_logs::shown::clean;
 use whirlstand_logs::spectrum::Peak;
 use whirlstand_vehicle::SimulatorError;
 
@@ -41,7 +42,8 @@ pub enum CompareError {
     },
     /// Too few points.
     #[error(
-        "{origin} has {points} points at a period of {period_s} s; at least 16 are needed to compare anything"
+        "{origin} has {points} points at a period of {} s; at least 16 are needed to compare anything",
+        clean(*period_s)
     )]
     TooShort {
         /// Where the record was read from.
@@ -53,7 +55,8 @@ pub enum CompareError {
     },
     /// Too many points for the memory of a usual machine.
     #[error(
-        "{duration_s} s at a period of {period_s} s are more than 50 million points: give a longer period"
+        "{} s at a period of {} s are more than 50 million points: give a longer period",
+        clean(*duration_s), clean(*period_s)
     )]
     TooFine {
         /// Length of the record, s.

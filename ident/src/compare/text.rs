@@ -4,7 +4,7 @@ use whirlstand_vehicle::Vehicle;
 
 use super::comparison::{Comparison, OutputComparison};
 use super::grid::Grid;
-use whirlstand_logs::shown::{number, shown, shown_unit};
+use whirlstand_logs::shown::{clean, number, shown, shown_unit};
 use whirlstand_logs::stats::{mean, rms};
 
 /// Remarks on the record: gaps, uneven sampling, inputs outside their limits.
@@ -32,8 +32,8 @@ pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
             remarks.push(format!(
                 "{} leaves the vehicle's limits ({} to {}) at {:.1} % of the points and is cut there by the simulation",
                 input.name,
-                input.lower,
-                input.upper,
+                shown(input.lower, &input.unit.si_symbol()),
+                shown(input.upper, &input.unit.si_symbol()),
                 100.0 * outside as f64 / u.len() as f64
             ));
         }
@@ -103,7 +103,7 @@ pub fn verdict(c: &Comparison) -> String {
             c.ordered().map(|(name, o)| format!("{name} {} %", percent(o.horizon_fit))).collect();
         return format!(
             "The free simulation diverges, so only predictions over {} s can be judged: fit {}.",
-            c.horizon_s,
+            clean(c.horizon_s),
             ahead.join(", ")
         );
     }
@@ -180,7 +180,7 @@ pub fn text(c: &Comparison) -> String {
             "output",
             "fit %",
             "unbiased",
-            format!("{} s fit", c.horizon_s),
+            format!("{} s fit", clean(c.horizon_s)),
             "rmse",
             "bias",
             "worst part"

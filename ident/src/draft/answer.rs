@@ -71,6 +71,8 @@ pub struct ParameterAnswer {
     pub name: String,
     /// Value.
     pub value: f64,
+    /// SI unit of the value and its error; empty for a pure number.
+    pub unit: String,
     /// Standard error; `None` for one that the data do not determine.
     pub standard_error: Option<f64>,
 }
@@ -129,9 +131,12 @@ impl AxisAnswer {
 impl ParameterAnswer {
     /// The value with its standard error.
     pub fn sentence(&self) -> String {
+        // As the vehicle file has it: in SI, as all units of a draft are.
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
+        let value = number(self.value);
         match self.standard_error {
-            Some(error) => format!("{} = {} ± {}", self.name, number(self.value), number(error)),
-            None => format!("{} = {}, not determined by the record", self.name, number(self.value)),
+            Some(error) => format!("{} = {value} ± {}{unit}", self.name, number(error)),
+            None => format!("{} = {value}{unit}, not determined by the record", self.name),
         }
     }
 }

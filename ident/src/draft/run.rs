@@ -286,6 +286,7 @@ fn answers(vehicle: &Vehicle, fitted: &[(Link, Axis)]) -> Vec<AxisAnswer> {
             ParameterAnswer {
                 name: vehicle.free_name(&whole.target),
                 value: vehicle.free_value(&whole.target),
+                unit: vehicle.free_unit_si(&whole.target),
                 standard_error: at.map(|i| fit.covariance[(i, i)].max(0.0).sqrt()),
             }
         });

@@ -188,6 +188,7 @@ fn parameters(problem: &Problem, information: &DMatrix<f64>) -> Vec<ExpectedPara
     all.map(|(p, error)| ExpectedParameter {
         name: p.name.clone(),
         value: problem.vehicle.free_value(&p.target) / p.factor,
+        unit: problem.vehicle.free_unit(&p.target),
         standard_error: error.map(|e| e / p.factor),
     })
     .collect()
@@ -235,6 +236,7 @@ fn effects(
             place: effect.place().into(),
             parameter: (*parameter).to_string(),
             size: *size,
+            unit: effect.unit(parameter, vehicle).map_or(String::new(), |unit| unit.si_symbol()),
             detectability,
             least_size: if detectability > 0.0 {
                 distance.abs() * (NEEDED / detectability).sqrt()

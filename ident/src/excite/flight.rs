@@ -1,5 +1,7 @@
 //! A test flight as data: its options, its signals, the accuracy to expect, and errors of the design.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::SimulatorError;
 
@@ -46,6 +48,9 @@ pub struct Flight {
     pub amplitudes: Vec<(String, f64)>,
     /// Greatest value of each input in force: name and value, SI.
     pub commands: Vec<(String, f64)>,
+    /// SI units of the test signals and of the inputs, by name; empty for a pure number.
+    #[serde(default)]
+    pub units: BTreeMap<String, String>,
     /// Greatest predicted output: name, unit and value, SI.
     pub peaks: Vec<(String, String, f64)>,
     /// Accuracy to expect of each free parameter.
@@ -66,6 +71,9 @@ pub struct ExpectedParameter {
     pub name: String,
     /// Value in the vehicle file.
     pub value: f64,
+    /// Unit of the value and its error; empty for a pure number.
+    #[serde(default)]
+    pub unit: String,
     /// Least standard error that any estimate can have (Cramer and Rao) under the declared sensor noise; `None` when
     /// the flight does not determine it.
     pub standard_error: Option<f64>,
@@ -82,6 +90,9 @@ pub struct ExpectedEffect {
     pub parameter: String,
     /// Value of the parameter at which `detectability` is computed, SI.
     pub size: f64,
+    /// SI unit of `size` and `least_size`; empty for a pure number.
+    #[serde(default)]
+    pub unit: String,
     /// Detectability: squared ratio to the noise of the change that the effect makes in the outputs, without the part
     /// that the free parameters and the initial state could imitate. About 12 is needed, 30 is safe.
     pub detectability: f64,

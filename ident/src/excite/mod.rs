@@ -6,6 +6,8 @@ mod flight;
 pub mod signals;
 mod text;
 
+use std::collections::BTreeMap;
+
 use whirlstand_vehicle::Vehicle;
 
 pub use closed_loop::{ClosedLoop, FlightData, InjectionPoint, fly};
@@ -45,6 +47,7 @@ pub fn design(vehicle: &Vehicle, options: &Options) -> Result<Flight, ExciteErro
             .zip(greatest_of(&flown.inputs, vehicle.inputs.len()))
             .map(|(i, v)| (i.name.clone(), v))
             .collect(),
+        units: units(vehicle, options),
         peaks: vehicle
             .outputs
             .iter()
@@ -130,6 +133,18 @@ fn limits(vehicle: &Vehicle, options: &Options) -> Vec<f64> {
             None => f64::INFINITY,
         })
         .collect()
+}
+
+/// SI units of the inputs, and of the states whose setpoints move.
+fn units(vehicle: &Vehicle, options: &Options) -> BTreeMap<String, String> {
+    let mut units: BTreeMap<String, String> =
+        vehicle.inputs.iter().map(|i| (i.name.clone(), i.unit.si_symbol())).collect();
+    if let Some(ClosedLoop { through: InjectionPoint::Setpoint(states), .. }) = &options.closed {
+        units.extend(
+            states.iter().map(|&j| (vehicle.states[j].name.clone(), vehicle.states[j].unit.si_symbol())),
+        );
+    }
+    units
 }
 
 /// Name and greatest value of each test signal.

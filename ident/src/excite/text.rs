@@ -2,8 +2,7 @@
 
 use std::fmt::Write as _;
 
-use whirlstand_logs::shown::{clean, number, shown};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_logs::shown::{clean, number, parameter_unit, shown};
 
 use super::Flight;
 
@@ -12,8 +11,8 @@ impl Flight {
     pub fn text(&self) -> String {
         let mut out = String::new();
         let peaks: Vec<String> = self.peaks.iter().map(|(n, u, v)| format!("{n} {}", shown(*v, u))).collect();
-        let inputs: Vec<String> =
-            self.amplitudes.iter().map(|(n, v)| format!("{n} {}", number(*v))).collect();
+        let with_unit = |(name, value): &(String, f64)| format!("{name} {}", shown(*value, self.unit(name)));
+        let inputs: Vec<String> = self.amplitudes.iter().map(with_unit).collect();
         let what = match (&self.controller, self.through.as_str()) {
             (None, _) => "inputs".to_string(),
             (Some(law), "setpoint") => format!("the setpoint under {law}"),
@@ -29,32 +28,35 @@ impl Flight {
             inputs.join(", ")
         );
         if self.controller.is_some() {
-            let commands = self.commands.iter().map(|(n, v)| format!("{n} {}", number(*v)));
-            let _ = writeln!(out, "predicted commands: {}", commands.collect::<Vec<_>>().join(", "));
+            let commands: Vec<String> = self.commands.iter().map(with_unit).collect();
+            let _ = writeln!(out, "predicted commands: {}", commands.join(", "));
         }
         let _ = writeln!(out, "predicted peaks: {}", peaks.join(", "));
         if !self.parameters.is_empty() {
-            let _ = writeln!(out, "\n{:28} {:>12} {:>14}", "parameter", "value", "std error >=");
+            let _ = writeln!(out, "\n{:28} {:>12} {:>14}  unit", "parameter", "value", "std error >=");
             for p in &self.parameters {
                 let error = p.standard_error.map_or("undetermined".into(), number);
-                let _ = writeln!(out, "{:28} {:>12.4} {error:>14}", p.name, p.value);
+                let line = format!("{:28} {:>12.4} {error:>14}  {}", p.name, p.value, p.unit);
+                let _ = writeln!(out, "{}", line.trim_end());
             }
         }
         if !self.effects.is_empty() {
             let _ = writeln!(
                 out,
-                "\n{:18} {:24} {:>16} {:>12} {:>16}",
+                "\n{:18} {:24} {:>28} {:>12} {:>18}",
                 "effect", "where", "size", "lambda", "least size"
             );
             for e in &self.effects {
-                let size = format!("{} {}", e.parameter, number(e.size));
+                let (unit, factor) = parameter_unit(&e.parameter, &e.unit);
+                let size = |v: f64| format!("{} {unit}", number(v * factor)).trim_end().to_string();
                 let _ = writeln!(
                     out,
-                    "{:18} {:24} {size:>16} {:>12} {:>16}",
+                    "{:18} {:24} {:>28} {:>12} {:>18}",
                     e.effect,
                     e.place,
+                    format!("{} {}", e.parameter, size(e.size)),
                     number(e.detectability),
-                    number(e.least_size)
+                    size(e.least_size)
                 );
             }
         }
@@ -64,19 +66,16 @@ impl Flight {
         out
     }
 
-    /// Unit of a test signal.
-    fn unit(&self, vehicle: &Vehicle, name: &str) -> String {
-        let input = vehicle.inputs.iter().find(|i| i.name == name).map(|i| i.unit.si_symbol());
-        let state = vehicle.states.iter().find(|s| s.name == name).map(|s| s.unit.si_symbol());
-        let found = if self.through == "setpoint" { state } else { input };
-        found.unwrap_or_default()
+    /// SI unit of a test signal or an input.
+    fn unit(&self, name: &str) -> &str {
+        self.units.get(name).map_or("", String::as_str)
     }
 
     /// The test signals as CSV, SI: time, then one column a signal.
-    pub fn csv(&self, vehicle: &Vehicle) -> String {
+    pub fn csv(&self) -> String {
         let mut out = String::from("t[s]");
         for (name, _) in &self.amplitudes {
-            let unit = self.unit(vehicle, name);
+            let unit = self.unit(name);
             let head = if unit.is_empty() { name.clone() } else { format!("{name}[{unit}]") };
             let _ = write!(out, ",{head}");
         }
@@ -94,7 +93,7 @@ impl Flight {
 
     /// A launch file that flies the test signals; `reference` is the vehicle's built-in name or path, `controller` the
     /// lines of `[controller]` beside the law. Values are those of [`Flight::csv`], with their units.
-    pub fn launch(&self, vehicle: &Vehicle, reference: &str, controller: &str) -> String {
+    pub fn launch(&self, reference: &str, controller: &str) -> String {
         let law = self.controller.as_deref().unwrap_or("manual");
         let role = match (&self.controller, self.through.as_str()) {
             (None, _) => "the stick is the test input",
@@ -110,7 +109,6 @@ impl Flight {
             clean(1.0 / self.period_s),
             clean(self.duration_s)
         );
-        let units: Vec<String> = self.amplitudes.iter().map(|(name, _)| self.unit(vehicle, name)).collect();
         let _ =
             writeln!(out, "# Only changes are written; a value holds until the next.\n{} = [", self.through);
         let mut last = vec![0.0; self.signals.len()];
@@ -123,7 +121,7 @@ impl Flight {
             let _ = write!(out, "    {{ at_s = {:.6}", k as f64 * self.period_s);
             for j in changed {
                 last[j] = self.signals[j][k];
-                let value = match units[j].as_str() {
+                let value = match self.unit(&self.amplitudes[j].0) {
                     "" => format!("{:.9}", last[j]),
                     unit => toml_text(&format!("{:.9} {unit}", last[j])),
                 };

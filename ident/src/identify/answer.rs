@@ -130,8 +130,14 @@ pub struct ParameterAnswer {
     pub upper: f64,
     /// True when the value lies at one of its bounds.
     pub at_bound: bool,
+    /// Unit of the value, its error and its bounds; empty for a pure number.
+    #[serde(default)]
+    pub unit: String,
     /// Estimated value in SI.
     pub value_si: f64,
+    /// SI unit of `value_si`.
+    #[serde(default)]
+    pub unit_si: String,
 }
 
 /// A parameter that was fixed, in the units of the vehicle file.
@@ -141,6 +147,9 @@ pub struct FixedAnswer {
     pub name: String,
     /// The value at which it was fixed.
     pub value: f64,
+    /// Unit of the value; empty for a pure number.
+    #[serde(default)]
+    pub unit: String,
     /// Why the data do not determine it.
     pub why: String,
 }

@@ -1,6 +1,7 @@
 //! Why an identification cannot be made.
 
 use whirlstand_linalg::DecompositionError;
+use whirlstand_logs::shown::clean;
 use whirlstand_vehicle::SimulatorError;
 
 use crate::compare::CompareError;
@@ -21,7 +22,8 @@ pub enum IdentifyError {
     Record(#[from] CompareError),
     /// Two logs have different periods.
     #[error(
-        "{first} has a period of {first_s} s, {other} one of {other_s} s: give one with --period SECONDS, and both are resampled"
+        "{first} has a period of {} s, {other} one of {} s: give one with --period SECONDS, and both are resampled",
+        clean(*first_s), clean(*other_s)
     )]
     Periods {
         /// Name of the first log.
@@ -35,7 +37,8 @@ pub enum IdentifyError {
     },
     /// No input moves.
     #[error(
-        "{origin}: no input of the vehicle changes between {from_s} s and {until_s} s ({inputs}): a record without excitation determines nothing; fly doublets or the input that `whirlstand excite` designs"
+        "{origin}: no input of the vehicle changes between {} s and {} s ({inputs}): a record without excitation determines nothing; fly doublets or the input that `whirlstand excite` designs",
+        clean(*from_s), clean(*until_s)
     )]
     NoExcitation {
         /// The log.

@@ -15,6 +15,7 @@ use super::problem::{Problem, split};
 use super::quality::{self, Runs};
 use super::spread::correlation;
 use super::{IdentifyError, Progress, ga, text};
+use whirlstand_logs::shown::clean;
 use whirlstand_vehicle::Vehicle;
 
 /// A part of a log to fit, or to check the fit with.
@@ -187,8 +188,12 @@ fn provenance(options: &Options, noise: Noise, fitted: &[Source]) -> Vec<(String
     ];
     for (i, source) in fitted.iter().enumerate() {
         let s = &source.segment;
-        let part =
-            format!("{} from {} s to {} s", source.log.file, s.start_s, s.time(s.steps.saturating_sub(1)));
+        let part = format!(
+            "{} from {} s to {} s",
+            source.log.file,
+            clean(s.start_s),
+            clean(s.time(s.steps.saturating_sub(1)))
+        );
         all.push((format!("log_{}", i + 1), part));
         if !source.log.sha256.is_empty() {
             all.push((format!("log_{}_sha256", i + 1), source.log.sha256.clone()));
@@ -231,7 +236,9 @@ fn parameters(fit: &Fit, errors: bool) -> Vec<ParameterAnswer> {
             lower: p.lower / p.factor,
             upper: p.upper / p.factor,
             at_bound: *value <= p.lower + edge || *value >= p.upper - edge,
+            unit: fit.problem.vehicle.free_unit(&p.target),
             value_si: *value,
+            unit_si: fit.problem.vehicle.free_unit_si(&p.target),
         }
     })
     .collect()
@@ -248,6 +255,7 @@ fn fixed(fit: &Fit) -> Vec<FixedAnswer> {
         .map(|f| FixedAnswer {
             name: f.parameter.name.clone(),
             value: f.value / f.parameter.factor,
+            unit: fit.problem.vehicle.free_unit(&f.parameter.target),
             why: f.why.clone(),
         })
         .collect()

@@ -149,25 +149,7 @@ impl Identification {
     /// The identification as text for a terminal, without colour.
     pub fn text(&self) -> String {
         let mut out = format!("{}\n\n", self.verdict);
-        let width = self.parameters.iter().map(|p| p.name.len()).chain([9]).max().unwrap_or(9);
-        out.push_str(&format!("{:width$}  {:>12}  {:>11}\n", "parameter", "value", "std error"));
-        for p in &self.parameters {
-            let error = p.standard_error.map_or("-".into(), number);
-            let note = if p.at_bound { "  at bound" } else { "" };
-            out.push_str(&format!(
-                "{:width$}  {:>12}  {error:>11}{note}\n",
-                p.name,
-                format!("{:.4}", p.value)
-            ));
-        }
-        for f in &self.fixed {
-            out.push_str(&format!(
-                "{:width$}  {:>12}  fixed: {}\n",
-                f.name,
-                format!("{:.4}", f.value),
-                f.why
-            ));
-        }
+        out.push_str(&self.parameter_rows());
         let names = self.outputs.keys().map(String::len).chain([6]).max().unwrap_or(6);
         out.push_str(&format!(
             "\n{:names$}  {:>9} {:>9}  {:>9} {:>9}  {:>12}  white\n",
@@ -194,7 +176,7 @@ impl Identification {
             .filter(|p| p.im >= 0.0)
             .map(|p| if p.im > 0.0 { format!("{:.3}±{:.3}i", p.re, p.im) } else { format!("{:.3}", p.re) })
             .collect();
-        out.push_str(&format!("\npoles   {}\n", poles.join("  ")));
+        out.push_str(&format!("\npoles   {}  1/s\n", poles.join("  ")));
         let s = &self.search;
         out.push_str(&format!(
             "search  {} with {} residuals, {} iterations, {} evaluations, {:.2} s\n",
@@ -206,6 +188,37 @@ impl Identification {
         ));
         for remark in &self.remarks {
             out.push_str(&format!("note    {remark}\n"));
+        }
+        out
+    }
+
+    /// The parameters in the units of the vehicle file, then those that were fixed.
+    fn parameter_rows(&self) -> String {
+        let mut out = String::new();
+        let width = self.parameters.iter().map(|p| p.name.len()).chain([9]).max().unwrap_or(9);
+        let units = self.parameters.iter().map(|p| &p.unit).chain(self.fixed.iter().map(|f| &f.unit));
+        let unit_width = units.map(|u| u.chars().count()).chain([4]).max().unwrap_or(4);
+        out.push_str(&format!("{:width$}  {:>12}  {:>11}  unit\n", "parameter", "value", "std error"));
+        for p in &self.parameters {
+            let error = p.standard_error.map_or("-".into(), number);
+            let note = if p.at_bound { "  at bound" } else { "" };
+            let line = format!(
+                "{:width$}  {:>12}  {error:>11}  {:unit_width$}{note}",
+                p.name,
+                format!("{:.4}", p.value),
+                p.unit
+            );
+            out.push_str(&format!("{}\n", line.trim_end()));
+        }
+        for f in &self.fixed {
+            out.push_str(&format!(
+                "{:width$}  {:>12}  {:>11}  {:unit_width$}  fixed: {}\n",
+                f.name,
+                format!("{:.4}", f.value),
+                "",
+                f.unit,
+                f.why
+            ));
         }
         out
     }

@@ -63,7 +63,7 @@ pub(crate) struct OverrideArgs {
     /// In lockstep, longest wait for a command, in seconds or with a unit [default: as long as the nodes live].
     #[arg(long, value_name = "TIME", value_parser = seconds, allow_negative_numbers = true)]
     pub answer_timeout: Option<f64>,
-    /// Sets any key of the launch file, for example controller.law=lqr or effects.0.magnitude=3; may be repeated.
+    /// Sets any key of the launch file, for example controller.law=lqr or effects.0.at_s=3; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }

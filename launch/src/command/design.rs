@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use whirlstand_control::design::Pole;
 use whirlstand_control::{Design, Responses};
+use whirlstand_msgs::units::clean;
 use whirlstand_nodes::setup::Setup;
 use whirlstand_report::{DesignReport, design_report};
 use whirlstand_vehicle::Vehicle;
@@ -81,7 +82,7 @@ fn design_text(d: &Design) -> String {
         style::strong(&d.law.to_uppercase()),
         states.len(),
         inputs.len(),
-        d.plant.period_s() * 1e3
+        clean(d.plant.period_s() * 1e3)
     );
     let mut columns = states.to_vec();
     columns.extend(d.integral.iter().map(|&i| format!("int {}", states[i])));

@@ -29,9 +29,9 @@ pub(crate) fn excite(args: &ExciteArgs) -> Result<ExitCode, Failure> {
     let flight = design(&vehicle, &options).map_err(Failure::mend)?;
     let files = args.out.as_ref().map(|folder| (folder.join("inputs.csv"), folder.join("flight.toml")));
     if let Some((csv, launch)) = &files {
-        write(csv, &flight.csv(&vehicle))?;
+        write(csv, &flight.csv())?;
         let lines: String = args.set.iter().map(|a| line(a)).collect();
-        write(launch, &flight.launch(&vehicle, &reference(&args.vehicle), &lines))?;
+        write(launch, &flight.launch(&reference(&args.vehicle), &lines))?;
     }
     if let Some(path) = &args.json.path {
         write_json(&flight, path)?;

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use sha2::{Digest, Sha256};
 use whirlstand_logs::{BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo};
+use whirlstand_msgs::units::clean;
 use whirlstand_vehicle::Vehicle;
 
 use super::{print_data, tell};
@@ -191,7 +192,7 @@ fn bench_text(bench: &BenchInfo) -> String {
         bench.vehicle,
         bench.mode,
         bench.transport,
-        bench.period_ns as f64 * 1e-6,
+        clean(bench.period_ns as f64 * 1e-6),
         bench.seed,
         bench.version
     )

@@ -12,6 +12,7 @@ pub(crate) mod echo;
 pub(crate) mod excite;
 pub(crate) mod guard;
 pub(crate) mod identify;
+mod json_text;
 pub(crate) mod keys;
 pub(crate) mod launch_files;
 pub(crate) mod log;
@@ -53,7 +54,7 @@ fn write_out(text: &str) -> Result<(), Failure> {
 
 /// Prints a value as JSON.
 pub(crate) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(value).map_err(Failure::run)?;
+    let text = json_text::pretty(value).map_err(Failure::run)?;
     print_data(&(text + "\n"))
 }
 
@@ -62,7 +63,7 @@ pub(crate) fn write_json(value: &impl serde::Serialize, path: &Path) -> Result<(
     if path == Path::new("-") {
         return print_json(value);
     }
-    let text = serde_json::to_string_pretty(value).map_err(Failure::run)?;
+    let text = json_text::pretty(value).map_err(Failure::run)?;
     write(path, &(text + "\n"))
 }
 

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use whirlstand_logs::resample::held;
 use whirlstand_logs::{Clock, Record};
+use whirlstand_msgs::units::clean;
 use whirlstand_vehicle::{Simulator, Vehicle};
 
 use super::vehicles::find;
@@ -25,7 +26,7 @@ pub(crate) fn simulate(args: &SimulateArgs) -> Result<ExitCode, Failure> {
         "{}: {} steps of {} s under {} written to {}",
         vehicle.name,
         response.len(),
-        period_s,
+        clean(period_s),
         vehicle.inputs.iter().map(|u| u.name.as_str()).collect::<Vec<_>>().join(", "),
         args.output.display()
     ));
@@ -79,10 +80,11 @@ pub(super) fn commands(
     let steps = (record.duration() / period_s).floor() + 1.0;
     if steps > MOST_STEPS {
         return Err(Failure::Mend(format!(
-            "{}: {} s in steps of {period_s} s are {steps:.0} steps, and at most {MOST_STEPS:.0} are simulated: choose a lower \
+            "{}: {} s in steps of {} s are {steps:.0} steps, and at most {MOST_STEPS:.0} are simulated: choose a lower \
              --rate, or a shorter part of the record",
             record.origin,
-            record.duration()
+            clean(record.duration()),
+            clean(period_s)
         )));
     }
     let clock = Clock::over(start, start + record.duration(), period_s).map_err(Failure::mend)?;
@@ -117,7 +119,7 @@ fn respond(
                 "{}: {} is beyond all numbers from {} s on: the vehicle is unstable or the input too large",
                 vehicle.name,
                 vehicle.outputs[i].name,
-                clock.at(step)
+                clean(clock.at(step))
             )));
         }
         measured.iter_mut().zip(y).for_each(|(column, y)| column.push(*y));

@@ -1,8 +1,10 @@
 //! `whirlstand vehicle new|list|show|check`.
 
+use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use whirlstand_msgs::units::clean;
 use whirlstand_nodes::signals::check_room;
 use whirlstand_vehicle::{Vehicle, builtin_names, template_names};
 
@@ -82,36 +84,41 @@ fn check_text(v: &Vehicle, poles: &[(f64, f64)]) -> String {
     let join = |names: Vec<String>| names.join(", ");
     row("states", join(v.states.iter().map(|s| with_unit(&s.name, s.unit.to_string())).collect()));
     for u in &v.inputs {
-        let unit = u.unit.si_symbol();
-        let mut range = format!("{}  {} to {}", u.name, u.lower, u.upper);
+        let bare = u.unit.is_one();
+        let value = |si: f64| clean(u.unit.unit().from_si(si));
+        let mut range = format!("{}  {} to {}", u.name, value(u.lower), value(u.upper));
         if u.lower == f64::NEG_INFINITY && u.upper == f64::INFINITY {
             range = format!("{}  without limits", u.name);
-        } else if !unit.is_empty() {
-            range.push_str(&format!(" {unit}"));
+        } else if !bare {
+            range.push_str(&format!(" {}", u.unit));
         }
         if u.rate_limit.is_finite() {
-            let per = if unit.is_empty() { "1" } else { unit.as_str() };
-            range.push_str(&format!(", at most {} {per}/s", u.rate_limit));
+            let per = if bare { " 1".into() } else { format!(" {}", u.unit) };
+            range.push_str(&format!(", at most {}{per}/s", value(u.rate_limit)));
         }
         row("input", range);
     }
     for y in &v.outputs {
-        let unit = y.unit.si_symbol();
-        let vibration =
-            y.vibration.as_ref().map_or(String::new(), |v| format!(", vibration at {} Hz", v.frequency_hz));
-        row(
-            "output",
-            format!("{}  noise {:.3e} {unit}, every {} steps{vibration}", y.name, y.noise, y.every),
-        );
+        let unit = if y.unit.is_one() { String::new() } else { format!(" {}", y.unit) };
+        let noise = clean(y.unit.unit().from_si(y.noise));
+        let vibration = y
+            .vibration
+            .as_ref()
+            .map_or(String::new(), |v| format!(", vibration at {} Hz", clean(v.frequency_hz)));
+        let every = if y.every == 1 { "every step".into() } else { format!("every {} steps", y.every) };
+        row("output", format!("{}  noise {noise}{unit}, {every}{vibration}", y.name));
     }
     for effect in &v.effects {
-        let parameters: Vec<_> =
-            effect.parameters().map(|(name, value)| format!("{name} = {value}")).collect();
+        let shown = |(name, value): (&str, f64)| {
+            let value = effect.unit(name, v).map_or_else(|| clean(value), |unit| unit.shown(value));
+            format!("{name} = {value}")
+        };
+        let parameters: Vec<_> = effect.parameters().map(shown).collect();
         row("effect", format!("{} at {}: {}", effect.kind(), effect.place(), parameters.join(", ")));
     }
     let pole =
         |&(re, im): &(f64, f64)| if im == 0.0 { format!("{re:.4}") } else { format!("{re:.4}{im:+.4}i") };
-    row("poles", poles.iter().map(pole).collect::<Vec<_>>().join(", "));
+    row("poles", format!("{} 1/s", poles.iter().map(pole).collect::<Vec<_>>().join(", ")));
     text.push_str(&format!("{}\n", style::good("The vehicle file is valid.")));
     if let Err(error) = check_room(v) {
         text.push_str(&format!("{}\n", style::bad(&format!("{error}"))));
@@ -119,6 +126,7 @@ fn check_text(v: &Vehicle, poles: &[(f64, f64)]) -> String {
     text
 }
 
+/// Values are SI, in `si_unit`; `unit` is what the file declares.
 fn description(v: &Vehicle, poles: &[(f64, f64)]) -> Value {
     let finite = |x: f64| x.is_finite().then_some(x);
     json!({
@@ -128,14 +136,16 @@ fn description(v: &Vehicle, poles: &[(f64, f64)]) -> Value {
         "description": v.description,
         "states": v.states.iter().map(|s| json!({ "name": s.name, "unit": s.unit.to_string() })).collect::<Vec<_>>(),
         "inputs": v.inputs.iter().map(|u| json!({
-            "name": u.name, "unit": u.unit.to_string(), "lower": finite(u.lower), "upper": finite(u.upper),
+            "name": u.name, "unit": u.unit.to_string(), "si_unit": u.unit.si_symbol(), "lower": finite(u.lower), "upper": finite(u.upper),
             "rate_limit": finite(u.rate_limit) })).collect::<Vec<_>>(),
         "outputs": v.outputs.iter().map(|y| json!({
-            "name": y.name, "unit": y.unit.to_string(), "noise": y.noise, "bias": y.bias,
+            "name": y.name, "unit": y.unit.to_string(), "si_unit": y.unit.si_symbol(), "noise": y.noise, "bias": y.bias,
             "quantization": y.quantization, "every": y.every })).collect::<Vec<_>>(),
         "effects": v.effects.iter().map(|e| json!({
             "effect": e.kind().name(), "where": e.place(),
-            "parameters": e.parameters().collect::<std::collections::BTreeMap<_, _>>() })).collect::<Vec<_>>(),
+            "parameters": e.parameters().collect::<BTreeMap<_, _>>(),
+            "units": e.parameters().map(|(name, _)| (name, e.unit(name, v).map(|u| u.si_symbol())))
+                .collect::<BTreeMap<_, _>>() })).collect::<Vec<_>>(),
         "poles": poles,
         "not_on_bench": check_room(v).err().map(|e| e.to_string()),
     })

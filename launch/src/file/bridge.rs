@@ -37,6 +37,7 @@ impl Planner<'_> {
             return Err(self.document.error_at(at!["transport"], message));
         }
         self.check_bare_angles()?;
+        self.check_trims(file)?;
         let config = BridgeConfig { kind, options: file.bridge.clone() };
         if kind.is_vehicle() {
             if file.mode == Mode::Lockstep {
@@ -82,6 +83,18 @@ impl Planner<'_> {
         let azimuths: Option<Vec<Amount>> = self.document.read_at(at!["bridge", "mixer", "azimuths"])?;
         for (i, azimuth) in azimuths.unwrap_or_default().iter().enumerate() {
             refuse(at!["bridge", "mixer", "azimuths", i], azimuth, "deg")?;
+        }
+        Ok(())
+    }
+
+    /// Offsets of what is measured, in the unit of the vehicle's output of that name.
+    fn check_trims(&self, file: &LaunchFile) -> Result<(), LaunchError> {
+        for name in file.bridge.measured.keys() {
+            let path: &[Step<'_>] = at!["bridge", "measured", name, "offset"];
+            let amount: Option<Amount> = self.document.read_at(path)?;
+            if let (Some(amount), Some(i)) = (amount, self.vehicle.output_index(name)) {
+                self.signal(path, "offset", &amount, &self.vehicle.outputs[i].unit)?;
+            }
         }
         Ok(())
     }

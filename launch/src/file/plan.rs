@@ -310,7 +310,7 @@ impl Planner<'_> {
     }
 
     /// A value of a signal in SI; without a unit only where the number can mean one thing.
-    fn signal(
+    pub(super) fn signal(
         &self,
         here: &[Step<'_>],
         name: &str,

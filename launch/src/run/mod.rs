@@ -15,6 +15,7 @@ pub(crate) use one::{FinishedRun, fly};
 pub(crate) use start::unique_bench;
 
 use whirlstand_bus::Transport;
+use whirlstand_msgs::units::rounded;
 
 use crate::cli::RunArgs;
 use crate::command::clean::tidy;
@@ -86,8 +87,9 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan, bench:
         plan.vehicle.name,
         word(&law),
         word(&mode),
-        1e9 / config.period_ns as f64,
-        config.steps as f64 * config.period_ns as f64 * 1e-9,
+        // The period is a whole number of nanoseconds: 130 Hz would be 129.9999948 Hz.
+        rounded(1e9 / config.period_ns as f64, 6),
+        rounded(config.steps as f64 * config.period_ns as f64 * 1e-9, 6),
         config.transport,
         config.seed,
     ));

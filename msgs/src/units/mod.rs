@@ -26,7 +26,7 @@ use std::str::FromStr;
 
 pub use self::bare::two_readings;
 pub use self::dimension::Dimension;
-pub use self::number::{clean, number};
+pub use self::number::{MEANT_DIGITS, clean, number, rounded};
 use self::symbols::lookup;
 pub use self::unit::Unit;
 

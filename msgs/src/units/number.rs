@@ -15,11 +15,18 @@ pub fn number(v: f64) -> String {
     }
 }
 
-/// A number as it was meant, without the noise of floating-point arithmetic: at most twelve significant digits, and no
-/// zeros at the end (120 for 120.00000000000001).
+/// A number with as many significant digits as asked for, at least one.
+pub fn rounded(v: f64, digits: usize) -> f64 {
+    // The text reads back as the nearest number, which prints with as few digits as tell it from its neighbours.
+    format!("{v:.*e}", digits.max(1) - 1).parse().unwrap_or(v)
+}
+
+/// Significant digits of what arithmetic leaves of a number that was meant: 120 for 120.00000000000001.
+pub const MEANT_DIGITS: usize = 12;
+
+/// A number as it was meant, without the noise of floating-point arithmetic: [`MEANT_DIGITS`], and no zeros at the end.
 pub fn clean(v: f64) -> String {
-    // Twelve digits read back as the nearest number, which prints with as few digits as tell it from its neighbours.
-    let rounded = format!("{v:.11e}").parse::<f64>().unwrap_or(v);
+    let rounded = rounded(v, MEANT_DIGITS);
     if rounded == 0.0 || (1e-5..1e15).contains(&rounded.abs()) || !rounded.is_finite() {
         format!("{rounded}")
     } else {

@@ -1,8 +1,9 @@
 //! What the parameters of an effect are measured in, at its place in a vehicle.
 
-use whirlstand_msgs::units::{Dimension, Quantity, Unit, two_readings};
+use whirlstand_msgs::units::{Dimension, Quantity, Unit, clean, two_readings};
 
 use super::Effect;
+use super::kind::Kind;
 use super::place::{Matrix, Place};
 use super::table::{Parameter, Scale};
 use crate::error::EffectError;
@@ -17,6 +18,8 @@ pub struct ParameterUnit {
     unit: Unit,
     /// The text of `unit`, where it can be written.
     symbol: Option<String>,
+    /// The text of `unit` for a reader, with `per`.
+    apart: String,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +40,25 @@ impl ParameterUnit {
         match self.kind {
             UnitKind::Named => self.symbol.clone().unwrap_or_default(),
             _ => self.unit.si_symbol(),
+        }
+    }
+
+    /// A value in SI for a reader, with its unit: that of the vehicle file for signals, of SI for coefficients.
+    pub fn shown(&self, si: f64) -> String {
+        let (value, symbol) = match &self.kind {
+            UnitKind::Signal(signal) if signal.is_one() => (si, String::new()),
+            UnitKind::Signal(signal) => (self.unit.from_si(si), signal.to_string()),
+            _ => (si, self.si_symbol()),
+        };
+        format!("{} {symbol}", clean(value)).trim_end().to_string()
+    }
+
+    /// Symbol of the unit that the vehicle file itself has for it, with `per` where none can be written in one.
+    pub(crate) fn shown_symbol(&self) -> String {
+        match &self.symbol {
+            _ if self.unit.is_si() => self.unit.si_symbol(),
+            Some(symbol) => symbol.clone(),
+            None => self.apart.clone(),
         }
     }
 
@@ -78,6 +100,14 @@ impl ParameterUnit {
 }
 
 impl Effect {
+    /// What a parameter of an effect of this kind would be measured in at a place; `None` when the effect has no such
+    /// parameter, or the vehicle no such place.
+    pub fn unit_at(kind: Kind, place: &str, parameter: &str, vehicle: &Vehicle) -> Option<ParameterUnit> {
+        let values = vec![None; kind.spec().parameters.len()];
+        let effect = Self { kind, place: place.into(), values, text: None, written: Vec::new() };
+        effect.unit(parameter, vehicle)
+    }
+
     /// What a parameter is measured in; `None` when the effect has no such parameter, or no place in the vehicle.
     pub fn unit(&self, parameter: &str, vehicle: &Vehicle) -> Option<ParameterUnit> {
         let place = self.find_place(vehicle).ok()?;
@@ -148,11 +178,17 @@ fn signals(vehicle: &Vehicle, place: Place) -> (SignalUnit, SignalUnit) {
 fn unit(parameter: &Parameter, (first, second): &(SignalUnit, SignalUnit)) -> ParameterUnit {
     if let Some(symbol) = parameter.own_unit() {
         let unit = symbol.parse().unwrap_or(Unit::ONE);
-        return ParameterUnit { kind: UnitKind::Named, unit, symbol: Some(symbol.into()) };
+        return ParameterUnit {
+            kind: UnitKind::Named,
+            unit,
+            symbol: Some(symbol.into()),
+            apart: symbol.into(),
+        };
     }
     let signal = |signal: SignalUnit| ParameterUnit {
         unit: *signal.unit(),
         symbol: Some(signal.to_string()),
+        apart: signal.to_string(),
         kind: UnitKind::Signal(signal),
     };
     // Exponents of real units stay far inside i8; a unit beyond that cannot match.
@@ -160,6 +196,7 @@ fn unit(parameter: &Parameter, (first, second): &(SignalUnit, SignalUnit)) -> Pa
         kind: UnitKind::Composite,
         unit: Unit::coherent(unit.unwrap_or(Unit::ONE).dimension()),
         symbol: None,
+        apart: String::new(),
     };
     let per_second = Unit::ONE.times(&Unit::SECOND, -1).unwrap_or(Unit::ONE);
     match parameter.scale {
@@ -172,7 +209,7 @@ fn unit(parameter: &Parameter, (first, second): &(SignalUnit, SignalUnit)) -> Pa
         }
         Scale::Entry | Scale::Coupling => {
             let (unit, symbol) = second.over(first);
-            ParameterUnit { kind: UnitKind::Entry, unit, symbol }
+            ParameterUnit { kind: UnitKind::Entry, unit, symbol, apart: format!("{second} per {first}") }
         }
         _ => signal(first.clone()),
     }
