@@ -9,6 +9,7 @@ mod error;
 pub mod model;
 mod options;
 pub mod residual;
+pub mod screen;
 pub mod search;
 pub(crate) mod stages;
 mod thresholds;
@@ -49,9 +50,16 @@ pub fn diagnose(
     vehicle: &Vehicle,
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
+    let units = screen::wrong_units(records, vehicle, options.period_s)?;
+    if !units.is_empty() {
+        let mut loaded = Loaded::new(records, vehicle, options)?;
+        loaded.found.extend(units);
+        return Ok(answered(&loaded).answer);
+    }
     let limits = limits(records, vehicle, options);
     let mut loaded = Loaded::new(records, limits.wider.as_ref().unwrap_or(vehicle), options)?;
     loaded.found.extend(limits.found);
+    loaded.stranger = screen::stranger(records, vehicle, &options.modes, options.period_s)?;
     let free = over_commands(&loaded);
     if free.blocked {
         return Ok(free.answer);

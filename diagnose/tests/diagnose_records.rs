@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use whirlstand_diagnose::{Diagnosis, Options, diagnose};
+use whirlstand_diagnose::{Diagnosis, Options, diagnose, screen};
 use whirlstand_ident::CompareOptions;
 use whirlstand_ident::compare::compare;
 use whirlstand_ident::identify::{self, Log, Noise, Nuisance, Segment, Source, identify};
@@ -133,7 +133,34 @@ fn the_motors_of_a_crazyflie_lag() -> Outcome {
     Ok(())
 }
 
+/// Before the search, no record is taken for one of another vehicle or in another unit, identified or not.
+fn no_real_record_is_refused() -> Outcome {
+    let records = [
+        ("dryer", "dryer/dryer.csv"),
+        ("emps", "emps/train.csv"),
+        ("emps", "emps/test.csv"),
+        ("crazyflie-thrust", "crazyflie/thrust.csv"),
+        ("crazyflie-roll", "crazyflie/roll_pitch.csv"),
+        ("trex550", "trex550/hover.csv"),
+        ("silverbox-cubic", "silverbox/multisine.csv"),
+        ("silverbox-cubic", "silverbox/arrow.csv"),
+    ];
+    for (vehicle, name) in records {
+        let (mut record, vehicle) = (data(name)?, baseline(vehicle));
+        if name == "emps/train.csv" {
+            let none = vec![0.0; record.time.len()];
+            record.push("pulse_force", "N", none).unwrap();
+        }
+        let record = [record];
+        let units = screen::wrong_units(&record, &vehicle, None).unwrap();
+        let stranger = screen::stranger(&record, &vehicle, &[], None).unwrap();
+        assert!(units.is_empty() && stranger.is_none(), "{name}: {units:?} {stranger:?}");
+    }
+    Ok(())
+}
+
 whirlstand_test_harness::tests!(
+    no_real_record_is_refused,
     the_axis_of_emps_has_friction,
     the_hair_dryer_has_a_dead_time,
     a_roll_axis_of_given_gain_lags,

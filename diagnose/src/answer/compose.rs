@@ -50,6 +50,10 @@ fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
 pub(crate) fn no_prediction(checked: &Checked<'_>, why: ModelError) -> Diagnosis {
     let mut answer = empty_answer(checked);
     let vehicle = &checked.loaded.vehicle.name;
+    if answer.data.iter().any(|f| f.blocking) {
+        answer.summary = summary(&answer);
+        return answer;
+    }
     answer.summary = match why {
         ModelError::Diverged => {
             format!("Inconclusive: the free run of {vehicle} over this record leaves all bounds.")

@@ -8,15 +8,17 @@ use crate::thresholds::TRANSITION_TIMES;
 
 /// Transitions to every built-in vehicle and to `modes` that has the same states, inputs and outputs.
 pub fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<Candidate> {
-    let builtin = whirlstand_vehicle::builtin_names().map(String::from);
-    let others = builtin.chain(modes.iter().cloned()).filter(|name| *name != vehicle.name);
     let count = TRANSITION_TIMES as f64;
     let times: Vec<f64> = (0..TRANSITION_TIMES).map(|i| i as f64 / count * sizes.duration_s).collect();
-    others
-        .filter(|to| {
-            let effect = Effect::mode_transition(0.0, to);
-            effect.is_ok_and(|e| vehicle.clone().add_effect(e).is_ok())
-        })
-        .map(|to| transition(&to, times.clone(), sizes, count))
-        .collect()
+    self::modes(vehicle, modes).map(|to| transition(&to, times.clone(), sizes, count)).collect()
+}
+
+/// Names of the built-in vehicles and of those of `modes` that a vehicle can change to.
+pub fn modes(vehicle: &Vehicle, modes: &[String]) -> impl Iterator<Item = String> {
+    let builtin = whirlstand_vehicle::builtin_names().map(String::from);
+    let others = builtin.chain(modes.iter().cloned()).filter(|name| *name != vehicle.name);
+    others.filter(|to| {
+        let effect = Effect::mode_transition(0.0, to);
+        effect.is_ok_and(|e| vehicle.clone().add_effect(e).is_ok())
+    })
 }

@@ -70,10 +70,17 @@ pub struct Data {
 /// A multiple of the records' period at which all of them together are no longer than can be searched in minutes; `None`
 /// when they are not at their own.
 pub fn coarser_period(records: &[Record]) -> Option<f64> {
+    coarser_period_for(records, None, MAX_SEARCHED_STEPS)
+}
+
+/// A multiple of the records' period, or of the given one, at which all of them together have at most so many steps; `None`
+/// when they have no more at their own.
+pub fn coarser_period_for(records: &[Record], period_s: Option<f64>, most: f64) -> Option<f64> {
     let first = records.first().filter(|r| r.time_unit == "s")?;
-    let own = whirlstand_logs::stats::median(&first.time.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>());
+    let steps = first.time.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>();
+    let own = period_s.unwrap_or_else(|| whirlstand_logs::stats::median(&steps));
     let steps = records.iter().map(Record::duration).sum::<f64>() / own;
-    (own > 0.0 && steps > MAX_SEARCHED_STEPS + 1.0).then(|| own * (steps / MAX_SEARCHED_STEPS - 1e-6).ceil())
+    (own > 0.0 && steps > most + 1.0).then(|| own * (steps / most - 1e-6).ceil())
 }
 
 impl Data {

@@ -97,9 +97,16 @@ fn first_fit(checked: &mut Checked<'_>) -> Result<Fit, ModelError> {
     let free_run = FreeRun::new(checked.loaded.vehicle, &checked.data);
     let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
     let fit = model.fit(vec![0.0; free_run.initials()], None, None)?;
+    // In wrong units, nothing else of the channels means anything.
+    if checked.found.iter().any(|f| f.kind == "unit") {
+        return Ok(fit);
+    }
     let mut found = checks::channels(&free_run, &fit.predicted, &fit.residual);
-    if !checked.is_blocked() && !found.iter().any(|f| f.blocking) {
+    if !found.iter().any(|f| f.blocking) {
         found.extend(checks::inputs(&free_run, &fit.values, &fit.predicted, &fit.residual));
+    }
+    if !found.iter().any(|f| f.blocking) && !checked.is_blocked() {
+        found.extend(checked.loaded.stranger.clone());
     }
     checked.found.extend(found);
     Ok(fit)

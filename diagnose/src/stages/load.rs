@@ -17,6 +17,8 @@ pub(crate) struct Loaded<'a> {
     pub data: Data,
     /// What clocks and numbers show.
     pub found: Vec<DataFinding>,
+    /// That the record is not of this vehicle, where nothing is wrong with the channels.
+    pub stranger: Option<DataFinding>,
 }
 
 impl<'a> Loaded<'a> {
@@ -33,7 +35,7 @@ impl<'a> Loaded<'a> {
         let data = Data::join(records, vehicle, options.period_s.or(coarser))?;
         let mut found: Vec<_> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
         found.extend(coarser.map(checks::thinned));
-        Ok(Self { records, vehicle, options, data, found })
+        Ok(Self { records, vehicle, options, data, found, stranger: None })
     }
 
     /// The same for a predictor that follows the records and remembers for so long, s.

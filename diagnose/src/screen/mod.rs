@@ -1,0 +1,68 @@
+//! What a record shows before any cause is looked for: columns in a wrong unit, and a vehicle that it does not resemble.
+
+mod gain;
+mod predictions;
+mod resemblance;
+mod responses;
+mod units;
+
+use whirlstand_logs::Record;
+use whirlstand_vehicle::{Effect, Vehicle};
+
+use crate::DiagnoseError;
+use crate::answer::schema::DataFinding;
+use crate::candidates::transitions;
+use crate::data::record::{Data, coarser_period_for};
+use crate::thresholds::{MAX_COMPARED_STEPS, MAX_SCREENED_STEPS};
+
+/// Columns of the records that are in a wrong unit; takes about a second.
+///
+/// # Errors
+/// As [`Data::join`].
+pub fn wrong_units(
+    records: &[Record],
+    vehicle: &Vehicle,
+    period_s: Option<f64>,
+) -> Result<Vec<DataFinding>, DiagnoseError> {
+    Ok(units::units(vehicle, &screened(records, vehicle, period_s, MAX_SCREENED_STEPS)?))
+}
+
+/// That the records are not of the vehicle, in none of the built-in flight modes nor of `modes`; takes about a second.
+///
+/// # Errors
+/// As [`Data::join`].
+pub fn stranger(
+    records: &[Record],
+    vehicle: &Vehicle,
+    modes: &[String],
+    period_s: Option<f64>,
+) -> Result<Option<DataFinding>, DiagnoseError> {
+    let data = screened(records, vehicle, period_s, MAX_COMPARED_STEPS)?;
+    let open = without_limits(vehicle);
+    let modes = transitions::modes(&open, modes).filter_map(|to| {
+        let mut other = open.clone();
+        other.add_effect(Effect::mode_transition(0.0, &to).ok()?).ok()?;
+        Some(other)
+    });
+    Ok(resemblance::stranger(&open, &modes.collect::<Vec<_>>(), &data))
+}
+
+/// The records with commands as they were recorded, whatever the limits, and so many steps at most.
+fn screened(
+    records: &[Record],
+    vehicle: &Vehicle,
+    period_s: Option<f64>,
+    most: f64,
+) -> Result<Data, DiagnoseError> {
+    let coarser = coarser_period_for(records, period_s, most);
+    Data::join(records, &without_limits(vehicle), coarser.or(period_s))
+}
+
+/// The vehicle without limits of its inputs: a column in another unit may be far beyond them.
+fn without_limits(vehicle: &Vehicle) -> Vehicle {
+    let mut open = vehicle.clone();
+    for input in &mut open.inputs {
+        (input.lower, input.upper, input.rate_limit) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
+    }
+    open
+}

@@ -1,0 +1,154 @@
+//! Predictions of a record over a horizon, and what of them is due to the commands.
+
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use whirlstand_logs::stats::mean;
+use whirlstand_vehicle::Vehicle;
+
+use crate::data::record::{Channel, Data};
+use crate::model::fit::dot;
+use crate::model::free_run::FreeRun;
+use crate::thresholds::{LEAST_COMPARED_BLOCKS, MAX_P_VALUE};
+
+/// How far ahead is predicted, and over which blocks errors are added up.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    /// Over so many steps; `None` for a free run.
+    pub horizon: Option<usize>,
+    /// Steps of a block: twice as long as errors are alike.
+    block: usize,
+}
+
+/// A sample that is predicted.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    step: usize,
+    pub measured: f64,
+    pub predicted: f64,
+    /// What was measured last before the prediction was begun; not a number for a free run.
+    pub last: f64,
+}
+
+impl Span {
+    /// `longest` is the longest horizon, steps.
+    pub fn new(horizon: Option<usize>, longest: usize) -> Self {
+        Self { horizon, block: 2 * horizon.unwrap_or(longest) }
+    }
+
+    /// Predictions of all samples, from states at rest; `None` where the vehicle has none.
+    pub fn predicted(self, vehicle: &Vehicle, data: &Data) -> Option<Vec<f64>> {
+        let memory_s = self.horizon.map(|h| h as f64 * data.period_s);
+        let data = Data { memory_s, ..data.clone() };
+        let run = FreeRun::new(vehicle, &data);
+        let rest = vec![0.0; run.initials()];
+        match self.horizon {
+            Some(horizon) => run.ahead(vehicle, &rest, horizon).ok(),
+            None => run.run_vehicle(vehicle, &rest).ok(),
+        }
+    }
+}
+
+/// Samples of a channel that count. The first predictions of a record come from an initial state that nobody knows.
+pub(super) fn samples(channel: &Channel, data: &Data, predicted: &[f64], span: Span) -> Vec<Sample> {
+    let good = (0..channel.values.len()).filter(|s| channel.good[*s] && predicted[*s].is_finite());
+    let sample = |s: usize| {
+        let step = channel.step(s);
+        let since = data.starts.iter().copied().rfind(|start| *start <= step)?;
+        let last = match span.horizon {
+            Some(h) if step < since + h => return None,
+            Some(h) => last_value(channel, step, since, h)?,
+            None => f64::NAN,
+        };
+        Some(Sample { step, measured: channel.values[s], predicted: predicted[s], last })
+    };
+    good.filter_map(sample).collect()
+}
+
+/// What was measured last before the prediction of a step was begun, as [`FreeRun::ahead`] begins it.
+fn last_value(channel: &Channel, step: usize, since: usize, horizon: usize) -> Option<f64> {
+    let every = (horizon / 4).max(1);
+    let begun = since + every * ((step - since + every - horizon) / every);
+    (since..begun).rev().take(4 * channel.stride).find_map(|k| channel.measured_at(k))
+}
+
+/// The mean of a figure over blocks in its standard errors, and how many blocks there are; `None` for too few.
+pub(super) fn blocks(
+    samples: &[Sample],
+    span: Span,
+    figure: impl Fn(&Sample) -> f64,
+) -> Option<(f64, usize)> {
+    let mut sums = std::collections::BTreeMap::<usize, f64>::new();
+    for sample in samples {
+        *sums.entry(sample.step / span.block.max(1)).or_default() += figure(sample);
+    }
+    let sums: Vec<f64> = sums.into_values().collect();
+    if sums.len() < LEAST_COMPARED_BLOCKS {
+        return None;
+    }
+    let middle = mean(&sums);
+    let spread: f64 = sums.iter().map(|b| (b - middle).powi(2)).sum();
+    let error = (spread / (sums.len() * (sums.len() - 1)) as f64).sqrt();
+    (error > 0.0).then(|| (middle / error, sums.len()))
+}
+
+/// True when what the commands make of the vehicle's predictions tells of a judged channel what neither its level, nor its last
+/// value, nor the predictions without commands tell (Granger 1969), chance counted in so many `looks`.
+pub(super) fn commands_tell(
+    vehicle: &Vehicle,
+    data: &Data,
+    judged: &[usize],
+    span: Span,
+    looks: f64,
+) -> bool {
+    let mut still = data.clone();
+    for row in still.inputs.chunks_exact_mut(data.m.max(1)) {
+        row.iter_mut().zip(&vehicle.inputs).for_each(|(u, input)| *u = input.neutral());
+    }
+    let Some((moved, rest)) = span.predicted(vehicle, data).zip(span.predicted(vehicle, &still)) else {
+        return false;
+    };
+    data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c)).any(|(c, range)| {
+        let channel = &data.channels[c];
+        let moved = samples(channel, data, &moved[range.clone()], span);
+        let rest = samples(channel, data, &rest[range], span);
+        if moved.len() != rest.len() {
+            return false;
+        }
+        let column = |f: &dyn Fn(&Sample) -> f64| moved.iter().map(f).collect::<Vec<f64>>();
+        let mut known = vec![vec![1.0; moved.len()], rest.iter().map(|s| s.predicted).collect()];
+        if span.horizon.is_some() {
+            known.push(column(&|s| s.last));
+        }
+        let known = orthogonal(known);
+        let measured = beyond(column(&|s| s.measured), &known);
+        let commanded = moved.iter().zip(&rest).map(|(a, b)| a.predicted - b.predicted).collect();
+        let commanded = beyond(commanded, &known);
+        let products = moved.iter().zip(measured.iter().zip(&commanded));
+        let products: Vec<Sample> = products.map(|(s, (y, p))| Sample { predicted: y * p, ..*s }).collect();
+        let Some((t, count)) = blocks(&products, span, |s| s.predicted) else { return false };
+        let tail = StudentsT::new(0.0, 1.0, (count - 1) as f64).map(|d| d.sf(t));
+        tail.is_ok_and(|p| p * looks < MAX_P_VALUE)
+    })
+}
+
+/// Columns of length one at right angles to each other (Gram and Schmidt); those that add nothing are left out.
+fn orthogonal(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    let mut basis: Vec<Vec<f64>> = Vec::new();
+    for column in columns {
+        let size = dot(&column, &column);
+        let rest = beyond(column, &basis);
+        let own = dot(&rest, &rest);
+        if own > 1e-12 * size {
+            basis.push(rest.iter().map(|v| v / own.sqrt()).collect());
+        }
+    }
+    basis
+}
+
+/// What a basis does not have of a column.
+fn beyond(mut column: Vec<f64>, basis: &[Vec<f64>]) -> Vec<f64> {
+    for known in basis {
+        let share = dot(&column, known);
+        column.iter_mut().zip(known).for_each(|(v, k)| *v -= share * k);
+    }
+    column
+}

@@ -1,0 +1,113 @@
+//! Whether a record is at all what the vehicle does: some output predicted better than by its mean and by its last value.
+//!
+//! Predictions over several horizons follow the record until they begin, so that they mean something in a closed loop and where
+//! the vehicle integrates; a free run stands beside them. Their squared errors are compared with those of the better of mean and
+//! last value by the means of blocks (Diebold and Mariano 1995): a block is twice as long as the predictions, whose errors
+//! are alike for as long as they reach.
+
+use whirlstand_logs::stats::mean;
+use whirlstand_vehicle::{Effect, Kind, Vehicle};
+
+use crate::answer::compose::short;
+use crate::answer::schema::DataFinding;
+use crate::data::record::{Channel, Data};
+use crate::model::predictor::default_horizon_s;
+use crate::screen::predictions::{Sample, Span, blocks, commands_tell, samples};
+use crate::thresholds::{LATENESSES_S, LEAST_HORIZON_STEPS, LOUD_RATIO, MEMORY_GROWTH, MIN_HELD_OUT_SIGMAS};
+
+/// How the predictions of a channel compare with its mean and its last value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Compared {
+    Better,
+    Alike,
+    Worse,
+}
+
+/// That the record is none of the vehicle: every output that is more than the integral of another is predicted no better than by
+/// its mean or its last value, over any horizon and by the free run, and plainly worse over one of them. A cause may do that
+/// to a record of the vehicle: where the commands tell anything of it through the vehicle, late or in another
+/// of the `modes`, it is not refused.
+pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Option<DataFinding> {
+    let judged = judged(vehicle, data);
+    let longest = ((default_horizon_s(vehicle, data) / data.period_s).round() as usize).max(1);
+    let horizons =
+        std::iter::successors(Some(LEAST_HORIZON_STEPS as usize), |h| Some(MEMORY_GROWTH as usize * h));
+    let horizons: Vec<usize> = horizons.take_while(|h| *h < longest).chain([longest]).collect();
+    let spans: Vec<Span> =
+        horizons.iter().map(|h| Some(*h)).chain([None]).map(|h| Span::new(h, longest)).collect();
+    let mut worse = vec![false; data.channels.len()];
+    for span in &spans {
+        let Some(predicted) = span.predicted(vehicle, data) else { continue };
+        for (c, range) in data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c)) {
+            match compared(&data.channels[c], data, &predicted[range], *span) {
+                Compared::Better => return None,
+                Compared::Worse => worse[c] = true,
+                Compared::Alike => {}
+            }
+        }
+    }
+    if judged.is_empty() || !judged.iter().all(|c| worse[*c]) {
+        return None;
+    }
+    let late = LATENESSES_S.iter().filter_map(|delay_s| {
+        let mut late = vehicle.clone();
+        for input in &vehicle.inputs {
+            let effect = Effect::new(Kind::InputDelay, &input.name, &[("delay_s", *delay_s)]);
+            late.add_effect(effect.ok()?).ok()?;
+        }
+        Some(late)
+    });
+    let others: Vec<Vehicle> =
+        std::iter::once(vehicle.clone()).chain(modes.iter().cloned()).chain(late).collect();
+    let looks = (others.len() * spans.len() * judged.len()) as f64;
+    let tell = |other: &Vehicle| spans.iter().any(|span| commands_tell(other, data, &judged, *span, looks));
+    (!others.iter().any(tell)).then(|| finding(vehicle, data, &judged, (horizons[0], longest)))
+}
+
+fn finding(vehicle: &Vehicle, data: &Data, judged: &[usize], horizons: (usize, usize)) -> DataFinding {
+    let name = |c: &usize| vehicle.outputs[data.channels[*c].output].name.as_str();
+    let names: Vec<&str> = judged.iter().map(name).collect();
+    let seconds = |steps: usize| short(steps as f64 * data.period_s);
+    let text = format!(
+        "the record is not what {} does: from the commands, and from what was measured until {} to {} s before, no output is predicted better than by its mean or its last value ({}). Is it the right vehicle file, and are the inputs those of this flight? Otherwise identify the vehicle from the record first (whirlstand identify)",
+        vehicle.name,
+        seconds(horizons.0),
+        seconds(horizons.1),
+        names.join(", ")
+    );
+    DataFinding { kind: "vehicle".into(), place: names.join(","), text, blocking: true }
+}
+
+/// Channels that show more than the integral of another state, which any vehicle predicts; all, where there are no others.
+fn judged(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
+    let is_integral = |channel: &Channel| {
+        let mut shown = (0..vehicle.states.len()).filter(|j| vehicle.c[(channel.output, *j)] != 0.0);
+        shown.next().is_some_and(|j| vehicle.kinematic_row(j).is_some()) && shown.next().is_none()
+    };
+    let forces: Vec<usize> = (0..data.channels.len()).filter(|c| !is_integral(&data.channels[*c])).collect();
+    if forces.is_empty() { (0..data.channels.len()).collect() } else { forces }
+}
+
+/// Compares predictions of a channel with its mean and its last value.
+fn compared(channel: &Channel, data: &Data, predicted: &[f64], span: Span) -> Compared {
+    let samples = samples(channel, data, predicted, span);
+    let level = mean(&samples.iter().map(|s| s.measured).collect::<Vec<_>>());
+    let power = |error: &dyn Fn(&Sample) -> f64| samples.iter().map(|s| error(s).powi(2)).sum::<f64>();
+    // What stays within the noise is predicted as well as can be.
+    if power(&|s| s.measured - s.predicted) <= samples.len() as f64 * (LOUD_RATIO * channel.declared).powi(2)
+    {
+        return Compared::Better;
+    }
+    let last_is_better =
+        span.horizon.is_some() && power(&|s| s.measured - s.last) < power(&|s| s.measured - level);
+    let base = |s: &Sample| if last_is_better { s.last } else { level };
+    // A free run may be off by an offset.
+    let predicted = mean(&samples.iter().map(|s| s.predicted).collect::<Vec<_>>());
+    let offset = if span.horizon.is_none() { level - predicted } else { 0.0 };
+    let gain = |s: &Sample| (s.measured - base(s)).powi(2) - (s.measured - s.predicted - offset).powi(2);
+    match blocks(&samples, span, gain) {
+        Some((t, _)) if t > MIN_HELD_OUT_SIGMAS => Compared::Better,
+        Some((t, _)) if t < -MIN_HELD_OUT_SIGMAS => Compared::Worse,
+        _ => Compared::Alike,
+    }
+}

@@ -1,0 +1,253 @@
+//! Columns in another unit than they were read in.
+//!
+//! A unit is one of a few known ratios, a fault any number: a ratio is told where the interval of the estimated factor
+//! contains it, and where what parts of a vehicle do (lose effectiveness, be up to twice as strong) would have to come near
+//! it by chance. All columns of a kind in a wrong unit come before one alone.
+
+use whirlstand_vehicle::Vehicle;
+
+use super::gain::{self, Columns, Factor, scaled};
+use super::responses::{Responses, linear};
+use crate::answer::compose::short;
+use crate::answer::schema::DataFinding;
+use crate::data::record::Data;
+use crate::thresholds::{
+    CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, LONGEST_SCREEN_SHARE, MAX_WRONG_UNITS, MEMORY_GROWTH,
+    OVERSHADOWED_BIC, SAME_LOG_LIKELIHOOD, SHORTEST_MEMORY_STEPS, UNIT_RATIOS, VEHICLE_GAIN_ERROR,
+};
+
+/// Columns that are one ratio too large.
+#[derive(Debug, Clone)]
+struct WrongUnit {
+    /// Sources: channels, then inputs.
+    members: Vec<usize>,
+    /// Recorded over true.
+    ratio: f64,
+    /// Other columns that would do the same with another ratio.
+    or: Option<(Vec<usize>, f64)>,
+}
+
+/// A unit that was tried: logarithm of the likelihood and what speaks for it beforehand, columns, ratio.
+type Trial<'g> = ((f64, f64), &'g Vec<usize>, f64);
+
+/// What one predictor says.
+struct Weighed {
+    columns: Columns,
+    log_likelihood: f64,
+    /// What every column is multiplied by.
+    weights: Vec<f64>,
+    units: Vec<WrongUnit>,
+}
+
+/// Wrong units of a record, all of them at once. Commands are to be as they were recorded, limits or not.
+pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
+    let open = linear(vehicle);
+    let groups = groups(vehicle, data);
+    let longest = LONGEST_SCREEN_SHARE * data.steps as f64;
+    let all = std::iter::successors(Some(SHORTEST_MEMORY_STEPS), |m| Some(MEMORY_GROWTH * m));
+    let shortest_record = data.starts.iter().zip(data.starts.iter().skip(1).chain([&data.steps]));
+    let shortest_record = shortest_record.map(|(a, b)| b - a).min().unwrap_or(data.steps);
+    let skip = (3.0 * longest) as usize;
+    if skip >= shortest_record {
+        return Vec::new();
+    }
+    let weighed = all.take_while(|m| *m <= longest.max(SHORTEST_MEMORY_STEPS)).filter_map(|steps| {
+        let responses = Responses::new(&open, data, steps * data.period_s, skip)?;
+        let declared = data.channels.iter().map(|c| c.declared).collect();
+        Some(weigh(Columns::new(&responses, declared), &groups))
+    });
+    let weighed: Vec<Weighed> = weighed.collect();
+    let Some(best) =
+        (0..weighed.len()).max_by(|a, b| weighed[*a].log_likelihood.total_cmp(&weighed[*b].log_likelihood))
+    else {
+        return Vec::new();
+    };
+    let beside = &weighed[if best + 1 < weighed.len() { best + 1 } else { best.saturating_sub(1) }];
+    let best = &weighed[best];
+    // Where no command shows, nothing but chance says how large the outputs should be.
+    let p = data.channels.len();
+    let shows = |s: usize| factor(best, beside, &[s]).is_some_and(|f| f.half < GREATEST_PHYSICAL_FACTOR.ln());
+    if best.units.is_empty() || !(p..p + data.m).any(shows) {
+        return Vec::new();
+    }
+    let units = best.units.iter().filter_map(|unit| {
+        let left = factor(best, beside, &unit.members)?;
+        Some((unit, Factor { log: unit.ratio.ln() + left.log, ..left }))
+    });
+    let certain = units.filter(|(unit, factor)| is_certain(unit, factor, unit.members[0] >= p));
+    certain.map(|(u, f)| finding(vehicle, data, u, &f)).collect()
+}
+
+/// The likeliest units under one predictor, one after the other.
+fn weigh(columns: Columns, groups: &[Vec<usize>]) -> Weighed {
+    let mut weights = vec![1.0; columns.sources()];
+    let mut log_likelihood = columns.likelihood(&weights).0;
+    let mut found: Vec<WrongUnit> = Vec::new();
+    while found.len() < MAX_WRONG_UNITS {
+        let taken = |s: &usize| found.iter().any(|u| u.members.contains(s));
+        let open = groups.iter().filter(|g| !g.iter().any(taken));
+        let tried = open.flat_map(|g| ratios().map(move |r| (g, r)));
+        let tried = tried.map(|(g, r)| (columns.likelihood(&scaled(&weights, g, 1.0 / r)), g, r));
+        // The first of those that do alike: one column comes before several.
+        let total = |l: (f64, f64)| l.0 + l.1;
+        let tried: Vec<Trial<'_>> = tried.collect();
+        let better = tried
+            .iter()
+            .copied()
+            .reduce(|a, b| if total(b.0) > total(a.0) + SAME_LOG_LIKELIHOOD { b } else { a });
+        let Some((best, members, ratio)) = better else { break };
+        if 2.0 * (best.0 - log_likelihood) < OVERSHADOWED_BIC {
+            break;
+        }
+        let same = |t: &&Trial<'_>| {
+            !t.1.iter().any(|s| members.contains(s)) && total(t.0) > total(best) - SAME_LOG_LIKELIHOOD
+        };
+        let or = tried.iter().find(same).map(|t| (t.1.clone(), t.2));
+        found.push(WrongUnit { members: members.clone(), ratio, or });
+        (weights, log_likelihood) = (scaled(&weights, members, 1.0 / ratio), best.0);
+    }
+    Weighed { columns, log_likelihood, weights, units: found }
+}
+
+/// How many times too large columns still are. To the interval of the best predictor comes what another says: of a vehicle that
+/// is right, both say the same.
+fn factor(best: &Weighed, beside: &Weighed, members: &[usize]) -> Option<Factor> {
+    let left = |weighed: &Weighed| gain::factor(&weighed.columns, &best.weights, members);
+    let (own, other) = (left(best)?, left(beside)?);
+    // Weights are what a column is multiplied by.
+    Some(Factor { log: -own.log, half: own.half + (own.log - other.log).abs() })
+}
+
+fn ratios() -> impl Iterator<Item = f64> {
+    UNIT_RATIOS.iter().flat_map(|r| [*r, 1.0 / r])
+}
+
+/// Which columns may be in one wrong unit: each alone, those of one unit, all angles with their rates, all inputs.
+fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
+    let p = data.channels.len();
+    let inputs: Vec<usize> = (p..p + data.m).collect();
+    let si = |s: &usize| match s.checked_sub(p) {
+        Some(j) => vehicle.inputs[j].unit.si_symbol(),
+        None => vehicle.outputs[data.channels[*s].output].unit.si_symbol(),
+    };
+    let mut groups: Vec<Vec<usize>> = (0..p + data.m).map(|s| vec![s]).collect();
+    let mut add = |group: Vec<usize>| {
+        if group.len() > 1 && !groups.contains(&group) {
+            groups.push(group);
+        }
+    };
+    for range in [0..p, p..p + data.m] {
+        for first in range.clone() {
+            add(range.clone().filter(|s| si(s) == si(&first)).collect());
+        }
+    }
+    add((0..p).filter(|s| ["rad", "rad/s"].contains(&si(s).as_str())).collect());
+    add(inputs);
+    groups
+}
+
+/// True when only the unit explains the factor: its interval holds the unit's ratio, and hardly any factor that the parts of a
+/// vehicle have. Beyond all of those, the gains of the vehicle file need to be right only as far as such files are.
+fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool) -> bool {
+    let (low, high) = (factor.log - factor.half, factor.log + factor.half);
+    // A vehicle of a tenth of the strength answers as to a command recorded ten times too large.
+    let (weakest, strongest) = if input { ((-high).exp(), (-low).exp()) } else { (low.exp(), high.exp()) };
+    let physical = (strongest.min(GREATEST_PHYSICAL_FACTOR) - weakest).max(0.0);
+    let room = if physical > 0.0 { 0.0 } else { VEHICLE_GAIN_ERROR };
+    let holds = |r: f64| low - room < r.ln() && r.ln() < high + room;
+    let alone = !ratios().any(|r| r != unit.ratio && holds(r));
+    // An interval as wide as the ratios are apart tells none of them.
+    let least = UNIT_RATIOS.iter().copied().fold(f64::INFINITY, f64::min);
+    let narrow = 2.0 * factor.half < least.ln();
+    narrow && holds(unit.ratio) && alone && physical < CHANCE_FACTOR_SHARE * GREATEST_PHYSICAL_FACTOR
+}
+
+/// A source's name and SI unit.
+fn signal(vehicle: &Vehicle, data: &Data, source: usize) -> (String, String) {
+    let p = data.channels.len();
+    let named = |name: &str, unit: String| (name.to_string(), unit);
+    match source.checked_sub(p) {
+        Some(j) => named(&vehicle.inputs[j].name, vehicle.inputs[j].unit.si_symbol()),
+        None => {
+            let output = &vehicle.outputs[data.channels[source].output];
+            named(&output.name, output.unit.si_symbol())
+        }
+    }
+}
+
+fn finding(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) -> DataFinding {
+    let signals = |members: &[usize]| members.iter().map(|s| signal(vehicle, data, *s)).collect::<Vec<_>>();
+    let own = signals(&unit.members);
+    let input = unit.members[0] >= data.channels.len();
+    let at = |sigmas: f64| short((factor.log + sigmas * factor.half).exp());
+    let mut text = format!(
+        "{}: {} times ({} to {}) what {} {}, as a wrong unit makes it. {}",
+        too_large(&own, unit.ratio),
+        at(0.0),
+        at(-1.0),
+        at(1.0),
+        vehicle.name,
+        if input { "answers to" } else { "does" },
+        mended(&own, unit.ratio)
+    );
+    if let Some((members, ratio)) = &unit.or {
+        text.push_str(&format!(
+            "; or {}, which this record cannot tell from it",
+            too_large(&signals(members), *ratio)
+        ));
+    }
+    if input {
+        text.push_str(&format!(
+            "; a vehicle whose input_gain is {} would answer in the same way: if it is so, write that into the vehicle file",
+            short(1.0 / unit.ratio)
+        ));
+    }
+    let names: Vec<&str> = own.iter().map(|(n, _)| n.as_str()).collect();
+    DataFinding { kind: "unit".into(), place: names.join(","), text, blocking: true }
+}
+
+/// What is wrong with columns, in words.
+fn too_large(signals: &[(String, String)], ratio: f64) -> String {
+    let names: Vec<&str> = signals.iter().map(|(n, _)| n.as_str()).collect();
+    let (much, size) = if ratio > 1.0 { ("large", ratio) } else { ("small", 1.0 / ratio) };
+    let are = if names.len() == 1 { "is" } else { "are" };
+    format!("{} {are} {} times too {much}", list(&names), short(size))
+}
+
+/// What to do about columns that are so many times too large.
+fn mended(signals: &[(String, String)], ratio: f64) -> String {
+    let columns = if signals.len() == 1 { "column" } else { "columns" };
+    let maps =
+        signals.iter().map(|(name, si)| Some(format!("--map {name}={name}[{}]", recorded(si, ratio)?)));
+    match maps.collect::<Option<Vec<String>>>() {
+        Some(maps) => format!("Write the unit into the head of the {columns}, or {}", maps.join(" ")),
+        None if ratio > 1.0 => format!("Divide the {columns} by {}", short(ratio)),
+        None => format!("Multiply the {columns} by {}", short(1.0 / ratio)),
+    }
+}
+
+/// The unit of a column that was recorded so many times larger than in SI, where it has a usual name.
+fn recorded(si: &str, ratio: f64) -> Option<String> {
+    let is = |r: f64| (ratio / r - 1.0).abs() < 1e-6;
+    let [degrees, gravity, thousand, speed] = UNIT_RATIOS;
+    let unit = match si {
+        "rad" if is(degrees) => "deg".into(),
+        "rad/s" if is(degrees) => "deg/s".into(),
+        "m/s" if is(speed) => "km/h".into(),
+        "m/s^2" if is(1.0 / gravity) => "g".into(),
+        "m" | "m/s" | "N" | "V" | "rad" | "rad/s" if is(thousand) => format!("m{si}"),
+        "m" | "m/s" | "N" | "V" if is(1.0 / thousand) => format!("k{si}"),
+        "rad" | "rad/s" if is(1.0 / degrees) => si.into(),
+        "m/s" if is(1.0 / speed) => si.into(),
+        "m/s^2" if is(gravity) => si.into(),
+        _ => return None,
+    };
+    Some(unit)
+}
+
+fn list(names: &[&str]) -> String {
+    match names {
+        [all @ .., last] if !all.is_empty() => format!("{} and {last}", all.join(", ")),
+        _ => names.concat(),
+    }
+}

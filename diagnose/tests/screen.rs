@@ -1,0 +1,100 @@
+//! What is told of a record before the search: columns in a wrong unit, and a vehicle that it is not of.
+
+mod support;
+
+use support::{changed, flight};
+use whirlstand_diagnose::{Options, Verdict, diagnose, screen};
+use whirlstand_logs::Record;
+use whirlstand_logs::testing::noise;
+use whirlstand_vehicle::{Effect, Kind, Vehicle};
+
+/// The quadrotor with white noise alone.
+fn quadrotor() -> Vehicle {
+    let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
+    vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
+    vehicle
+}
+
+fn scaled(record: &Record, channels: &[&str], ratio: f64) -> Record {
+    channels.iter().fold(record.clone(), |record, channel| changed(&record, channel, |_, v| ratio * v))
+}
+
+const OUTPUTS: [&str; 4] = ["roll", "roll_rate", "pitch", "pitch_rate"];
+const INPUTS: [&str; 2] = ["u_roll", "u_pitch"];
+
+#[test]
+fn every_ratio_of_units_is_told_on_every_column() {
+    let record = flight(&quadrotor(), 30.0, &[0.0; 4], 3.0, Some(3));
+    let alone: Vec<Vec<&str>> = OUTPUTS.iter().chain(&INPUTS).map(|name| vec![*name]).collect();
+    let together =
+        [OUTPUTS.to_vec(), INPUTS.to_vec(), vec!["roll", "pitch"], vec!["roll_rate", "pitch_rate"]];
+    for ratio in [180.0 / std::f64::consts::PI, 9.80665, 1000.0, 3.6] {
+        for ratio in [ratio, 1.0 / ratio] {
+            for columns in alone.iter().chain(&together) {
+                let record = scaled(&record, columns, ratio);
+                let found = screen::wrong_units(&[record], &quadrotor(), None).unwrap();
+                let told: Vec<(&str, &str)> =
+                    found.iter().map(|f| (f.kind.as_str(), f.place.as_str())).collect();
+                assert_eq!(told, [("unit", columns.join(",").as_str())], "{ratio}: {found:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_wrong_unit_ends_the_diagnosis_and_says_what_to_write() {
+    let record = flight(&quadrotor(), 30.0, &[0.0; 4], 3.0, Some(4));
+    for (columns, says) in
+        [(&OUTPUTS[..], "--map pitch_rate=pitch_rate[deg/s]"), (&INPUTS[..], "input_gain is 0.0175")]
+    {
+        let record = scaled(&record, columns, 180.0 / std::f64::consts::PI);
+        let answer = diagnose(&[record], &quadrotor(), &Options::default()).unwrap();
+        assert_eq!(answer.verdict, Verdict::Inconclusive, "{}", answer.text());
+        assert!(answer.causes.is_empty(), "{}", answer.text());
+        assert!(
+            answer.summary.contains("57.3 times too large") && answer.summary.contains(says),
+            "{}",
+            answer.summary
+        );
+    }
+}
+
+#[test]
+fn a_strong_fault_is_no_unit_and_no_other_vehicle() {
+    let faults: [(Kind, &str, &[(&str, f64)]); 8] = [
+        (Kind::InputDelay, "u_roll", &[("delay_s", 0.15)]),
+        (Kind::ActuatorLag, "u_roll", &[("time_constant_s", 0.2)]),
+        (Kind::InputGain, "u_roll", &[("factor", 0.3)]),
+        (Kind::InputGain, "u_pitch", &[("factor", 1.7)]),
+        (Kind::InputGain, "u_pitch", &[("factor", 0.0)]),
+        (Kind::SensorScale, "roll", &[("factor", 0.3)]),
+        (Kind::SensorScale, "pitch_rate", &[("factor", 1.7)]),
+        (Kind::SensorScale, "pitch_rate", &[("factor", 0.0)]),
+    ];
+    for seed in 0..4 {
+        for (kind, place, parameters) in &faults {
+            let mut truth = quadrotor();
+            truth.add_effect(Effect::new(*kind, place, parameters).unwrap()).unwrap();
+            let record = [flight(&truth, 30.0, &[0.0; 4], 3.0, Some(seed))];
+            let units = screen::wrong_units(&record, &quadrotor(), None).unwrap();
+            let stranger = screen::stranger(&record, &quadrotor(), &[], None).unwrap();
+            assert!(
+                units.is_empty() && stranger.is_none(),
+                "{kind:?} {parameters:?}: {units:?} {stranger:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_record_with_the_commands_of_another_flight_is_refused() {
+    let record = flight(&quadrotor(), 40.0, &[0.0; 4], 3.0, Some(5));
+    let mut other = record.clone();
+    for (seed, name) in INPUTS.iter().enumerate() {
+        let steps = noise(record.len() / 50 + 1, seed as u64);
+        other = changed(&other, name, |k, _| 5.0 * steps[k / 50]);
+    }
+    let answer = diagnose(&[other], &quadrotor(), &Options::default()).unwrap();
+    assert_eq!(answer.verdict, Verdict::Inconclusive, "{}", answer.text());
+    assert!(answer.data.iter().any(|f| f.kind == "vehicle" && f.blocking), "{}", answer.text());
+}
