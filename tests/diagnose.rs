@@ -106,7 +106,68 @@ fn ctrl_c_ends_a_diagnosis_with_what_is_known() {
     assert!(ended.stderr.contains("interrupted"), "{}", ended.stderr);
     let answer = json(path);
     assert!(answer["remarks"].to_string().contains("ended early"), "{answer}");
+    assert_eq!(answer["partial"], true, "{answer}");
+    assert!(ended.stdout.starts_with("Partial"), "{}", ended.stdout);
     assert!(answer["outputs"]["roll"]["rmse_before"].is_number(), "{answer}");
+}
+
+#[test]
+fn a_budget_of_time_ends_a_diagnosis_with_what_is_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let late = "[[effects]]\neffect = \"input_delay\"\nwhere = \"u_roll\"\ndelay_s = 0.06\n";
+    let truth = quadrotor(dir, "truth.toml", late);
+    let log = flown(dir, &truth, "measured");
+    let (path, out) = (dir.join("answer.json"), dir.join("out").display().to_string());
+    let call = ["diagnose", &log, "--vehicle", "quadrotor", "--json", path.to_str().unwrap(), "--out", &out];
+    let ended = run(call.into_iter().chain(["--budget", "1 ms"]));
+    assert_eq!(ended.code(), 3, "{}\n{}", ended.stdout, ended.stderr);
+    assert!(ended.stdout.starts_with("Partial") && ended.stderr.contains("budget"), "{}", ended.stderr);
+    let answer = json(path);
+    assert_eq!((&answer["partial"], &answer["verdict"]), (&true.into(), &"inconclusive".into()), "{answer}");
+    assert!(answer["outputs"]["roll"]["rmse_before"].is_number(), "{answer}");
+    let report = std::fs::read_to_string(format!("{out}/report.html")).unwrap();
+    assert!(report.contains("Partial, as the search was ended early"));
+    // With time enough, it is whole.
+    let whole = run(call.into_iter().chain(["--budget", "10 min"])).success();
+    assert!(whole.stdout.starts_with("Explained"), "{}", whole.stdout);
+    let wrong = run(call.into_iter().chain(["--budget", "5 m"]));
+    assert_eq!(wrong.code(), 2, "{}", wrong.stderr);
+}
+
+#[test]
+fn degrees_read_as_radians_are_told_by_diagnose_and_compare() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let log = flown(dir, "quadrotor", "measured");
+    let csv = dir.join("flight.csv");
+    let csv = csv.to_str().unwrap();
+    run(["log", "export", &log, "-o", csv]).success();
+    let text = std::fs::read_to_string(csv).unwrap();
+    // The head says radians of what is in degrees.
+    let degrees: Vec<String> = text
+        .lines()
+        .enumerate()
+        .map(|(row, line)| {
+            let value = |(column, v): (usize, &str)| match v.parse::<f64>() {
+                Ok(v) if row > 0 && (1..5).contains(&column) => v.to_degrees().to_string(),
+                _ => v.to_string(),
+            };
+            line.split(',').enumerate().map(value).collect::<Vec<_>>().join(",")
+        })
+        .collect();
+    assert!(degrees[0].starts_with("t[s],roll[rad],roll_rate[rad/s],pitch[rad],pitch_rate[rad/s]"));
+    std::fs::write(csv, degrees.join("\n")).unwrap();
+    for command in ["diagnose", "compare"] {
+        let told = run([command, csv, "--vehicle", "quadrotor"]).success();
+        assert!(
+            told.stdout
+                .contains("Inconclusive: roll, roll_rate, pitch and pitch_rate are 57.3 times too large"),
+            "{}",
+            told.stdout
+        );
+        assert!(told.stdout.contains("--map roll_rate=roll_rate[deg/s]"), "{}", told.stdout);
+    }
 }
 
 #[test]

@@ -22,7 +22,7 @@ use whirlstand_vehicle::Vehicle;
 pub use answer::{DIAGNOSIS_SCHEMA, Diagnosis, Verdict};
 pub use error::DiagnoseError;
 pub use options::Options;
-pub use watch::Watch;
+pub use watch::{Stage, Watch};
 
 use answer::compose;
 use data::limits::limits;

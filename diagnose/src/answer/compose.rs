@@ -7,7 +7,7 @@ use whirlstand_vehicle::Vehicle;
 
 use super::causes::causes;
 use super::schema::*;
-use super::{evidence, experiments, remainder};
+use super::{doubts, evidence, experiments, remainder};
 use crate::candidates::Candidate;
 use crate::data::record::Data;
 use crate::model::free_run::ModelError;
@@ -25,6 +25,7 @@ fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
         summary: String::new(),
         version: env!("CARGO_PKG_VERSION").into(),
         records: loaded.records.iter().map(|r| r.origin.clone()).collect(),
+        partial: loaded.options.watch.is_stopped(),
         vehicle: loaded.vehicle.name.clone(),
         period_s: checked.data.period_s,
         causes: Vec::new(),
@@ -80,6 +81,15 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer.not_testable = experiments::not_testable(&findings, data, vehicle);
     answer.unexplained = remainder::unexplained(&findings, data, vehicle);
     answer.verdict = verdict(&answer, &findings, data, vehicle);
+    let doubts = doubts::doubts(&answer.causes, &findings);
+    if answer.verdict == Verdict::Explained && !doubts.is_empty() {
+        answer.verdict = Verdict::PartlyExplained;
+    }
+    // What was not looked for may be there.
+    if answer.partial && answer.verdict == Verdict::Consistent {
+        answer.verdict = Verdict::Inconclusive;
+    }
+    answer.remarks.extend(doubts);
     answer.advice = experiments::advice(&answer);
     answer.summary = summary(&answer);
     answer.figures = evidence::figures(&findings, &answer);
@@ -191,7 +201,13 @@ fn commands_tell_nothing(data: &Data, vehicle: &Vehicle) -> bool {
     gain_of_inputs(vehicle, data, &all).is_some_and(|gain| gain < MIN_BIC_GAIN)
 }
 
+/// The verdict in a sentence; of a search that was ended early, that comes first.
 fn summary(answer: &Diagnosis) -> String {
+    let whole = whole_summary(answer);
+    if answer.partial { format!("Partial, as the search was ended early. {whole}") } else { whole }
+}
+
+fn whole_summary(answer: &Diagnosis) -> String {
     let cause = |c: &Cause| {
         let mut parameters: Vec<String> = Vec::new();
         for (name, p) in c.parameters.iter().filter(|(n, _)| *n != "phase_rad") {
@@ -216,6 +232,7 @@ fn summary(answer: &Diagnosis) -> String {
         Verdict::Explained => format!("Explained by {}.", list.join("; and ")),
         Verdict::PartlyExplained => {
             let left = match left {
+                ..0.5 if !answer.remarks.is_empty() => answer.remarks.join("; "),
                 ..0.5 => "what remains is little, but no noise".into(),
                 left => format!("{left:.0} % of what was wrong remains"),
             };
@@ -231,6 +248,9 @@ fn summary(answer: &Diagnosis) -> String {
             format!("Unexplained: no effect of the table is it. {}", answer.unexplained.description)
         }
         Verdict::Inconclusive if !blocking.is_empty() => format!("Inconclusive: {}.", blocking.join("; ")),
+        Verdict::Inconclusive if answer.partial => {
+            "Inconclusive: no effect had passed by then, and not all were looked for.".into()
+        }
         Verdict::Inconclusive => "Inconclusive: this record could not have shown an effect.".into(),
     }
 }

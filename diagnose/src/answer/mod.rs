@@ -3,6 +3,7 @@
 pub mod causes;
 pub mod compose;
 pub mod curves;
+pub mod doubts;
 pub mod evidence;
 pub mod evidence_plots;
 pub mod evidence_random;

@@ -37,6 +37,9 @@ pub struct Diagnosis {
     pub version: String,
     /// The logs.
     pub records: Vec<String>,
+    /// True when the search was ended early, by hand or by its budget of time: then this is what was known by then.
+    #[serde(default)]
+    pub partial: bool,
     /// Name of the vehicle.
     pub vehicle: String,
     /// Period, s.
@@ -235,7 +238,7 @@ pub struct Unexplained {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DataFinding {
     /// What: `gap`, `uneven`, `stuck`, `swapped`, `sign`, `unit`, `short`, `no_excitation`, `saturated`, `not_a_number`,
-    /// `long`, `limit`.
+    /// `long`, `limit`, `vehicle`.
     pub kind: String,
     /// The channel or channels.
     #[serde(rename = "where")]

@@ -17,6 +17,7 @@ use crate::model::score_test::ScoreTest;
 use crate::model::step_response::Responses;
 use crate::search::alternative::{Alternative, SearchSpace, fitted, fitted_with};
 use crate::search::survey_order::{once, simpler_first};
+use crate::watch::Counter;
 
 /// A signature at one start, and how well it does in a score test.
 #[derive(Debug, Clone)]
@@ -35,8 +36,9 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<
         0 => "for a cause".into(),
         n => format!("for another cause beside {n}"),
     };
-    space.watch.tell(&format!("looks {beside}: {} candidates", candidates.len()));
-    let mut alternatives = profiles(model, fit, &score_tests, candidates, space.watch);
+    let looks = format!("looks {beside}: {} candidates", candidates.len());
+    let counter = space.watch.count(looks, candidates.len());
+    let mut alternatives = profiles(model, fit, &score_tests, candidates, &counter);
     alternatives.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
     once(&mut alternatives);
     fit_best(model, fit, &mut alternatives, space.watch);
@@ -90,11 +92,13 @@ fn profiles(
     fit: &Fit,
     score_tests: &[ScoreTest<'_>],
     candidates: Vec<Candidate>,
-    watch: &Watch,
+    counter: &Counter<'_>,
 ) -> Vec<(Alternative, Vec<f64>)> {
+    let watch = counter.watch;
     let scored = candidates.into_par_iter().map(|candidate| {
         let starts =
             if watch.is_stopped() { Vec::new() } else { scored_starts(model, fit, score_tests, &candidate) };
+        counter.step();
         (candidate, starts)
     });
     let scored: Vec<(Candidate, Vec<ScoredStart>)> = scored.collect();
@@ -105,7 +109,7 @@ fn profiles(
         let mut best = (-cost, candidate.starts.first().cloned().unwrap_or_default());
         for scored in &starts {
             let score_test = &score_tests[scored.score_test];
-            let (gain, values) = if !promising {
+            let (gain, values) = if !promising || watch.is_stopped() {
                 // The first test is that of the fit itself.
                 let gain = if scored.score_test == 0 { scored.score - cost } else { -cost };
                 (gain, start(&candidate, scored))
@@ -135,6 +139,7 @@ fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, 
         let promise = glance.delta_bic.max(t.delta_bic);
         Some((glance, promise, i))
     };
+    watch.tell("fits the likeliest causes");
     let hopeful = alternatives.par_iter().enumerate().take(GLANCED);
     let hopeful = hopeful.filter(|(_, (t, _))| t.delta_bic > HOPELESS_BIC && !watch.is_stopped());
     let mut glances: Vec<(Alternative, f64, usize)> = hopeful.filter_map(glance).collect();

@@ -85,6 +85,9 @@ pub(crate) struct DiagnoseArgs {
     /// constants]
     #[arg(long, value_name = "TIME", value_parser = seconds)]
     pub horizon: Option<f64>,
+    /// Ends the search after so long, with what is known by then: seconds, or a time with a unit as in "2 min"; exit code 3.
+    #[arg(long, value_name = "TIME", value_parser = super::seconds)]
+    pub budget: Option<f64>,
     /// Vehicle that the flight mode may change to, beside the built-in ones; may be repeated.
     #[arg(long, value_name = "VEHICLE")]
     pub mode: Vec<String>,

@@ -4,9 +4,12 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use whirlstand_diagnose::screen;
 use whirlstand_evaluate::{Run, RunSummary};
 use whirlstand_ident::CompareOptions;
+use whirlstand_logs::Record;
 use whirlstand_report::Outcome;
+use whirlstand_vehicle::Vehicle;
 
 use super::vehicles::find;
 use super::{print, tell, write, write_json};
@@ -35,7 +38,11 @@ fn with_simulation(args: &CompareArgs, log: &Path, vehicle: &str) -> Result<Exit
     let vehicle = find(vehicle)?;
     let options = options(args)?;
     let record = super::log::read_for(log, &args.part.map, &vehicle)?;
-    let comparison = whirlstand_ident::compare(&record, &vehicle, &options).map_err(Failure::mend)?;
+    let mut comparison = whirlstand_ident::compare(&record, &vehicle, &options).map_err(Failure::mend)?;
+    if let Some(wrong) = wrong_data(record, &vehicle, &options) {
+        comparison.verdict = format!("Inconclusive: {wrong}. {}", comparison.verdict);
+        comparison.remarks.insert(0, wrong);
+    }
     if let Some(path) = &args.result.json.path {
         write_json(&comparison, path)?;
     }
@@ -52,6 +59,21 @@ fn with_simulation(args: &CompareArgs, log: &Path, vehicle: &str) -> Result<Exit
         print(&text)?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// That columns are in a wrong unit, or the record is of another vehicle; what cannot be looked at is not told.
+fn wrong_data(record: Record, vehicle: &Vehicle, options: &CompareOptions) -> Option<String> {
+    let (from, until) = (options.from_s, options.until_s);
+    let part = record.between(from.unwrap_or(f64::NEG_INFINITY), until.unwrap_or(f64::INFINITY));
+    let part = match options.period_s {
+        Some(period_s) if part.time_unit == "samples" => [part.with_sample_period(period_s)],
+        _ => [part],
+    };
+    let units = screen::wrong_units(&part, vehicle, options.period_s).ok()?;
+    if !units.is_empty() {
+        return Some(units.into_iter().map(|f| f.text).collect::<Vec<_>>().join("; "));
+    }
+    screen::stranger(&part, vehicle, &[], options.period_s).ok().flatten().map(|f| f.text)
 }
 
 fn options(args: &CompareArgs) -> Result<CompareOptions, Failure> {

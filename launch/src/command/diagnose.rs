@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use whirlstand_diagnose::{Diagnosis, Options, Watch, diagnose as run};
@@ -13,15 +14,17 @@ use whirlstand_vehicle::Vehicle;
 use super::log::{check_delays, read_for};
 use super::stage_line::StageLine;
 use super::vehicles::find;
-use super::{INTERRUPTED, print, write, write_json};
+use super::{INTERRUPTED, PARTIAL, print, write, write_json};
 use crate::cli::DiagnoseArgs;
 use crate::error::Failure;
 
 /// Runs the command. SIGINT and SIGTERM end the search: what is known by then is told, with exit code 130. A second one ends
-/// the program.
+/// the program. A budget of time ends the search in the same way, with exit code 3.
 pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
-    let line = StageLine::new();
+    let deadline = args.budget.map(|s| Instant::now() + Duration::from_secs_f64(s));
+    let line = StageLine::new("diagnose", deadline);
+    let listener = line.listener();
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         // In this order: a signal ends the program only if one came before it.
@@ -30,8 +33,11 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
             .map_err(Failure::run)?;
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::run)?;
     }
-    let watch = Watch::new(stop, line.listener());
-    let options = options(args, &vehicle, watch.clone())?;
+    let mut watch = Watch::new(Arc::clone(&stop), move |stage| listener(stage.what, stage.share));
+    if let Some(deadline) = deadline {
+        watch = watch.until(deadline);
+    }
+    let options = options(args, &vehicle, watch)?;
     let records = args.logs.iter().map(|path| part(path, args, &vehicle)).collect::<Result<Vec<_>, _>>()?;
     let answer = run(&records, &vehicle, &options);
     line.finish();
@@ -52,11 +58,15 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     if !args.result.json.is_printed() {
         print(&text(&answer, report.as_deref()))?;
     }
-    if watch.is_stopped() {
+    if !answer.partial {
+        return Ok(ExitCode::SUCCESS);
+    }
+    if stop.load(Ordering::Relaxed) {
         crate::style::say("interrupted: the answer is what was known by then");
         return Ok(ExitCode::from(INTERRUPTED));
     }
-    Ok(ExitCode::SUCCESS)
+    crate::style::say("the budget of time is spent: the answer is what was known by then");
+    Ok(ExitCode::from(PARTIAL))
 }
 
 fn text(answer: &Diagnosis, report: Option<&Path>) -> String {

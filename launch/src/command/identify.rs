@@ -2,10 +2,7 @@
 
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Mutex;
-use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
 use whirlstand_ident::identify::align::lags;
 use whirlstand_ident::identify::{
     Log, Method, Noise, Nuisance, Options, Progress, Segment, Source, identify as run,
@@ -15,6 +12,7 @@ use whirlstand_msgs::units::clean;
 use whirlstand_vehicle::Vehicle;
 
 use super::log::{hash, read_all_for};
+use super::stage_line::StageLine;
 use super::vehicles::find;
 use super::{print, write, write_json};
 use crate::cli::{IdentifyArgs, IdentifyMethod, IdentifyNoise};
@@ -50,9 +48,14 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
             control.push(Source { log: log.clone(), segment });
         }
     }
-    let bar = ProgressLine::new();
-    let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &|p| bar.update(p));
-    bar.finish();
+    let line = StageLine::new("identify", None);
+    let listener = line.listener();
+    let observe = |progress| {
+        let (what, share) = stage(progress);
+        listener(&what, share);
+    };
+    let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &observe);
+    line.finish();
     let mut answer = answer.map_err(Failure::mend)?;
     if let (Some(path), Some(fitted)) = (&args.output, &answer.fitted) {
         write(path, &fitted.to_toml())?;
@@ -213,45 +216,14 @@ fn rest(whole: (f64, f64), without: &[(f64, f64)], least: f64) -> Vec<(f64, f64)
     left
 }
 
-/// Progress line of a search that takes longer than two seconds.
-struct ProgressLine {
-    begun: Instant,
-    bar: Mutex<Option<ProgressBar>>,
-}
-
-impl ProgressLine {
-    fn new() -> Self {
-        Self { begun: Instant::now(), bar: Mutex::new(None) }
-    }
-
-    fn update(&self, progress: Progress) {
-        if self.begun.elapsed() < Duration::from_secs(2) {
-            return;
+/// What a search is doing, and how much of it is done at most: a genetic algorithm often ends before its budget.
+fn stage(progress: Progress) -> (String, Option<f64>) {
+    match progress {
+        Progress::Generation { evaluations, budget, cost } => {
+            let share = evaluations as f64 / budget.max(1) as f64;
+            (format!("searches with a genetic algorithm, best cost {cost:.6e}"), Some(share.min(1.0)))
         }
-        // A poisoned lock only means that another thread died while it drew.
-        let mut slot = self.bar.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let bar = slot.get_or_insert_with(|| {
-            let style = ProgressStyle::with_template("{bar:24.cyan/dim} {percent:>3}%  {msg}");
-            ProgressBar::new(100).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-        });
-        match progress {
-            Progress::Generation { evaluations, budget, cost } => {
-                bar.set_length(budget as u64);
-                bar.set_position(evaluations as u64);
-                bar.set_message(format!("{evaluations} simulations, best cost {cost:.6e}"));
-            }
-            Progress::Step { iteration, cost } => {
-                bar.set_length(100);
-                bar.set_position(iteration as u64);
-                bar.set_message(format!("step {iteration}, cost {cost:.6e}"));
-            }
-        }
-    }
-
-    fn finish(self) {
-        if let Some(bar) = self.bar.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
-            bar.finish_and_clear();
-        }
+        Progress::Step { iteration, cost } => (format!("descends: step {iteration}, cost {cost:.6e}"), None),
     }
 }
 

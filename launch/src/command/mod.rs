@@ -32,6 +32,9 @@ use crate::error::Failure;
 /// Exit code of a command that was interrupted and told what it knew by then, as shells have it.
 pub(crate) const INTERRUPTED: u8 = 130;
 
+/// Exit code of a command that has answered with what it knew when its budget of time was spent.
+pub(crate) const PARTIAL: u8 = 3;
+
 /// Prints text on standard output, as a terminal may get it. A reader that has gone away (`| head`) is no failure.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
     write_out(&crate::style::rendered(text))

@@ -1,5 +1,6 @@
-//! One line on a terminal that says what a long command is doing.
+//! What a long command is doing, how far it is and how long that may take: a line on a terminal, else one now and then.
 
+use std::io::IsTerminal;
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -8,25 +9,31 @@ use indicatif::ProgressBar;
 
 /// A command that is done sooner says nothing.
 const SILENT: Duration = Duration::from_secs(2);
+/// Without a terminal, a line comes so often: a log is not to be flooded.
+const BETWEEN_LINES: Duration = Duration::from_secs(10);
+
+/// What is being done, and how much of it is done, 0 to 1.
+type Told = (String, Option<f64>);
 
 /// Says what is being done, once it takes longer than two seconds.
 pub(super) struct StageLine {
-    stages: Sender<Option<String>>,
+    stages: Sender<Option<Told>>,
     drawn: JoinHandle<()>,
 }
 
 impl StageLine {
-    pub fn new() -> Self {
+    /// For a command, which ends at the deadline at the latest.
+    pub fn new(command: &'static str, deadline: Option<Instant>) -> Self {
         let (stages, told) = mpsc::channel();
-        let drawn = std::thread::spawn(move || draw(&told));
+        let drawn = std::thread::spawn(move || draw(command, &told, deadline));
         Self { stages, drawn }
     }
 
     /// Tells it what is being done, from any thread.
-    pub fn listener(&self) -> impl Fn(&str) + Send + Sync + 'static {
+    pub fn listener(&self) -> impl Fn(&str, Option<f64>) + Send + Sync + 'static {
         let stages = self.stages.clone();
         // Nobody draws any more once the command is done.
-        move |stage| drop(stages.send(Some(stage.to_string())))
+        move |stage, share| drop(stages.send(Some((stage.to_string(), share))))
     }
 
     /// Takes the line away.
@@ -37,21 +44,91 @@ impl StageLine {
     }
 }
 
-fn draw(told: &mpsc::Receiver<Option<String>>) {
-    let shown_from = Instant::now() + SILENT;
-    let mut stage = String::new();
+/// What is shown, and since when.
+struct Shown {
+    begun: Instant,
+    stage: String,
+    stage_begun: Instant,
+    share: Option<f64>,
+    deadline: Option<Instant>,
+}
+
+impl Shown {
+    fn told(&mut self, (stage, share): Told) {
+        if stage != self.stage {
+            (self.stage, self.stage_begun) = (stage, Instant::now());
+        }
+        self.share = share;
+    }
+
+    /// Stage, share, time so far, and time left: of this stage at the pace so far, and until the deadline.
+    fn text(&self) -> String {
+        let mut text = self.stage.clone();
+        let running = self.stage_begun.elapsed().as_secs_f64();
+        if let Some(share) = self.share {
+            text.push_str(&format!(", {:.0} %", 100.0 * share));
+            if share > 0.0 {
+                text.push_str(&format!(", {:.0} s left of this", running * (1.0 - share) / share));
+            }
+        }
+        text.push_str(&format!("; {:.0} s so far", self.begun.elapsed().as_secs_f64()));
+        if let Some(deadline) = self.deadline {
+            let left = deadline.saturating_duration_since(Instant::now()).as_secs_f64();
+            text.push_str(&format!(", {left:.0} s left of the budget"));
+        }
+        text
+    }
+}
+
+fn draw(command: &str, told: &mpsc::Receiver<Option<Told>>, deadline: Option<Instant>) {
+    let now = Instant::now();
+    let mut shown = Shown { begun: now, stage: "reads".into(), stage_begun: now, share: None, deadline };
+    let bar = std::io::stderr().is_terminal().then(ProgressBar::new_spinner);
+    let mut next_line = now + SILENT;
     loop {
-        match told.recv_timeout(shown_from.saturating_duration_since(Instant::now())) {
-            Ok(Some(next)) => stage = next,
-            Ok(None) | Err(RecvTimeoutError::Disconnected) => return,
-            Err(RecvTimeoutError::Timeout) => break,
+        match told.recv_timeout(next_line.saturating_duration_since(Instant::now())) {
+            Ok(Some(next)) => shown.told(next),
+            Ok(None) | Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        if Instant::now() < next_line {
+            continue;
+        }
+        match &bar {
+            Some(bar) => {
+                bar.set_message(shown.text());
+                bar.tick();
+                next_line = Instant::now() + Duration::from_millis(100);
+            }
+            None => {
+                crate::style::say(&format!("{command} {}", shown.text()));
+                next_line = Instant::now() + BETWEEN_LINES;
+            }
         }
     }
-    let bar = ProgressBar::new_spinner();
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar.set_message(stage);
-    while let Ok(Some(next)) = told.recv() {
-        bar.set_message(next);
+    if let Some(bar) = bar {
+        bar.finish_and_clear();
     }
-    bar.finish_and_clear();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stage_share_and_time_are_told() {
+        let now = Instant::now();
+        let mut shown = Shown {
+            begun: now - Duration::from_secs(12),
+            stage: String::new(),
+            stage_begun: now,
+            share: None,
+            deadline: Some(now + Duration::from_secs(3600)),
+        };
+        shown.told(("looks for a cause".into(), Some(0.0)));
+        shown.stage_begun = now - Duration::from_secs(6);
+        shown.told(("looks for a cause".into(), Some(0.25)));
+        let text = shown.text();
+        assert!(text.starts_with("looks for a cause, 25 %, 18 s left of this; 12 s so far, 3"), "{text}");
+    }
 }

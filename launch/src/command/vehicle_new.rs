@@ -26,8 +26,9 @@ pub(crate) fn vehicle_new(args: &VehicleNewArgs) -> Result<(), Failure> {
         vehicle: stem.map(|stem| stem.to_string_lossy().into_owned()),
         sha256: hash(&args.log)?,
     };
-    let line = StageLine::new();
-    let answer = draft(&args.log, &names, (args.from, args.to), &line.listener());
+    let line = StageLine::new("vehicle new", None);
+    let listener = line.listener();
+    let answer = draft(&args.log, &names, (args.from, args.to), &|stage: &str| listener(stage, None));
     line.finish();
     let mut answer = answer.map_err(Failure::mend)?;
     if let Some(path) = &args.output {
