@@ -1,9 +1,13 @@
-//! What happens where there is no memory left: one sentence and exit code 2, in the place of an abort.
+//! What happens where there is no memory left: one sentence and exit code 2, in the place of an abort. A node that flies ends
+//! with exit code 1, so that it is started again: memory that is short for a while is no end of a run.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 
 /// Exit code of what the user can mend.
 const MENDABLE: i32 = 2;
+
+/// Exit code of what may go well the next time.
+const FAILED: i32 = 1;
 
 #[global_allocator]
 static ALLOCATOR: OrSaySo = OrSaySo;
@@ -58,7 +62,7 @@ fn give_up(bytes: usize) -> ! {
         unsafe { libc::write(libc::STDERR_FILENO, part.as_ptr().cast(), part.len()) };
     }
     // SAFETY: _exit(2) ends the process without running anything that could ask for memory again.
-    unsafe { libc::_exit(MENDABLE) }
+    unsafe { libc::_exit(if whirlstand_nodes::is_ready() { FAILED } else { MENDABLE }) }
 }
 
 fn decimal(mut number: usize, digits: &mut [u8; 20]) -> &[u8] {

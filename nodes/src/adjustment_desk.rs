@@ -35,6 +35,9 @@ pub fn refusal(verdict: AdjustmentVerdict, key: &str) -> String {
     }
 }
 
+/// Requests that are answered in one step; more wait for the next.
+pub(crate) const MOST_REQUESTS: usize = 8;
+
 /// The requests to one node.
 pub(crate) struct AdjustmentDesk {
     requests: Subscriber<Adjustment>,
@@ -84,7 +87,9 @@ impl AdjustmentDesk {
     }
 
     fn receive(&mut self) -> Result<Option<(AdjustmentKind, Adjustment)>, NodeError> {
-        while let Some(request) = receive(&mut self.requests, &mut self.malformed)? {
+        // No more than waits: whoever asks without a pause does not keep the step from being taken.
+        for _ in 0..DEPTH {
+            let Some(request) = receive(&mut self.requests, &mut self.malformed)? else { break };
             let kind = AdjustmentKind::from_u32(request.what).filter(|kind| self.business.contains(kind));
             let Some(kind) = kind else { continue };
             let done = |a: &&Adjustment| a.id == request.id && a.verdict != AdjustmentVerdict::Asked as u32;
@@ -120,9 +125,8 @@ impl AdjustmentDesk {
     /// # Errors
     /// The transport fails.
     pub fn attend(&mut self, head: Head) -> Result<(), NodeError> {
-        while !self.is_open
-            && let Some((_, request)) = self.receive()?
-        {
+        for _ in 0..MOST_REQUESTS {
+            let Some((_, request)) = (if self.is_open { None } else { self.receive()? }) else { break };
             self.answer(&request, head, AdjustmentVerdict::Closed)?;
         }
         let Some(answer) = self.untold.take() else { return Ok(()) };

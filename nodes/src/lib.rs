@@ -68,4 +68,5 @@ pub use adjustment_desk::{ADJUST_TOPIC, refusal};
 pub use error::NodeError;
 pub use inproc::run_inproc;
 pub use process::{run_node, run_node_until};
+pub use ready::is_ready;
 pub use wait_report::WAITING_FOR;

@@ -1,9 +1,8 @@
-//! Options of the calls that look at this machine, and at what the bench stands: bench, doctor, soak.
+//! Options of the calls that look at this machine, and at how fast a bench runs on it: bench, doctor.
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use super::JsonArg;
-use super::overrides::OverrideArgs;
 use super::quantity::seconds;
 
 /// Measure latency, jitter and throughput beside the bare floor of this machine.
@@ -47,39 +46,6 @@ pub(crate) struct BenchArgs {
 pub(crate) struct DoctorArgs {
     #[command(flatten)]
     pub json: JsonArg,
-}
-
-/// Inject faults into every node of a bench at random times, again and again, and check that the bench survives.
-#[derive(Debug, Args)]
-#[command(after_help = "Example:\n  whirlstand soak --fault kill --rounds 50 --seed 1 --json soak.json")]
-pub(crate) struct SoakArgs {
-    /// Built-in launch file or path [default: quadrotor]
-    pub launch: Option<String>,
-    /// kill: SIGKILL; stop: SIGSTOP for --stop-for seconds, then SIGCONT.
-    #[arg(long, value_enum, default_value_t = FaultArg::Kill)]
-    pub fault: FaultArg,
-    /// How many faults each node gets.
-    #[arg(long, value_name = "N", default_value_t = 5)]
-    pub rounds: u32,
-    /// Length of a stop, in seconds or with a unit.
-    #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
-    pub stop_for: f64,
-    #[command(flatten)]
-    pub overrides: OverrideArgs,
-    /// Only these nodes; may be repeated [default: every node]
-    #[arg(long = "node", value_name = "NODE")]
-    pub nodes: Vec<String>,
-    #[command(flatten)]
-    pub json: JsonArg,
-}
-
-/// What `soak` does to a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum FaultArg {
-    /// SIGKILL.
-    Kill,
-    /// SIGSTOP, later SIGCONT.
-    Stop,
 }
 
 /// Reads a priority of SCHED_FIFO.

@@ -10,6 +10,7 @@ mod overrides;
 mod quantity;
 mod records;
 mod shell;
+mod soak;
 
 use std::path::PathBuf;
 
@@ -20,7 +21,7 @@ pub(crate) use files::{DesignArgs, LaunchCommand, LogCommand, SimulateArgs, Vehi
 pub(crate) use json::JsonArg;
 pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
 pub(crate) use live::{EchoArgs, InjectArgs, SetArgs};
-pub(crate) use machine::{BenchArgs, DoctorArgs, FaultArg, SoakArgs};
+pub(crate) use machine::{BenchArgs, DoctorArgs};
 pub(crate) use overrides::OverrideArgs;
 #[cfg(test)]
 pub(crate) use overrides::{ModeArg, TransportArg};
@@ -29,6 +30,7 @@ pub(crate) use records::{
     CompareArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
 };
 pub(crate) use shell::{CompletionsArgs, ManArgs};
+pub(crate) use soak::{FaultArg, SoakArgs};
 
 /// A hardware-in-the-loop bench for small VTOL control.
 ///
@@ -116,6 +118,9 @@ pub(crate) struct GuardArgs {
     /// Time from SIGTERM to SIGKILL, s.
     #[arg(long)]
     pub grace: f64,
+    /// Folder of the nodes' notify sockets, by which what they started is known.
+    #[arg(long)]
+    pub sockets: Option<PathBuf>,
     /// A file or folder that goes with the launcher; may be repeated.
     #[arg(long)]
     pub remove: Vec<PathBuf>,

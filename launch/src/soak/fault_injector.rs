@@ -1,16 +1,16 @@
-//! Injects faults into nodes at random times and watches how the bench takes it.
+//! Injects faults into a bench at random times and watches how it takes them.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use rustix::process::{Pid, Signal, kill_process};
 use serde::Serialize;
 use whirlstand_bus::{Bus, OpenError, Subscriber};
 use whirlstand_msgs::{Truth, flags};
-use whirlstand_nodes::config::NodeConfig;
+use whirlstand_nodes::config::{NodeConfig, Role};
 use whirlstand_vehicle::Stream;
 
+use super::fault::{FORGED, FaultKind, Ongoing};
 use crate::supervisor::{Continuation, Ending, Event, HealthTable, Observer};
 
 /// Commands in time, one after the other, that make a recovery.
@@ -25,26 +25,19 @@ const REST_S: (f64, f64) = (0.05, 0.8);
 /// Queue for the plant's truth, between two looks of the launcher.
 const TRUTH_DEPTH: usize = 1024;
 
-/// What is done to a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum FaultKind {
-    /// SIGKILL.
-    Kill,
-    /// SIGSTOP, and SIGCONT after this time.
-    Stop(Duration),
-}
-
 /// One fault and its consequences.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct InjectedFault {
-    /// Name of the node.
+    /// Name of the node, or `bench`.
     pub node: String,
     /// Wall-clock time of the run, s.
     pub at_s: f64,
     /// From the fault until the node was ready again, s; null for one that was not started again.
     pub restart_s: Option<f64>,
-    /// From the fault (a stop: from its end) until the loop had recovered, s; null when it did not.
+    /// From the fault, or from the end of one that lasts, until the loop had recovered, s; null when it did not.
     pub recovery_s: Option<f64>,
+    /// How much was done: messages sent, bytes of the disk taken, processors kept busy; 1 for a fault without a measure.
+    pub dealt: u64,
     /// Steps that held an old command before the failsafe; null when the failsafe was not needed.
     pub held_before_failsafe: Option<u64>,
     /// What went wrong; `None` when the bench recovered.
@@ -57,15 +50,19 @@ enum Phase {
     Recovering { since: Instant },
     /// The bench flies; the next fault comes at this time.
     Resting { until: Instant },
-    /// A node is stopped until this time.
-    Stopped { until: Instant, pid: u32 },
+    /// A fault is not felt yet: somebody who sends has to connect first.
+    Beginning { until: Instant, fault: Box<dyn Ongoing> },
+    /// A fault lasts until this time.
+    Lasting { until: Instant, fault: Box<dyn Ongoing> },
     /// All faults are done, or one was not survived.
     Done,
 }
 
-/// Observes a run and injects faults into its nodes.
+/// Observes a run and injects faults into it.
 pub(super) struct FaultInjector {
     kind: FaultKind,
+    /// How long a fault lasts.
+    lasting: Duration,
     misses_to_failsafe: u64,
     random: Stream,
     /// Nodes that faults are still to come to, in random order, the next one last.
@@ -78,14 +75,26 @@ pub(super) struct FaultInjector {
     calm: u64,
     held: u64,
     ready_again: bool,
+    /// Messages that the recorder had written when a fault ended.
+    written: u64,
+    /// Messages that reached the launcher and were forged.
+    pub forged: u64,
     bar: ProgressBar,
     pub faults: Vec<InjectedFault>,
 }
 
 impl FaultInjector {
-    pub fn new(config: &NodeConfig, nodes: &[String], kind: FaultKind, rounds: u32, seed: u64) -> Self {
+    /// `rounds` faults of a kind to each of its targets, in random order.
+    pub fn new(
+        config: &NodeConfig,
+        nodes: &[String],
+        kind: FaultKind,
+        lasting: Duration,
+        (rounds, seed): (u32, u64),
+    ) -> Self {
         let mut random = Stream::new(seed, "soak");
-        let mut to_do: Vec<String> = (0..rounds).flat_map(|_| nodes.iter().cloned()).collect();
+        let targets = kind.targets(nodes);
+        let mut to_do: Vec<String> = (0..rounds).flat_map(|_| targets.iter().cloned()).collect();
         // Fisher-Yates.
         for i in (1..to_do.len()).rev() {
             to_do.swap(i, (random.uniform() * (i + 1) as f64) as usize);
@@ -96,6 +105,7 @@ impl FaultInjector {
         let now = Instant::now();
         Self {
             kind,
+            lasting,
             misses_to_failsafe: config.plant.misses_to_failsafe.into(),
             random,
             to_do,
@@ -106,6 +116,8 @@ impl FaultInjector {
             calm: 0,
             held: 0,
             ready_again: true,
+            written: 0,
+            forged: 0,
             bar,
             faults: Vec::new(),
         }
@@ -115,6 +127,10 @@ impl FaultInjector {
     fn receive(&mut self) {
         let Some(truth) = &mut self.truth else { return };
         while let Ok(Some(step)) = truth.try_recv() {
+            if step.x[0] == FORGED {
+                self.forged += 1;
+                continue;
+            }
             let failsafe = step.flags & flags::FAILSAFE != 0;
             if !failsafe && step.flags & flags::HELD == 0 {
                 self.calm += 1;
@@ -143,7 +159,7 @@ impl FaultInjector {
             self.phase = Phase::Done;
             return;
         };
-        let Some(pid) = self.pids.get(&node).copied() else { return };
+        let pid = self.pids.get(&node).copied();
         self.calm = 0;
         self.held = 0;
         self.bar.set_message(node.clone());
@@ -152,24 +168,48 @@ impl FaultInjector {
             at_s: now.duration_since(self.started).as_secs_f64(),
             restart_s: None,
             recovery_s: None,
+            dealt: 1,
             held_before_failsafe: None,
             problem: None,
         });
-        match self.kind {
-            FaultKind::Kill => {
+        self.phase = match self.kind.begin(pid) {
+            Ok(Some(fault)) => Phase::Beginning { until: now + HANG, fault },
+            Ok(None) => {
                 self.ready_again = false;
-                send(pid, Signal::KILL);
-                self.phase = Phase::Recovering { since: now };
+                Phase::Recovering { since: now }
             }
-            FaultKind::Stop(length) => {
-                send(pid, Signal::STOP);
-                self.phase = Phase::Stopped { until: now + length, pid };
-            }
-        }
+            Err(e) => self.give_up(format!("the fault could not be injected: {e}")),
+        };
     }
 
-    fn check_recovery(&mut self, now: Instant, since: Instant) {
-        if self.calm >= CALM_STEPS && self.ready_again {
+    /// Ends a fault.
+    fn take_back(&mut self, fault: Box<dyn Ongoing>, health: &HealthTable) {
+        let dealt = fault.dealt();
+        drop(fault);
+        // What came while it lasted, and while it was ended, is no recovery.
+        self.receive();
+        if let Some(last) = self.faults.last_mut() {
+            last.dealt = dealt;
+        }
+        self.calm = 0;
+        self.written = written(health);
+        self.phase = match dealt {
+            0 => self.give_up("nothing of the fault was carried out".into()),
+            _ => Phase::Recovering { since: Instant::now() },
+        };
+    }
+
+    /// Notes why the last fault was not survived, which ends the soak.
+    fn give_up(&mut self, problem: String) -> Phase {
+        if let Some(fault) = self.faults.last_mut() {
+            fault.problem = Some(problem);
+        }
+        Phase::Done
+    }
+
+    fn check_recovery(&mut self, now: Instant, since: Instant, health: &HealthTable) {
+        let logs = !self.kind.stops_the_log() || written(health) > self.written;
+        if self.calm >= CALM_STEPS && self.ready_again && logs {
             if let Some(fault) = self.faults.last_mut() {
                 fault.recovery_s = Some(now.duration_since(since).as_secs_f64());
                 self.bar.inc(1);
@@ -177,10 +217,7 @@ impl FaultInjector {
             let rest = REST_S.0 + (REST_S.1 - REST_S.0) * self.random.uniform();
             self.phase = Phase::Resting { until: now + Duration::from_secs_f64(rest) };
         } else if now.duration_since(since) > HANG {
-            if let Some(fault) = self.faults.last_mut() {
-                fault.problem = Some(format!("the loop had not recovered after {} s", HANG.as_secs()));
-            }
-            self.phase = Phase::Done;
+            self.phase = self.give_up(format!("the loop had not recovered after {} s", HANG.as_secs()));
         }
     }
 
@@ -190,11 +227,9 @@ impl FaultInjector {
     }
 }
 
-/// A process that has just gone by itself needs no signal.
-fn send(pid: u32, signal: Signal) {
-    if let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) {
-        let _ = kill_process(pid, signal);
-    }
+/// Messages that the recorder has written, as far as it has told.
+fn written(health: &HealthTable) -> u64 {
+    health.get(Role::Recorder.name()).map_or(0, |recorder| recorder.counts().steps)
 }
 
 impl Observer for FaultInjector {
@@ -227,22 +262,24 @@ impl Observer for FaultInjector {
         }
     }
 
-    fn tick(&mut self, now: Instant, _: &HealthTable) -> Continuation {
+    fn tick(&mut self, now: Instant, health: &HealthTable) -> Continuation {
         self.receive();
-        match self.phase {
-            Phase::Recovering { since } => self.check_recovery(now, since),
-            Phase::Resting { until } if now >= until => self.inject(now),
-            Phase::Resting { .. } => {}
-            Phase::Stopped { until, pid } if now >= until => {
-                send(pid, Signal::CONT);
-                self.calm = 0;
-                self.phase = Phase::Recovering { since: now };
+        match std::mem::replace(&mut self.phase, Phase::Done) {
+            Phase::Recovering { since } => {
+                self.phase = Phase::Recovering { since };
+                self.check_recovery(now, since, health);
             }
-            Phase::Stopped { .. } => {}
+            Phase::Resting { until } if now >= until && self.ready_again => self.inject(now),
+            Phase::Beginning { fault, .. } if fault.dealt() > 0 => {
+                self.phase = Phase::Lasting { until: now + self.lasting, fault };
+            }
+            Phase::Beginning { until, fault } if now >= until => self.take_back(fault, health),
+            Phase::Lasting { until, fault } if now >= until => self.take_back(fault, health),
             Phase::Done => {
                 self.bar.finish_and_clear();
                 return Continuation::End;
             }
+            unchanged => self.phase = unchanged,
         }
         Continuation::GoOn
     }

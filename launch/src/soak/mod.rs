@@ -1,21 +1,25 @@
-//! `whirlstand soak`: faults are injected into every node of a bench at random times, and the bench must survive.
+//! `whirlstand soak`: faults are injected into a bench at random times, and the bench must survive with nothing lost.
 //!
-//! After a fault the bench has recovered when the plant has applied [`CALM_STEPS`] commands in a row that came in
-//! time. The failsafe is compared with the launch file: no more than `misses_to_failsafe` steps may hold an old
-//! command before the inputs go to neutral.
+//! After a fault the bench has recovered when the plant has applied [`CALM_STEPS`](fault_injector) commands in a row that
+//! came in time. The failsafe is compared with the launch file: no more than `misses_to_failsafe` steps may hold an old
+//! command before the inputs go to neutral. What may be lost, and what may not, is in [`losses`].
 
+mod fault;
 mod fault_injector;
+mod losses;
 mod result;
 
 use std::process::ExitCode;
+use std::time::Duration;
 
-use crate::cli::{FaultArg, OverrideArgs, SoakArgs};
+use crate::cli::{OverrideArgs, SoakArgs};
 use crate::error::Failure;
 use crate::exclusive::{Claim, OutFolder};
 use crate::file::{DEFAULT, Plan, jobs};
 use crate::run::{fly, unique_bench};
 use crate::supervisor::Ending;
-use fault_injector::{FaultInjector, FaultKind};
+use fault::FaultKind;
+use fault_injector::FaultInjector;
 use result::SoakResult;
 use whirlstand_msgs::names::did_you_mean;
 
@@ -27,23 +31,17 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<ExitCode, Failure> {
     if args.rounds == 0 {
         return Err(Failure::Mend("--rounds 0: at least one round is expected".into()));
     }
-    let plan = plan(args)?;
+    let mut plan = plan(args)?;
     let nodes = nodes(args, &plan)?;
-    let kind = match args.fault {
-        FaultArg::Kill => FaultKind::Kill,
-        FaultArg::Stop if args.stop_for > 0.0 && args.stop_for.is_finite() => {
-            FaultKind::Stop(std::time::Duration::from_secs_f64(args.stop_for))
-        }
-        FaultArg::Stop => {
-            return Err(Failure::Mend(format!("--stop-for {}: a time above 0 s is expected", args.stop_for)));
-        }
-    };
     let folder = tempfile::Builder::new()
         .prefix("whirlstand-soak-")
         .tempdir()
         .map_err(|e| Failure::file("make a folder in", &std::env::temp_dir(), &e))?;
     let seed = args.overrides.seed.unwrap_or(1);
-    let mut injector = FaultInjector::new(&plan.config, &nodes, kind, args.rounds, seed);
+    // Before anything else: a file system of the soak's own has to be there before the first thread.
+    let kind = FaultKind::prepare(args.fault, &mut plan, folder.path())?;
+    let lasting = Duration::from_secs_f64(args.lasting);
+    let mut injector = FaultInjector::new(&plan.config, &nodes, kind, lasting, (args.rounds, seed));
     let out = OutFolder::given(folder.path())?;
     let claim = Claim::take(&plan.config.bench)?;
     let ran = fly(&plan, &out, &claim, &mut injector)?;
@@ -68,6 +66,11 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
             "soak injects faults into processes: transport iceoryx2 or zenoh is expected".into(),
         ));
     }
+    if plan.config.bridge.as_ref().is_some_and(|bridge| bridge.kind.is_vehicle()) {
+        return Err(Failure::Mend(
+            "soak watches the simulated plant: a launch file without a real vehicle is expected".into(),
+        ));
+    }
     plan.expect.clear();
     plan.config.bench = unique_bench(&format!("soak-{}", plan.name));
     for node in &mut plan.nodes {
@@ -75,7 +78,8 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
         node.section.max_restarts = u32::MAX;
     }
     if let Some(recorder) = &mut plan.config.recorder {
-        recorder.most_runs = u32::MAX;
+        // The plant may be started again by a fault, and by the launcher after it was silent for too long.
+        recorder.most_runs = args.rounds.saturating_mul(2).saturating_add(1);
     }
     Ok(plan)
 }
@@ -83,6 +87,10 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
 /// The nodes that get the faults.
 fn nodes(args: &SoakArgs, plan: &Plan) -> Result<Vec<String>, Failure> {
     let all: Vec<_> = plan.nodes.iter().filter(|n| !n.section.external).map(|n| n.name.clone()).collect();
+    if !args.fault.is_of_a_node() && !args.nodes.is_empty() {
+        let fault = args.fault.word();
+        return Err(Failure::Mend(format!("--node: --fault {fault} is done to the bench, not to a node")));
+    }
     if let Some(unknown) = args.nodes.iter().find(|n| !all.contains(n)) {
         let hint = did_you_mean(unknown, all.iter().map(String::as_str));
         return Err(Failure::Mend(format!(

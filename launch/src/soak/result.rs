@@ -4,7 +4,8 @@ use serde::Serialize;
 use whirlstand_nodes::config::Mode;
 
 use super::fault_injector::{CALM_STEPS, FaultInjector, InjectedFault};
-use crate::cli::{FaultArg, SoakArgs};
+use super::losses::losses;
+use crate::cli::SoakArgs;
 use crate::file::Plan;
 use crate::run::FinishedRun;
 use crate::style;
@@ -24,6 +25,14 @@ pub(super) struct SoakResult {
     calm_steps: u64,
     misses_to_failsafe: u32,
     wall_s: f64,
+    /// Faults that were injected, and after which the loop flew again.
+    given: usize,
+    survived: usize,
+    /// From a fault's end until the loop had recovered, s.
+    recovery_s_median: Option<f64>,
+    recovery_s_max: Option<f64>,
+    /// Messages that nodes did not get, all together; what of them must not be is among the problems.
+    lost: u64,
     nodes: Vec<NodeFaults>,
     faults: Vec<InjectedFault>,
     problems: Vec<String>,
@@ -31,7 +40,7 @@ pub(super) struct SoakResult {
     pub ok: bool,
 }
 
-/// All faults of one node.
+/// All faults of one node, or of the bench.
 #[derive(Debug, Serialize)]
 struct NodeFaults {
     node: String,
@@ -47,8 +56,7 @@ struct NodeFaults {
 impl NodeFaults {
     fn new(node: &str, all: &[InjectedFault]) -> Self {
         let faults: Vec<_> = all.iter().filter(|f| f.node == node).collect();
-        let mut recoveries: Vec<f64> = faults.iter().filter_map(|f| f.recovery_s).collect();
-        recoveries.sort_by(f64::total_cmp);
+        let recoveries = recoveries(faults.iter().copied());
         Self {
             node: node.into(),
             faults: faults.len(),
@@ -60,6 +68,13 @@ impl NodeFaults {
             recovery_s_max: recoveries.last().copied(),
         }
     }
+}
+
+/// Times of recovery in ascending order, s.
+fn recoveries<'a>(faults: impl Iterator<Item = &'a InjectedFault>) -> Vec<f64> {
+    let mut times: Vec<f64> = faults.filter_map(|fault| fault.recovery_s).collect();
+    times.sort_by(f64::total_cmp);
+    times
 }
 
 impl SoakResult {
@@ -80,23 +95,32 @@ impl SoakResult {
             problems.push(format!("{node} hung at the end and had to be killed"));
         }
         problems.extend(ran.residue.clone());
-        problems.extend(ran.log.as_deref().and_then(unreadable));
-        let mut names: Vec<String> = plan.nodes.iter().map(|n| n.name.clone()).collect();
-        names.retain(|n| injector.faults.iter().any(|f| f.node == *n));
+        problems.extend(losses(
+            (args.fault, plan.config.mode),
+            &ran.outcome,
+            ran.log.as_deref(),
+            injector.forged,
+        ));
+        let mut names: Vec<String> = injector.faults.iter().map(|f| f.node.clone()).collect();
+        names.sort();
+        names.dedup();
+        let recoveries = recoveries(injector.faults.iter());
         Self {
             schema: "whirlstand.soak.v1",
             launch: plan.name.clone(),
             mode: plan.config.mode,
             transport: plan.config.transport.to_string(),
-            fault: match args.fault {
-                FaultArg::Kill => "kill",
-                FaultArg::Stop => "stop",
-            },
+            fault: args.fault.word(),
             rounds: args.rounds,
             seed,
             calm_steps: CALM_STEPS,
             misses_to_failsafe: plan.config.plant.misses_to_failsafe,
             wall_s: ran.outcome.wall.as_secs_f64(),
+            given: injector.faults.len(),
+            survived: recoveries.len(),
+            recovery_s_median: recoveries.get(recoveries.len() / 2).copied(),
+            recovery_s_max: recoveries.last().copied(),
+            lost: ran.outcome.health.lost(),
             nodes: names.iter().map(|n| NodeFaults::new(n, &injector.faults)).collect(),
             faults: injector.faults,
             ok: problems.is_empty(),
@@ -107,7 +131,7 @@ impl SoakResult {
     /// The result for people.
     pub fn table(&self) -> String {
         let mut text = format!(
-            "{} over {}: {} of every node, {} rounds, seed {}, {:.1} s\n\n",
+            "{} over {}: {}, {} rounds, seed {}, {:.1} s\n\n",
             self.launch, self.transport, self.fault, self.rounds, self.seed, self.wall_s
         );
         let head = format!(
@@ -129,26 +153,21 @@ impl SoakResult {
                 seconds(n.recovery_s_max),
             ));
         }
+        text.push_str(&format!(
+            "\n{} of {} faults survived, recovery p50 {} s, max {} s, {} messages lost\n",
+            self.survived,
+            self.given,
+            seconds(self.recovery_s_median),
+            seconds(self.recovery_s_max),
+            self.lost
+        ));
         for problem in &self.problems {
             text.push_str(&format!("{} {problem}\n", style::bad("problem:")));
         }
         if self.ok {
-            let all =
-                "The bench survived every fault; nothing is left in shared memory, and the log is readable.";
-            text.push_str(&format!("\n{}\n", style::good(all)));
+            let all = "The bench survived every fault: nothing is lost that must not be, nothing is left in shared memory.";
+            text.push_str(&format!("{}\n", style::good(all)));
         }
         text
-    }
-}
-
-/// Why the log cannot be read, if it cannot.
-fn unreadable(path: &std::path::Path) -> Option<String> {
-    let read = whirlstand_logs::Log::open(path)
-        .map_err(|e| e.to_string())
-        .and_then(|log| whirlstand_logs::bench_record(&log).map_err(|e| e.to_string()));
-    match read {
-        Ok(record) if record.is_empty() => Some(format!("the log {} is empty", path.display())),
-        Ok(_) => None,
-        Err(e) => Some(format!("the log cannot be read: {e}")),
     }
 }

@@ -5,7 +5,7 @@ use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Head, MAX_STATES, Message, Setpoint};
 
 use super::law::Law;
-use crate::adjustment_desk::AdjustmentDesk;
+use crate::adjustment_desk::{AdjustmentDesk, MOST_REQUESTS};
 use crate::error::NodeError;
 use crate::ports::receive;
 
@@ -47,14 +47,17 @@ impl Outside {
     /// Takes in what has come, for the step of `head` and all later ones.
     pub(super) fn take(&mut self, head: Head, law: &mut Law) -> Result<(), NodeError> {
         let Some(pilot) = &mut self.pilot else { return Ok(()) };
-        while let Some(setpoint) = receive(pilot, &mut self.refused)? {
+        // No more than waits: whoever sends without a pause does not keep the step from being taken.
+        for _ in 0..PILOT_DEPTH {
+            let Some(setpoint) = receive(pilot, &mut self.refused)? else { break };
             if setpoint.x.iter().chain(&setpoint.stick).all(|v| v.is_finite()) {
                 self.piloted = Some(setpoint);
             } else {
                 self.refused += 1;
             }
         }
-        while let Some((kind, request)) = self.desk.next()? {
+        for _ in 0..MOST_REQUESTS {
+            let Some((kind, request)) = self.desk.next()? else { break };
             let verdict = match kind {
                 AdjustmentKind::Gain => law.adjust_gain(request.value),
                 _ => self.set_reference(&request),

@@ -4,7 +4,7 @@ use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Disturbance, Head, MAX_STATES};
 use whirlstand_vehicle::{Engine, Simulator};
 
-use crate::adjustment_desk::AdjustmentDesk;
+use crate::adjustment_desk::{AdjustmentDesk, MOST_REQUESTS};
 use crate::error::NodeError;
 use crate::ports::receive;
 
@@ -73,7 +73,8 @@ impl Outside {
             changed |= is_over;
             *gust = gust.filter(|_| !is_over);
         }
-        while let Some((kind, request)) = self.desk.next()? {
+        for _ in 0..MOST_REQUESTS {
+            let Some((kind, request)) = self.desk.next()? else { break };
             let (mut head, verdict) = (
                 head,
                 match kind {
@@ -133,7 +134,9 @@ impl Outside {
     fn take_injected(&mut self) -> Result<bool, NodeError> {
         let Some(inject) = &mut self.inject else { return Ok(false) };
         let mut newest = None;
-        while let Some(d) = receive(inject, &mut self.refused)? {
+        // No more than waits: whoever sends without a pause does not keep the step from being taken.
+        for _ in 0..INJECT_DEPTH {
+            let Some(d) = receive(inject, &mut self.refused)? else { break };
             if d.count as usize == self.bounds.len() && d.dx.iter().all(|v| v.is_finite()) {
                 newest = Some(d.dx);
             } else {

@@ -1,0 +1,152 @@
+//! A full file system below the log.
+//!
+//! Where the system allows it, the log lies in a small file system of its own, in a mount namespace that this process and its
+//! nodes alone see; a fault takes its free room away, and its end gives it back. Elsewhere the recorder may write no byte
+//! more (RLIMIT_FSIZE), which fails as a full disk does.
+
+use std::ffi::{CStr, CString};
+use std::io;
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+
+use rustix::process::{Resource, getegid, geteuid};
+use whirlstand_nodes::config::Mode;
+
+use super::Ongoing;
+use super::address_space::Limited;
+use crate::error::Failure;
+use crate::file::Plan;
+
+/// Room that is left when the disk is made full, bytes.
+const LEFT_OVER: u64 = 16 << 10;
+
+/// Attempts to make it full: what is written between the look and the fault has to fit.
+const ATTEMPTS: u32 = 20;
+
+/// Size of the file system between two faults: a share of the memory, as far as it is written to.
+const ROOMY: &str = "size=50%";
+
+/// How the disk is made full.
+pub(in crate::soak) enum Disk {
+    /// A file system that can be made small.
+    Own(PathBuf),
+    /// Nothing but the recorder's limit.
+    Limit,
+}
+
+impl Disk {
+    /// Lays a file system of its own under the log, if the system allows that.
+    ///
+    /// # Errors
+    /// When the bench has no log, or one that would fill any disk.
+    pub fn prepare(plan: &Plan, folder: &Path) -> Result<Self, Failure> {
+        if plan.config.recorder.is_none() {
+            return Err(Failure::Mend("--fault disk: a bench that records is expected".into()));
+        }
+        if plan.config.mode == Mode::Lockstep {
+            let why = "in lockstep the log grows without a pause: --mode realtime is expected";
+            return Err(Failure::Mend(format!("--fault disk: {why}")));
+        }
+        match own_namespace().and_then(|()| mount(c"tmpfs", folder, c"tmpfs", 0, ROOMY)) {
+            Ok(()) => Ok(Self::Own(folder.into())),
+            Err(e) => {
+                crate::style::say(&format!(
+                    "this machine allows no file system of the soak's own ({e}): instead of a full disk, the recorder is \
+                     allowed to write no byte more"
+                ));
+                ignore_the_limits_signal();
+                Ok(Self::Limit)
+            }
+        }
+    }
+
+    pub fn begin(&self, recorder: u32) -> io::Result<Box<dyn Ongoing>> {
+        Ok(match self {
+            Self::Own(folder) => Box::new(Full::begin(folder)?),
+            Self::Limit => Box::new(NoMoreBytes { _limit: Limited::begin(recorder, Resource::Fsize, 0)? }),
+        })
+    }
+}
+
+/// A file system without room.
+struct Full {
+    folder: PathBuf,
+    taken: u64,
+}
+
+impl Full {
+    fn begin(folder: &Path) -> io::Result<Self> {
+        let mut attempt = 0;
+        loop {
+            let is = rustix::fs::statvfs(folder)?;
+            let used = is.f_blocks.saturating_sub(is.f_bfree) * is.f_frsize;
+            let size = format!("size={}", used + LEFT_OVER);
+            attempt += 1;
+            match mount(c"tmpfs", folder, c"tmpfs", libc::MS_REMOUNT, &size) {
+                Err(_) if attempt < ATTEMPTS => {}
+                made => {
+                    let taken = (is.f_bfree * is.f_frsize).saturating_sub(LEFT_OVER);
+                    return made.map(|()| Self { folder: folder.into(), taken });
+                }
+            }
+        }
+    }
+}
+
+impl Ongoing for Full {
+    fn dealt(&self) -> u64 {
+        self.taken
+    }
+}
+
+impl Drop for Full {
+    fn drop(&mut self) {
+        if let Err(e) = mount(c"tmpfs", &self.folder, c"tmpfs", libc::MS_REMOUNT, ROOMY) {
+            tracing::error!("the file system of the log cannot be given its room again: {e}");
+        }
+    }
+}
+
+/// A recorder that may write nothing.
+struct NoMoreBytes {
+    _limit: Limited,
+}
+
+impl Ongoing for NoMoreBytes {
+    fn dealt(&self) -> u64 {
+        1
+    }
+}
+
+/// Leaves the mount namespace of all others, as root or as the root of a user namespace.
+fn own_namespace() -> io::Result<()> {
+    let (user, group) = (geteuid().as_raw(), getegid().as_raw());
+    let spaces = if user == 0 { libc::CLONE_NEWNS } else { libc::CLONE_NEWNS | libc::CLONE_NEWUSER };
+    // SAFETY: unshare(2) touches no memory; that no other thread runs yet the kernel itself checks for a user namespace.
+    if unsafe { libc::unshare(spaces) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    if user != 0 {
+        std::fs::write("/proc/self/setgroups", "deny")?;
+        std::fs::write("/proc/self/uid_map", format!("{user} {user} 1"))?;
+        std::fs::write("/proc/self/gid_map", format!("{group} {group} 1"))?;
+    }
+    // What is mounted here is not to be seen elsewhere.
+    mount(c"none", Path::new("/"), c"none", libc::MS_REC | libc::MS_PRIVATE, "")
+}
+
+fn mount(source: &CStr, target: &Path, kind: &CStr, flags: libc::c_ulong, options: &str) -> io::Result<()> {
+    let target = CString::new(target.as_os_str().as_bytes())?;
+    let options = CString::new(options)?;
+    // SAFETY: mount(2) reads four strings that end with a zero and live until it returns.
+    let failed = unsafe {
+        libc::mount(source.as_ptr(), target.as_ptr(), kind.as_ptr(), flags, options.as_ptr().cast())
+    };
+    if failed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
+/// A write beyond RLIMIT_FSIZE then fails instead of ending the process; nodes inherit that.
+fn ignore_the_limits_signal() {
+    // SAFETY: to ignore a signal installs no code.
+    unsafe { libc::signal(libc::SIGXFSZ, libc::SIG_IGN) };
+}
