@@ -18,6 +18,7 @@ const NODES: [&str; 4] = ["recorder", "estimator", "controller", "plant"];
 tests![
     the_next_start_removes_what_five_killed_benches_left,
     clean_lists_then_removes_and_leaves_live_benches_alone,
+    keys_of_a_killed_bench_are_listed_and_removed,
     children_of_a_program_go_with_its_node,
     a_program_is_asked_to_end_when_the_launcher_is_killed,
     only_the_user_can_read_what_a_run_creates,
@@ -49,18 +50,21 @@ fn kill_all_of(names: &[&str]) {
     let dirs: Vec<_> = names.iter().map(|_| tempfile::tempdir().unwrap()).collect();
     let mut all: Vec<_> = names.iter().zip(&dirs).map(|(name, dir)| start(name, dir.path())).collect();
     all.iter_mut().for_each(|running| _ = all_ready(running, NODES));
-    for running in all {
-        running.signal(libc::SIGSTOP);
-        let others = children(running.pid());
-        assert_eq!(others.len(), 5, "four nodes and the guard");
-        others.iter().for_each(|&pid| signal(pid, libc::SIGKILL));
-        running.signal(libc::SIGKILL);
-        running.finish();
-        others.into_iter().for_each(gone);
-    }
+    all.into_iter().for_each(kill_with_all);
     for name in names {
         assert!(residue(&unique(name)).len() > 40, "{name} left nothing, so this test shows nothing");
     }
+}
+
+/// Kills a launcher with its nodes and its guard.
+fn kill_with_all(running: Running) {
+    running.signal(libc::SIGSTOP);
+    let others = children(running.pid());
+    assert_eq!(others.len(), 5, "four nodes and the guard");
+    others.iter().for_each(|&pid| signal(pid, libc::SIGKILL));
+    running.signal(libc::SIGKILL);
+    running.finish();
+    others.into_iter().for_each(gone);
 }
 
 fn until(what: &str, mut holds: impl FnMut() -> bool) {
@@ -128,17 +132,60 @@ fn clean_lists_then_removes_and_leaves_live_benches_alone() {
     assert!(summary["runs"][0]["problems"].as_array().unwrap().is_empty(), "{summary}");
 }
 
+fn keys_of_a_killed_bench_are_listed_and_removed() {
+    let _alone = alone();
+    let (dir, runtime) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let bench = unique("with-keys");
+    let mut command = whirlstand(["run", "quadrotor", "--transport", "zenoh", "--duration", "1000"]);
+    command.args(["--log-level", "debug", "--bench", &bench, "--out"]).arg(dir.path());
+    let mut running = spawn(command_in(command, Some(runtime.path())));
+    all_ready(&mut running, NODES);
+    let keys = runtime.path().join("whirlstand").join(&bench);
+    let show = |place| spawn(command_in(whirlstand(["keys", "show", &bench, "--path"]), place)).finish();
+    // The lock says where they are, so that another shell finds them as well.
+    for place in [Some(runtime.path()), None] {
+        assert_eq!(Path::new(show(place).success().stdout.trim()), keys.join("observer.json5"));
+    }
+    kill_with_all(running);
+    assert!(keys.join("observer.json5").is_file(), "nothing is left, so this test shows nothing");
+    let gone = show(Some(runtime.path()));
+    assert!(gone.code() == 2 && gone.stderr.contains("no bench"), "{}", gone.stderr);
+    let listed = cleaned(&["--dry-run"]);
+    let left = entry(&listed, "with-keys").unwrap_or_else(|| panic!("{listed}"));
+    assert!(left["files"].as_u64().unwrap() >= 3, "the lock and the keys: {left}");
+    assert_eq!(entry(&cleaned(&[]), "with-keys").unwrap()["removed"], true);
+    assert!(!keys.exists() && residue(&bench).is_empty());
+
+    // Keys whose lock went with the shared memory, as after a start of the machine.
+    std::fs::create_dir(&keys).unwrap();
+    std::fs::write(keys.join("observer.json5"), "").unwrap();
+    let clean =
+        || spawn(command_in(whirlstand(["clean", "--json"]), Some(runtime.path()))).finish().success();
+    let again: Value = serde_json::from_str(&clean().stdout).unwrap();
+    assert_eq!(entry(&again, "with-keys").unwrap_or_else(|| panic!("{again}"))["removed"], true);
+    assert!(!keys.exists());
+}
+
+/// A command in a session of the user whose folder is this one, or in none.
+fn command_in(mut command: Command, runtime: Option<&Path>) -> Command {
+    match runtime {
+        Some(runtime) => command.env("XDG_RUNTIME_DIR", runtime),
+        None => command.env_remove("XDG_RUNTIME_DIR"),
+    };
+    command
+}
+
 /// What a program does when it is asked to end: says so and ends (without a process of its own for it, which would be asked
 /// to end as well), or nothing, as its child.
 const ENDS: &str = ": > \"$ASKED\"; exit";
 const STUBBORN: &str = "";
 
-/// A bench with a program that starts a child, and writes both process numbers.
+/// A bench with a program that starts a child, and one that leaves its process group, and writes the process numbers of all.
 fn with_program(dir: &Path, asked_to_end: &str, then: &str, duration: &str) -> (Command, PathBuf, PathBuf) {
     let (numbers, asked) = (dir.join("numbers"), dir.join("asked"));
     let script = format!(
-        "ASKED={asked}\ntrap '{asked_to_end}' TERM\nsleep 1000 &\n\
-         echo $$ $! > {numbers}.new\nmv {numbers}.new {numbers}\n{then}\n",
+        "ASKED={asked}\ntrap '{asked_to_end}' TERM\nsleep 1000 &\nCHILD=$!\nsetsid sleep 1000 &\n\
+         echo $$ $CHILD $! > {numbers}.new\nmv {numbers}.new {numbers}\n{then}\n",
         asked = asked.display(),
         numbers = numbers.display()
     );
@@ -156,7 +203,7 @@ fn with_program(dir: &Path, asked_to_end: &str, then: &str, duration: &str) -> (
     (command, numbers, asked)
 }
 
-/// The numbers of the program and of its child.
+/// The numbers of the program and of its children.
 fn numbers(path: &Path) -> Vec<i32> {
     until("the program was never started", || path.exists());
     let text = std::fs::read_to_string(path).unwrap();
@@ -170,10 +217,11 @@ fn children_of_a_program_go_with_its_node() {
         let dir = tempfile::tempdir().unwrap();
         let (command, path, _) = with_program(dir.path(), asked_to_end, then, "0.5");
         let running = spawn(command);
-        let both = numbers(&path);
+        let all = numbers(&path);
+        assert_eq!(all.len(), 3);
         let end = running.finish();
         assert!(end.code() <= 1, "{asked_to_end}, {then}: {}\n{}", end.stdout, end.stderr);
-        both.into_iter().for_each(gone);
+        all.into_iter().for_each(gone);
     }
 }
 
@@ -183,10 +231,11 @@ fn a_program_is_asked_to_end_when_the_launcher_is_killed() {
         let dir = tempfile::tempdir().unwrap();
         let (command, path, asked) = with_program(dir.path(), asked_to_end, "wait", "1000");
         let running = spawn(command);
-        let both = numbers(&path);
+        let all = numbers(&path);
+        assert_eq!(all.len(), 3);
         running.signal(libc::SIGKILL);
         running.finish();
-        both.into_iter().for_each(gone);
+        all.into_iter().for_each(gone);
         assert_eq!(asked.exists(), asked_to_end == ENDS, "it had time to bring what it moves to neutral");
     }
 }

@@ -13,8 +13,9 @@ use std::path::PathBuf;
 use memmap2::{MmapOptions, MmapRaw};
 
 use crate::OpenError;
+use crate::lock_file::open_lock_file;
 use crate::park::Region;
-use crate::residue::{clear, clear_out, is_alone, open, park_path};
+use crate::residue::{clear, clear_out, is_alone, park_path};
 use crate::shared_memory_space::{full, take};
 
 /// A member's share of the park file.
@@ -30,7 +31,7 @@ impl Presence {
         let path = park_path(bench);
         let failed = |source| OpenError::File { path: path.clone(), source };
         let file = loop {
-            let file = open(&path).map_err(failed)?;
+            let file = open_lock_file(&path).map_err(failed)?;
             if is_alone(&file).map_err(failed)? {
                 clear(bench, &path).map_err(OpenError::from)?;
                 // All members of a fresh bench start from a park region of zeros.

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -12,6 +12,7 @@ use iceoryx2::prelude::{CallbackProgression, ipc};
 
 use crate::ResidueError;
 use crate::config::check_name;
+use crate::lock_file::open_lock_file;
 use crate::shared_memory_config::{
     ROOTS, SHARED_MEMORY, bench_of_file, bench_of_root, config, prefix, root_path,
 };
@@ -34,7 +35,7 @@ pub fn remove_residue(bench: &str) -> Result<Residue, ResidueError> {
     check_name("bench", bench).map_err(ResidueError::Name)?;
     let path = park_path(bench);
     let failed = |source| ResidueError::File { path: path.clone(), source };
-    let file = open(&path).map_err(failed)?;
+    let file = open_lock_file(&path).map_err(failed)?;
     if is_alone(&file).map_err(failed)? {
         return clear_out(bench, &path);
     }
@@ -113,17 +114,6 @@ fn measured(bench: &str) -> Option<StaleBench> {
 
 pub(crate) fn park_path(bench: &str) -> PathBuf {
     Path::new(SHARED_MEMORY).join(format!("{}park", prefix(bench)))
-}
-
-pub(crate) fn open(path: &Path) -> io::Result<File> {
-    OpenOptions::new()
-        .read(true)
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .mode(0o600)
-        .custom_flags(libc::O_NOFOLLOW)
-        .open(path)
 }
 
 /// The iceoryx2 nodes of a bench, dead or alive.

@@ -1,4 +1,11 @@
-//! Which processes there are, as the kernel tells it (proc_pid_stat(5)).
+//! Which processes there are, as the kernel tells it (proc_pid_stat(5), proc_pid_environ(5)).
+
+use std::path::Path;
+
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+
+/// The variable by which whatever a node starts is known, also when it left the node's process group.
+pub(crate) const NOTIFY_SOCKET: &str = "NOTIFY_SOCKET";
 
 /// A process that has not ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,9 +36,55 @@ impl ProcStat {
     }
 }
 
+/// Sends a signal to the processes whose notify socket is this one, or in this folder, and that are in no group which is
+/// `reached` already; how many there are. That is who was started by a node and by what a node started, for as long as the
+/// variable is handed on.
+pub(crate) fn signal_notifiers(
+    socket: &Path,
+    reached: impl Fn(i32) -> bool,
+    signal: Option<Signal>,
+) -> usize {
+    let numbers = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = numbers.filter_map(|e| Pid::from_raw(e.file_name().to_str()?.parse().ok()?));
+    let told = |pid: &Pid| {
+        // Held before the look, so that the signal goes to who was looked at.
+        let Ok(process) = pidfd_open(*pid, PidfdFlags::empty()) else { return false };
+        let number = pid.as_raw_pid();
+        let environment = std::fs::read(format!("/proc/{number}/environ")).unwrap_or_default();
+        let found =
+            is_notifier(&environment, socket) && ProcStat::of(number).is_some_and(|p| !reached(p.group));
+        if let Some(signal) = signal.filter(|_| found) {
+            // One that has just ended needs no signal.
+            let _ = pidfd_send_signal(&process, signal);
+        }
+        found
+    };
+    pids.filter(told).count()
+}
+
+/// Whether an environment, its entries ended by zeros, has a notify socket at or below this path.
+fn is_notifier(environment: &[u8], socket: &Path) -> bool {
+    use std::os::unix::ffi::OsStrExt;
+    let value =
+        |entry: &[u8]| entry.strip_prefix(NOTIFY_SOCKET.as_bytes())?.strip_prefix(b"=").map(<[u8]>::to_vec);
+    let mut values = environment.split(|b| *b == 0).filter_map(value);
+    values.any(|path| Path::new(std::ffi::OsStr::from_bytes(&path)).starts_with(socket))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_notifier_is_told_by_its_environment() {
+        let environment = b"A=1\0NOTIFY_SOCKET=/dev/shm/s1/plant\0B=/dev/shm/s2\0";
+        assert!(is_notifier(environment, Path::new("/dev/shm/s1")));
+        assert!(is_notifier(environment, Path::new("/dev/shm/s1/plant")));
+        for other in ["/dev/shm/s", "/dev/shm/s2", "/dev/shm/s1/plant2"] {
+            assert!(!is_notifier(environment, Path::new(other)), "{other}");
+        }
+        assert!(!is_notifier(b"", Path::new("/")));
+    }
 
     #[test]
     fn a_name_with_brackets_does_not_mislead_and_a_zombie_is_no_process() {

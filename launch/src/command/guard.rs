@@ -11,7 +11,7 @@ use crate::supervisor::{end_groups, keep_guard};
 pub(crate) fn guard(args: &GuardArgs) -> Result<ExitCode, Failure> {
     let Some(left) = keep_guard(std::io::stdin().lock()) else { return Ok(ExitCode::SUCCESS) };
     crate::style::say(&format!("the launcher of the bench {} was killed: ending its nodes", args.bench));
-    end_groups(&left, Duration::from_secs_f64(args.grace.max(0.0)));
+    end_groups(&left, args.sockets.as_deref(), Duration::from_secs_f64(args.grace.max(0.0)));
     whirlstand_bus::remove_residue(&args.bench).map_err(Failure::run)?;
     for path in &args.remove {
         let removed = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use whirlstand_bus::check_bench_name;
 
-use super::lock_file::{Holder, LockFile, Refused, is_held};
-use super::runtime_folder::runtime_folder;
+use super::lock_file::{Holder, LockFile, Refused, holder};
+use super::runtime_folder::{keys_folder, runtime_folder};
 use crate::error::Failure;
 
 /// How the name of a claim's file ends.
@@ -20,6 +20,7 @@ pub(crate) struct Claim {
     bench: String,
     // Dropped in this order: nobody has the name before the sockets are gone.
     sockets: TempDir,
+    keys: PathBuf,
     lock: LockFile,
 }
 
@@ -37,14 +38,17 @@ impl Claim {
             .tempdir_in(&folder)
             .map_err(|e| Failure::file("make a folder for sockets in", &folder, &e))?;
         let path = claim_path(&folder, bench);
-        let lock = LockFile::take(&path, &Holder::here(Some(sockets.path()))).map_err(|e| match e {
+        let keys = keys_folder().join(bench);
+        let holder =
+            Holder { sockets: Some(sockets.path().into()), keys: Some(keys.clone()), ..Holder::here() };
+        let lock = LockFile::take(&path, &holder).map_err(|e| match e {
             Refused::Held(holder) => Failure::Mend(format!(
                 "the bench '{bench}' is already run by {}: give this run another name with --bench, or wait for that one's end",
                 Refused::holder(holder.as_ref())
             )),
             Refused::System(e) => Failure::file("claim the bench's name by the file", &path, &e),
         })?;
-        Ok(Self { bench: bench.into(), sockets, lock })
+        Ok(Self { bench: bench.into(), sockets, keys, lock })
     }
 
     /// The bench.
@@ -55,6 +59,11 @@ impl Claim {
     /// The folder for its notify sockets.
     pub fn sockets(&self) -> &Path {
         self.sockets.path()
+    }
+
+    /// The folder for what outside programs need to join the bench; nobody else may make or remove it.
+    pub fn keys(&self) -> &Path {
+        &self.keys
     }
 
     /// The file that is the claim.
@@ -75,12 +84,7 @@ impl AsFd for Claim {
 /// When the name cannot be that of a bench, or the user's folder cannot be used.
 pub(crate) fn sockets_of(bench: &str) -> Result<Option<PathBuf>, Failure> {
     check_bench_name(bench).map_err(Failure::mend)?;
-    let path = claim_path(&runtime_folder()?, bench);
-    if !is_held(&path) {
-        return Ok(None);
-    }
-    let holder = File::open(path).ok().and_then(|mut file| Holder::read(&mut file));
-    Ok(holder.and_then(|holder| holder.sockets))
+    Ok(holder(&claim_path(&runtime_folder()?, bench)).and_then(|holder| holder.sockets))
 }
 
 /// The benches that launchers of this user run on this machine.
@@ -90,8 +94,28 @@ pub(crate) fn sockets_of(bench: &str) -> Result<Option<PathBuf>, Failure> {
 pub(crate) fn running_benches() -> Result<Vec<String>, Failure> {
     let folder = runtime_folder()?;
     let mut all = claimed_benches(&folder);
-    all.retain(|bench| is_held(&claim_path(&folder, bench)));
+    all.retain(|bench| holder(&claim_path(&folder, bench)).is_some());
     Ok(all)
+}
+
+/// Where outside programs find what they need to join a bench that runs; `None` when no launcher of this user runs it.
+///
+/// # Errors
+/// When the user's folder cannot be used.
+pub(crate) fn keys_of(bench: &str) -> Result<Option<PathBuf>, Failure> {
+    Ok(holder(&claim_path(&runtime_folder()?, bench)).and_then(|holder| holder.keys))
+}
+
+/// The benches of this user that run and have keys.
+///
+/// # Errors
+/// When the user's folder cannot be used.
+pub(crate) fn benches_with_keys() -> Result<Vec<String>, Failure> {
+    let folder = runtime_folder()?;
+    let has_keys = |bench: &String| {
+        holder(&claim_path(&folder, bench)).and_then(|holder| holder.keys).is_some_and(|keys| keys.is_dir())
+    };
+    Ok(claimed_benches(&folder).into_iter().filter(has_keys).collect())
 }
 
 /// The file that is the claim of a bench.

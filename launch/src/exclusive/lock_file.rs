@@ -7,11 +7,12 @@ use std::fmt;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
 use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use serde::{Deserialize, Serialize};
+use whirlstand_bus::open_lock_file;
 
 use crate::proc_stat::ProcStat;
 
@@ -31,15 +32,19 @@ pub(crate) struct Holder {
     pub since: String,
     /// Folder of its notify sockets.
     pub sockets: Option<PathBuf>,
+    /// Folder of what outside programs need to join its bench; made over Zenoh only.
+    #[serde(default)]
+    pub keys: Option<PathBuf>,
 }
 
 impl Holder {
-    /// This process.
-    pub fn here(sockets: Option<&Path>) -> Self {
+    /// This process, with nothing beside its lock.
+    pub fn here() -> Self {
         Self {
             pid: std::process::id() as i32,
             since: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
-            sockets: sockets.map(Into::into),
+            sockets: None,
+            keys: None,
         }
     }
 
@@ -89,7 +94,7 @@ impl LockFile {
     pub fn take(path: &Path, holder: &Holder) -> Result<Self, Refused> {
         let began = Instant::now();
         loop {
-            let mut file = open(path).map_err(Refused::System)?;
+            let mut file = open_lock_file(path).map_err(Refused::System)?;
             match file.try_lock() {
                 // Who let go of it may have removed it between opening and locking.
                 Ok(()) if file.metadata().map_err(Refused::System)?.nlink() == 0 => {}
@@ -149,21 +154,16 @@ pub(crate) fn last_holder(path: &Path) -> Option<Option<Holder>> {
     Some(Holder::read(&mut file))
 }
 
+/// Who holds the lock now; `None` when nobody does, or nothing says who.
+pub(crate) fn holder(path: &Path) -> Option<Holder> {
+    let mut file = OpenOptions::new().read(true).write(true).open(path).ok()?;
+    matches!(file.try_lock(), Err(TryLockError::WouldBlock)).then(|| Holder::read(&mut file)).flatten()
+}
+
 /// Whether somebody holds the lock.
 pub(crate) fn is_held(path: &Path) -> bool {
     let file = OpenOptions::new().read(true).write(true).open(path);
     file.is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
-}
-
-fn open(path: &Path) -> io::Result<File> {
-    OpenOptions::new()
-        .read(true)
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .mode(0o600)
-        .custom_flags(libc::O_NOFOLLOW)
-        .open(path)
 }
 
 #[cfg(test)]
@@ -174,9 +174,10 @@ mod tests {
     fn one_at_a_time_holds_it_and_the_other_learns_who() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.lock");
-        let here = Holder::here(None);
+        let here = Holder::here();
         let lock = LockFile::take(&path, &here).unwrap();
         assert!(is_held(&path) && last_holder(&path).is_none());
+        assert_eq!(super::holder(&path).as_ref(), Some(&here));
         match LockFile::take(&path, &here) {
             Err(Refused::Held(Some(holder))) => assert_eq!(holder, here),
             other => panic!("{other:?}"),
@@ -192,7 +193,7 @@ mod tests {
         let path = folder.path().join("x.lock");
         std::fs::write(&path, "no JSON, and longer than what will be written into it".repeat(9)).unwrap();
         assert_eq!(last_holder(&path), Some(None));
-        let mut lock = LockFile::take(&path, &Holder::here(None)).unwrap();
+        let mut lock = LockFile::take(&path, &Holder::here()).unwrap();
         assert_eq!(Holder::read(&mut lock.file).unwrap().pid, std::process::id() as i32);
     }
 
@@ -202,11 +203,11 @@ mod tests {
         let path = folder.path().join("x.lock");
         let mut dead = std::process::Command::new("true").spawn().unwrap();
         dead.wait().unwrap();
-        let signed = Holder { pid: dead.id() as i32, ..Holder::here(None) };
+        let signed = Holder { pid: dead.id() as i32, ..Holder::here() };
         let lock = LockFile::take(&path, &signed).unwrap();
         let waiting = std::thread::spawn({
             let path = path.clone();
-            move || LockFile::take(&path, &Holder::here(None)).map(drop)
+            move || LockFile::take(&path, &Holder::here()).map(drop)
         });
         // Longer than a living holder is waited for.
         std::thread::sleep(2 * TIDYING);

@@ -1,4 +1,5 @@
-//! What one run has for itself: its folder and its bench's name; and what is left of runs that were killed.
+//! What one run has for itself: its folder and its bench's name; and what is left of runs that were killed. One lock, the
+//! claim of the name, is for all that a bench has on this machine: memory, sockets and keys.
 
 mod claim;
 mod lock_file;
@@ -6,6 +7,7 @@ mod out_folder;
 mod runtime_folder;
 mod stale;
 
-pub(crate) use claim::{Claim, running_benches, sockets_of};
+pub(crate) use claim::{Claim, benches_with_keys, keys_of, running_benches, sockets_of};
 pub(crate) use out_folder::OutFolder;
+pub(crate) use runtime_folder::own_folder;
 pub(crate) use stale::{StaleRun, remove, stale};

@@ -59,7 +59,7 @@ impl OutFolder {
     fn lock(path: &Path) -> Result<Self, Failure> {
         let path = path.canonicalize().map_err(|e| Failure::file("use the folder", path, &e))?;
         let file = path.join(LOCK);
-        let lock = match LockFile::take(&file, &Holder::here(None)) {
+        let lock = match LockFile::take(&file, &Holder::here()) {
             Ok(lock) => Some(lock),
             Err(Refused::Held(holder)) => {
                 return Err(Failure::Mend(format!(

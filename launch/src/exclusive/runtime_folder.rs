@@ -1,7 +1,8 @@
-//! Where a user's runs keep what lives as long as they do: locks and sockets.
+//! Where a user's runs keep what lives as long as they do: locks and sockets, and the keys of their benches.
 //!
-//! It is where the benches' own memory is, and not what `XDG_RUNTIME_DIR` names: that is another folder, or none, in
-//! another shell, and goes when the user logs out while a run goes on.
+//! Locks and sockets are where the benches' own memory is, and not where `XDG_RUNTIME_DIR` says: that is another folder, or
+//! none, in another shell, and goes when the user logs out while a run goes on. Keys are there all the same, because other
+//! programs of the user look for them there; which folder it was is written in the lock.
 
 use std::fs::{DirBuilder, Permissions};
 use std::io::ErrorKind;
@@ -24,6 +25,33 @@ pub(crate) fn runtime_folder() -> Result<PathBuf, Failure> {
     private_folder(&base.join(format!("whirlstand-{user}")), user)
 }
 
+/// The user's folder for the keys of all benches, which may not be there: under `XDG_RUNTIME_DIR`, which the system keeps for
+/// the user alone, or else under the temporary folder, where somebody else may have been first.
+pub(super) fn keys_folder() -> PathBuf {
+    let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|p| p.is_dir());
+    match runtime {
+        Some(runtime) => runtime.join("whirlstand"),
+        None => {
+            let user = rustix::process::geteuid().as_raw();
+            std::env::temp_dir().join(format!("whirlstand-{user}"))
+        }
+    }
+}
+
+/// Whether this is a folder of this user, and no link to one.
+pub(super) fn is_own(path: &Path) -> bool {
+    let user = rustix::process::geteuid().as_raw();
+    path.symlink_metadata().is_ok_and(|found| found.is_dir() && found.uid() == user)
+}
+
+/// Makes a folder for this user alone, or closes an own one to all others.
+///
+/// # Errors
+/// As for [`runtime_folder`].
+pub(crate) fn own_folder(path: &Path) -> Result<PathBuf, Failure> {
+    private_folder(path, rustix::process::geteuid().as_raw())
+}
+
 fn private_folder(path: &Path, user: u32) -> Result<PathBuf, Failure> {
     match DirBuilder::new().mode(0o700).create(path) {
         Err(e) if e.kind() != ErrorKind::AlreadyExists => {
@@ -36,7 +64,7 @@ fn private_folder(path: &Path, user: u32) -> Result<PathBuf, Failure> {
     if !found.is_dir() || found.uid() != user {
         let path = path.display();
         return Err(Failure::Mend(format!(
-            "{path} is not a folder of this user, and runs keep their locks there: have it removed"
+            "{path} is not a folder of this user, and runs keep their locks and keys there: have it removed"
         )));
     }
     if found.mode() & 0o077 != 0 {

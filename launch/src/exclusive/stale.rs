@@ -1,14 +1,14 @@
 //! What runs that were killed left behind, and its removal. A bench of which anybody lives is never touched.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use serde::Serialize;
-use whirlstand_bus::{remove_residue, stale_benches};
+use whirlstand_bus::{check_bench_name, remove_residue, stale_benches};
 
 use super::claim::{claim_path, claimed_benches};
 use super::lock_file::{Holder, LockFile, Refused, is_held, last_holder};
-use super::runtime_folder::runtime_folder;
+use super::runtime_folder::{is_own, keys_folder, runtime_folder};
 use crate::error::Failure;
 
 /// What is left of one run.
@@ -46,8 +46,35 @@ pub(crate) fn stale() -> Result<Vec<StaleRun>, Failure> {
     for bench in claimed_benches(&folder) {
         let Some(holder) = last_holder(&claim_path(&folder, &bench)) else { continue };
         let since = holder.as_ref().map_or_else(|| rfc3339(SystemTime::now()), |h| h.since.clone());
-        let sockets = holder.as_ref().and_then(|h| h.sockets.as_deref());
-        let files = 1 + sockets.and_then(|s| std::fs::read_dir(s).ok()).map_or(0, Iterator::count);
+        let folders = holder.iter().flat_map(|h| [h.sockets.as_deref(), h.keys.as_deref()]).flatten();
+        let left = Left { files: 1 + folders.map(files_in).sum::<usize>(), bench, since };
+        left.add_to(&mut found);
+    }
+    // Keys outlive a claim that is gone with the shared memory, after a start of the machine.
+    let keys = Some(keys_folder()).filter(|keys| is_own(keys));
+    let entries = keys.and_then(|keys| std::fs::read_dir(keys).ok());
+    for entry in entries.into_iter().flatten().flatten() {
+        let Ok(bench) = entry.file_name().into_string() else { continue };
+        let path = entry.path();
+        if check_bench_name(&bench).is_ok() && is_own(&path) && !claim_path(&folder, &bench).exists() {
+            let since = entry.metadata().and_then(|m| m.modified()).unwrap_or_else(|_| SystemTime::now());
+            let left = Left { files: files_in(&path), bench, since: rfc3339(since) };
+            left.add_to(&mut found);
+        }
+    }
+    Ok(found)
+}
+
+/// Files of a bench beside its memory.
+struct Left {
+    bench: String,
+    files: usize,
+    since: String,
+}
+
+impl Left {
+    fn add_to(self, found: &mut Vec<StaleRun>) {
+        let Self { bench, files, since } = self;
         match found.iter_mut().find(|left| left.bench == bench) {
             Some(left) => {
                 left.files += files;
@@ -56,7 +83,10 @@ pub(crate) fn stale() -> Result<Vec<StaleRun>, Failure> {
             None => found.push(StaleRun { bench, files, bytes: 0, since }),
         }
     }
-    Ok(found)
+}
+
+fn files_in(folder: &Path) -> usize {
+    std::fs::read_dir(folder).map_or(0, Iterator::count)
 }
 
 /// Removes what is left of a bench, under a claim of its name. Returns whether it did: not if somebody uses the name again.
@@ -66,8 +96,8 @@ pub(crate) fn stale() -> Result<Vec<StaleRun>, Failure> {
 pub(crate) fn remove(bench: &str) -> Result<bool, Failure> {
     let folder = runtime_folder()?;
     let path = claim_path(&folder, bench);
-    let sockets = last_holder(&path).flatten().and_then(|holder| holder.sockets);
-    let _claim = match LockFile::take(&path, &Holder::here(None)) {
+    let last = last_holder(&path).flatten();
+    let _claim = match LockFile::take(&path, &Holder::here()) {
         Ok(claim) => claim,
         Err(Refused::Held(_)) => return Ok(false),
         Err(Refused::System(e)) => {
@@ -75,8 +105,19 @@ pub(crate) fn remove(bench: &str) -> Result<bool, Failure> {
         }
     };
     let residue = remove_residue(bench).map_err(Failure::run)?;
+    // What a file says is believed no further than the folders in which runs keep such things.
+    let (sockets, keys) = last.map_or((None, None), |holder| (holder.sockets, holder.keys));
     if let Some(sockets) = sockets.filter(|s| s.parent() == Some(&folder)) {
         remove_folder(&sockets)?;
+    }
+    let is_of_the_bench = |keys: &PathBuf| {
+        keys.parent().is_some_and(is_own)
+            && is_own(keys)
+            && keys.file_name().is_some_and(|name| name == bench)
+    };
+    let known = keys_folder().join(bench);
+    for keys in keys.into_iter().chain([known]).filter(is_of_the_bench) {
+        remove_folder(&keys)?;
     }
     Ok(!residue.in_use)
 }

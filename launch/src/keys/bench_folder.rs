@@ -1,18 +1,14 @@
 //! Where programs that the launcher does not start find what they need to join a running bench: a folder that only the
 //! user of the bench can read, with one Zenoh configuration for each name.
 
-use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use whirlstand_bus::{BusConfig, zenoh_configuration};
 
 use crate::error::Failure;
-
-/// Held by the launcher of a running bench; a folder without its holder is left over.
-const LOCK: &str = "lock";
+use crate::exclusive::{benches_with_keys, keys_of, own_folder};
 
 /// Time between two looks for a bench that is about to begin.
 const LOOK: Duration = Duration::from_millis(50);
@@ -20,31 +16,25 @@ const LOOK: Duration = Duration::from_millis(50);
 /// The folder of a running bench; it goes with the launcher.
 pub(crate) struct BenchFolder {
     path: PathBuf,
-    _lock: File,
     /// Whom it has a configuration for.
     joiners: Vec<BusConfig>,
 }
 
 impl BenchFolder {
-    /// Makes the folder of a bench; [`Self::update`] then fills it with a configuration for each of `joiners`.
+    /// Makes the folder, which is that of a [`Claim`](crate::exclusive::Claim) that the caller holds; [`Self::update`] then
+    /// fills it with a configuration for each of `joiners`.
     ///
     /// # Errors
-    /// When the bench runs already, or the user's folder cannot be trusted.
-    pub fn create(bench: &str, joiners: Vec<BusConfig>) -> Result<Self, Failure> {
-        let base = base().map_err(|(path, e)| Failure::file("keep the keys of benches in", &path, &e))?;
-        // Nobody sweeps a folder that has been made and is not locked yet.
-        let _turn = turn(&base).map_err(|e| Failure::file("keep the keys of benches in", &base, &e))?;
-        sweep(&base);
-        let path = base.join(bench);
-        let failed = |e: io::Error| Failure::file("keep the keys of the bench in", &path, &e);
-        private_folder(&path).map_err(failed)?;
-        let lock = lock_file(&path).map_err(failed)?;
-        if lock.try_lock().is_err() {
-            return Err(Failure::Mend(format!(
-                "a bench \"{bench}\" of yours runs already: give this one another name with --bench"
-            )));
+    /// When the user's folder cannot be trusted.
+    pub fn create(path: &Path, joiners: Vec<BusConfig>) -> Result<Self, Failure> {
+        path.parent().map(own_folder).transpose()?;
+        match std::fs::remove_dir_all(path) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => {
+                return Err(Failure::file("remove the old folder of keys", path, &e));
+            }
+            _ => {}
         }
-        Ok(Self { path, _lock: lock, joiners })
+        Ok(Self { path: own_folder(path)?, joiners })
     }
 
     /// Writes all configurations anew, with the addresses on which the bench can be reached now.
@@ -75,24 +65,20 @@ impl Drop for BenchFolder {
 /// # Errors
 /// When no such bench runs, or it has no such name.
 pub(crate) fn configuration(bench: &str, name: &str) -> Result<PathBuf, Failure> {
-    let base = base().map_err(|(path, e)| Failure::file("look for keys in", &path, &e))?;
-    let path = base.join(bench).join(file_name(name));
+    let Some(folder) = keys_of(bench)?.filter(|folder| folder.is_dir()) else {
+        let running = listed(benches_with_keys()?);
+        return Err(Failure::Mend(format!(
+            "no bench \"{bench}\" of yours runs over zenoh on this host: running are {running}"
+        )));
+    };
+    let path = folder.join(file_name(name));
     if path.is_file() {
         return Ok(path);
     }
-    let missing = if !base.join(bench).is_dir() {
-        format!(
-            "no bench \"{bench}\" of yours runs over zenoh on this host: running are {}",
-            listed(&base, |_| true)
-        )
-    } else {
-        let is_configuration = |file: &str| file.ends_with(EXTENSION);
-        format!(
-            "bench \"{bench}\" has no configuration for '{name}': it has {}",
-            listed(&base.join(bench), is_configuration)
-        )
-    };
-    Err(Failure::Mend(missing))
+    let files = std::fs::read_dir(&folder).into_iter().flatten().flatten();
+    let names = files.filter_map(|e| Some(e.file_name().to_str()?.strip_suffix(EXTENSION)?.to_string()));
+    let names = listed(names.collect());
+    Err(Failure::Mend(format!("bench \"{bench}\" has no configuration for '{name}': it has {names}")))
 }
 
 /// As [`configuration`], for a bench that may be about to begin.
@@ -124,90 +110,29 @@ pub(crate) fn write_private(path: &Path, text: &str) -> io::Result<()> {
     file.persist(path).map(|_| ()).map_err(|e| e.error)
 }
 
-fn listed(folder: &Path, wanted: impl Fn(&str) -> bool) -> String {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let names = entries.map(|e| e.file_name().to_string_lossy().into_owned()).filter(|n| wanted(n));
-    let mut names: Vec<String> = names.map(|n| n.trim_end_matches(EXTENSION).to_string()).collect();
+fn listed(mut names: Vec<String>) -> String {
     names.sort();
     if names.is_empty() { "none".into() } else { names.join(", ") }
 }
 
-/// The user's folder for all benches: under `XDG_RUNTIME_DIR`, which the system keeps for the user alone, or else under the
-/// temporary folder, where somebody else may have been first.
-fn base() -> Result<PathBuf, (PathBuf, io::Error)> {
-    let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|p| p.is_dir());
-    let path = match runtime {
-        Some(runtime) => runtime.join("whirlstand"),
-        None => std::env::temp_dir().join(format!("whirlstand-{}", rustix::process::geteuid().as_raw())),
-    };
-    private_folder(&path).map_err(|e| (path.clone(), e)).map(|()| path)
-}
-
-/// Makes a folder for this user alone, or checks that it is one.
-fn private_folder(path: &Path) -> io::Result<()> {
-    match std::fs::DirBuilder::new().mode(0o700).create(path) {
-        Err(e) if e.kind() != io::ErrorKind::AlreadyExists => return Err(e),
-        _ => {}
-    }
-    // Not through a link that somebody else has laid.
-    let found = std::fs::symlink_metadata(path)?;
-    if found.is_dir() && found.uid() == rustix::process::geteuid().as_raw() && found.mode() & 0o077 == 0 {
-        return Ok(());
-    }
-    Err(io::Error::other(
-        "it is not a folder of this user that is closed to all others (mode 0700): remove it, or set XDG_RUNTIME_DIR to one",
-    ))
-}
-
-fn lock_file(folder: &Path) -> io::Result<File> {
-    OpenOptions::new().write(true).create(true).truncate(false).mode(0o600).open(folder.join(LOCK))
-}
-
-/// The right to make and to remove folders of benches, until it is dropped.
-fn turn(base: &Path) -> io::Result<File> {
-    let lock = lock_file(base)?;
-    lock.lock()?;
-    Ok(lock)
-}
-
-/// Removes the folders of launchers that were killed; to be called with the [`turn`].
-fn sweep(base: &Path) {
-    for entry in std::fs::read_dir(base).into_iter().flatten().flatten() {
-        let folder = entry.path();
-        let Ok(lock) = File::open(folder.join(LOCK)) else { continue };
-        if lock.try_lock().is_ok() {
-            let _ = std::fs::remove_dir_all(&folder);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::fs::MetadataExt;
 
-    #[test]
-    fn a_folder_that_others_can_open_is_not_used() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("keys");
-        private_folder(&path).unwrap();
-        private_folder(&path).unwrap();
-        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
-        assert!(private_folder(&path).unwrap_err().to_string().contains("0700"));
-        let link = folder.path().join("link");
-        std::os::unix::fs::symlink(folder.path(), &link).unwrap();
-        assert!(private_folder(&link).is_err());
-    }
+    use super::*;
+    use crate::exclusive::Claim;
 
     #[test]
     fn benches_that_begin_at_once_leave_each_other_alone() {
         let benches: Vec<_> = (0..8)
             .map(|i| {
                 std::thread::spawn(move || {
-                    for round in 0..50 {
+                    for round in 0..20 {
                         let bench = format!("at-once-{}-{i}-{round}", std::process::id());
-                        let folder = BenchFolder::create(&bench, Vec::new()).unwrap();
+                        let claim = Claim::take(&bench).unwrap();
+                        let folder = BenchFolder::create(claim.keys(), Vec::new()).unwrap();
                         assert!(folder.path.is_dir(), "{bench}");
+                        assert_eq!(keys_of(&bench).unwrap().as_deref(), Some(claim.keys()), "{bench}");
                     }
                 })
             })
@@ -227,15 +152,17 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_launcher_left_is_swept() {
-        let base = tempfile::tempdir().unwrap();
-        for name in ["left", "held"] {
-            private_folder(&base.path().join(name)).unwrap();
-        }
-        let _left = lock_file(&base.path().join("left")).unwrap();
-        let held = lock_file(&base.path().join("held")).unwrap();
-        held.try_lock().unwrap();
-        sweep(base.path());
-        assert!(!base.path().join("left").exists() && base.path().join("held").exists());
+    fn what_a_killed_launcher_left_in_the_folder_is_not_taken_for_the_new_bench() {
+        let bench = format!("left-{}", std::process::id());
+        let claim = Claim::take(&bench).unwrap();
+        drop(BenchFolder::create(claim.keys(), Vec::new()).unwrap());
+        own_folder(claim.keys()).unwrap();
+        std::fs::write(claim.keys().join("observer.json5"), "old").unwrap();
+        let folder = BenchFolder::create(claim.keys(), Vec::new()).unwrap();
+        assert!(configuration(&bench, "observer").unwrap_err().to_string().contains("it has none"));
+        drop(folder);
+        assert!(!claim.keys().exists());
+        drop(claim);
+        assert!(configuration(&bench, "observer").unwrap_err().to_string().contains("no bench"));
     }
 }

@@ -48,12 +48,12 @@ pub(crate) fn fly(
     let keys = BenchKeys::new(&plan)?;
     BenchCard::new(&plan, claim.bench()).leave_in(claim.sockets())?;
     if plan.config.transport == Transport::Inproc {
-        let outcome = fly_in_thread(&plan, &keys, observer)?;
+        let outcome = fly_in_thread(&plan, &keys, claim, observer)?;
         return Ok(FinishedRun { outcome, log, residue: None });
     }
     let spec = bench_spec(&plan, &keys, claim.sockets(), folder.path())?;
     let guard = start_guard(&spec, claim, folder)?;
-    let mut listener = Listener::open(&plan, &keys)?;
+    let mut listener = Listener::open(&plan, &keys, claim)?;
     observer.opened(listener.bus()).map_err(Failure::mend)?;
     tracing::debug!(bench = plan.config.bench, "the bench is open");
     let outcome = supervise(spec, Some(guard), &mut listener, observer);
@@ -63,8 +63,13 @@ pub(crate) fn fly(
     Ok(FinishedRun { outcome, log, residue })
 }
 
-fn fly_in_thread(plan: &Plan, keys: &BenchKeys, observer: &mut dyn Observer) -> Result<Outcome, Failure> {
-    let mut listener = Listener::open(plan, keys)?;
+fn fly_in_thread(
+    plan: &Plan,
+    keys: &BenchKeys,
+    claim: &Claim,
+    observer: &mut dyn Observer,
+) -> Result<Outcome, Failure> {
+    let mut listener = Listener::open(plan, keys, claim)?;
     let config = plan.config.clone();
     let flag = StopFlag::default();
     let body = {

@@ -51,14 +51,14 @@ impl Listener {
     ///
     /// # Errors
     /// When the transport refuses.
-    pub fn open(plan: &Plan, keys: &BenchKeys) -> Result<Self, Failure> {
+    pub fn open(plan: &Plan, keys: &BenchKeys, claim: &Claim) -> Result<Self, Failure> {
         let config = &plan.config;
         let mut own = BusConfig::new(&config.bench, LAUNCHER, config.transport);
         own.zenoh = config.zenoh.clone();
         let mut folder = None;
         if config.transport == Transport::Zenoh {
             own.zenoh.protection = keys.protection(LAUNCHER)?;
-            folder = Some(BenchFolder::create(&config.bench, joiners(plan, keys))?);
+            folder = Some(BenchFolder::create(claim.keys(), joiners(plan, keys))?);
         }
         let bus = Bus::open(&own).map_err(Failure::mend)?;
         let token = bus.announce_launcher().map_err(Failure::mend)?;
@@ -187,7 +187,11 @@ pub(crate) fn start_guard(spec: &BenchSpec, claim: &Claim, folder: &OutFolder) -
     let grace = spec.nodes.iter().map(|node| node.stop_timeout).max().unwrap_or_default();
     let mut arguments: Vec<OsString> = ["guard", "--bench", claim.bench()].map(Into::into).to_vec();
     arguments.extend(["--grace".into(), grace.as_secs_f64().to_string().into()]);
-    for path in [Some(claim.sockets()), folder.lock_path(), Some(claim.path())].into_iter().flatten() {
+    arguments.extend(["--sockets".into(), claim.sockets().into()]);
+    for path in [Some(claim.sockets()), Some(claim.keys()), folder.lock_path(), Some(claim.path())]
+        .into_iter()
+        .flatten()
+    {
         arguments.extend(["--remove".into(), path.into()]);
     }
     let line = CommandLine { program: own_executable()?.into(), arguments, env: Vec::new(), stdin: None };

@@ -10,13 +10,14 @@ use std::collections::BTreeSet;
 use std::io::{self, BufRead, Write};
 use std::os::fd::{AsRawFd, BorrowedFd};
 use std::os::unix::process::CommandExt;
+use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use super::process::CommandLine;
-use crate::proc_stat::ProcStat;
+use crate::proc_stat::{ProcStat, signal_notifiers};
 
 /// What the launcher writes when all has ended in order.
 const FAREWELL: &str = "all ended";
@@ -106,29 +107,37 @@ pub(crate) fn keep_guard(orders: impl BufRead) -> Option<BTreeSet<i32>> {
     Some(groups)
 }
 
-/// Ends process groups: asks them, and kills what is still there after `grace`.
-pub(crate) fn end_groups(groups: &BTreeSet<i32>, grace: Duration) {
-    signal(groups, Signal::TERM);
+/// Ends process groups, and what left them and has its notify socket in the folder `sockets`: asks them, and kills what is
+/// still there after `grace`.
+pub(crate) fn end_groups(groups: &BTreeSet<i32>, sockets: Option<&Path>, grace: Duration) {
+    signal(groups, sockets, Signal::TERM);
     // A stopped process hears only this.
-    signal(groups, Signal::CONT);
-    if !vanished(groups, grace) {
-        signal(groups, Signal::KILL);
-        vanished(groups, VANISH);
+    signal(groups, sockets, Signal::CONT);
+    if !vanished(groups, sockets, grace) {
+        signal(groups, sockets, Signal::KILL);
+        vanished(groups, sockets, VANISH);
     }
 }
 
-fn signal(groups: &BTreeSet<i32>, signal: Signal) {
+fn signal(groups: &BTreeSet<i32>, sockets: Option<&Path>, signal: Signal) {
     let alive: BTreeSet<_> = ProcStat::all().map(|p| p.group).collect();
     for group in groups.intersection(&alive).filter_map(|&group| Pid::from_raw(group)) {
         // A group that is already gone needs no signal.
         let _ = kill_process_group(group, signal);
     }
+    if let Some(sockets) = sockets {
+        signal_notifiers(sockets, |group| groups.contains(&group), Some(signal));
+    }
 }
 
-/// Whether all groups are gone within this time.
-fn vanished(groups: &BTreeSet<i32>, limit: Duration) -> bool {
+/// Whether all of them are gone within this time.
+fn vanished(groups: &BTreeSet<i32>, sockets: Option<&Path>, limit: Duration) -> bool {
     let until = Instant::now() + limit;
-    while ProcStat::all().any(|p| groups.contains(&p.group)) {
+    let are_left = || {
+        ProcStat::all().any(|p| groups.contains(&p.group))
+            || sockets.is_some_and(|sockets| signal_notifiers(sockets, |_| false, None) > 0)
+    };
+    while are_left() {
         if Instant::now() >= until {
             return false;
         }
@@ -163,9 +172,9 @@ mod tests {
         stubborn.stdout.as_mut().unwrap().read_exact(&mut word).unwrap();
         let groups = BTreeSet::from([stubborn.id() as i32]);
         let began = Instant::now();
-        end_groups(&groups, Duration::from_millis(200));
+        end_groups(&groups, None, Duration::from_millis(200));
         assert!(began.elapsed() >= Duration::from_millis(200));
-        assert!(vanished(&groups, Duration::ZERO));
+        assert!(vanished(&groups, None, Duration::ZERO));
         stubborn.wait().unwrap();
     }
 }

@@ -9,6 +9,7 @@ use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open};
 
 use super::console::ConsoleReader;
 use super::notify::NotifySocket;
+use crate::proc_stat::{NOTIFY_SOCKET, signal_notifiers};
 
 /// A program to start.
 #[derive(Debug, Clone)]
@@ -46,7 +47,7 @@ impl Process {
         command
             .args(&line.arguments)
             .envs(line.env.iter().map(|(k, v)| (k, v)))
-            .env("NOTIFY_SOCKET", notify.path())
+            .env(NOTIFY_SOCKET, notify.path())
             .process_group(0)
             .stdin(if line.stdin.is_some() { Stdio::piped() } else { Stdio::null() })
             .stdout(Stdio::piped())
@@ -116,10 +117,12 @@ impl Process {
         self.child.try_wait().ok().flatten()
     }
 
-    /// Sends a signal to the whole group: programs that start further ones are reached too.
+    /// Sends a signal to the whole group, and to what left it (setsid(2)): programs that start further ones are reached too.
     pub fn signal(&self, signal: Signal) {
         // A group that is already gone needs no signal.
         let _ = rustix::process::kill_process_group(self.pid, signal);
+        let group = self.pid.as_raw_pid();
+        signal_notifiers(self.notify.path(), |reached| reached == group, Some(signal));
     }
 }
 
