@@ -1,11 +1,13 @@
 //! What a node asks of the operating system: scheduling, exact waking, signals, readiness.
 
 mod notify;
+mod port_holder;
 mod scheduling;
 mod sleep;
 mod stop;
 
 pub use notify::{notify_ready, notify_status};
+pub(crate) use port_holder::with_holder;
 pub use scheduling::{RealtimeError, apply_realtime};
 pub use sleep::{MonotonicTime, sleep_until};
 pub use stop::StopFlag;

@@ -31,6 +31,8 @@ use own_socket::own_socket;
 use server::TcpServer;
 pub use wait::wait_for_bytes;
 
+use crate::os::with_holder;
+
 /// Between two attempts to open a link.
 pub const RETRY: Duration = Duration::from_millis(200);
 
@@ -318,7 +320,7 @@ impl Link {
                 serial::open_port(path, *baud, *even_two).map(|port| Some(Wire::Serial(port)))
             }
             Address::UdpIn(at) => {
-                let socket = UdpSocket::bind(at)?;
+                let socket = UdpSocket::bind(at).map_err(|e| with_holder(e, *at, false))?;
                 socket.set_nonblocking(true)?;
                 Ok(Some(Wire::Udp { socket, to: None }))
             }

@@ -6,6 +6,8 @@ use std::os::fd::{AsFd, BorrowedFd};
 
 use whirlstand_bridge::peer::PeerKeeper;
 
+use crate::os::with_holder;
+
 /// Clients turned away at a look, so that a flood of them holds nothing up.
 const AT_ONCE: usize = 8;
 
@@ -21,7 +23,7 @@ impl TcpServer {
     /// # Errors
     /// The system's answer.
     pub(super) fn bind(at: SocketAddr) -> io::Result<Self> {
-        let listener = TcpListener::bind(at)?;
+        let listener = TcpListener::bind(at).map_err(|e| with_holder(e, at, true))?;
         listener.set_nonblocking(true)?;
         Ok(Self { listener, waiting: None })
     }
