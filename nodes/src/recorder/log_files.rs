@@ -115,6 +115,11 @@ impl LogFiles {
         }
     }
 
+    /// Whether nothing was recorded of this run before: by no recorder that was killed.
+    pub(super) fn is_new(&self) -> bool {
+        self.segments.files().all(|file| self.paths.iter().any(|own| own == file))
+    }
+
     pub(super) fn current(&self) -> &Path {
         &self.current
     }

@@ -18,17 +18,37 @@ pub(super) struct Topic<M: Message> {
     /// `None` while no file can be written.
     channel: Option<Channel<M>>,
     last: Option<M>,
+    first: First,
+}
+
+/// What the first message of a topic tells. A recorder that begins with its bench is there before anything is published, and
+/// a publisher counts from 0, so that a first number above 0 says how many never came. A recorder that was started again
+/// comes late, and its first message tells nothing.
+#[derive(Debug, Default)]
+struct First {
+    is_awaited: bool,
+    missed: u64,
+}
+
+impl First {
+    fn note(&mut self, seq: u64) {
+        if std::mem::take(&mut self.is_awaited) {
+            self.missed = seq;
+        }
+    }
 }
 
 impl<M: Message> Topic<M> {
     fn open(bus: &Bus, sink: &mut Sink) -> Result<Self, NodeError> {
-        Ok(Self { subscriber: bus.subscriber(QUEUE_DEPTH)?, channel: sink.channel(), last: None })
+        let first = First { is_awaited: sink.files().is_new(), missed: 0 };
+        Ok(Self { subscriber: bus.subscriber(QUEUE_DEPTH)?, channel: sink.channel(), last: None, first })
     }
 
     /// The next message, if one waits. A message that only repeats the one before is skipped: while a bench
     /// starts, step 0 is repeated until everybody has heard it.
     pub(super) fn receive(&mut self, refused: &mut u64) -> Result<Option<M>, NodeError> {
         while let Some(message) = receive(&mut self.subscriber, refused)? {
+            self.first.note(message.head().seq);
             let repeated = self.last.is_some_and(|mut last| {
                 last.head().step == message.head().step && {
                     last.head_mut().seq = message.head().seq;
@@ -62,7 +82,7 @@ impl<M: Message> Topic<M> {
     }
 
     fn lost(&self) -> u64 {
-        self.subscriber.lost()
+        self.subscriber.lost().saturating_add(self.first.missed)
     }
 }
 
@@ -115,3 +135,19 @@ macro_rules! topics {
 }
 
 whirlstand_logs::loop_topics!(topics);
+
+#[cfg(test)]
+mod tests {
+    use super::First;
+
+    #[test]
+    fn a_first_message_that_is_not_number_zero_is_a_loss_unless_the_recorder_came_late() {
+        for (is_awaited, numbers, missed) in
+            [(true, [34, 35], 34), (true, [0, 35], 0), (false, [34, 35], 0), (true, [u64::MAX, 0], u64::MAX)]
+        {
+            let mut first = First { is_awaited, missed: 0 };
+            numbers.into_iter().for_each(|seq| first.note(seq));
+            assert_eq!(first.missed, missed, "{numbers:?}");
+        }
+    }
+}
