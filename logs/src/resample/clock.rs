@@ -32,6 +32,17 @@ pub enum ClockError {
     /// More points than memory should be spent on.
     #[error("{0} points are too many: choose a longer period or a shorter part of the log")]
     TooMany(String),
+    /// Far more points than there are samples.
+    #[error(
+        "{samples} samples lie so far apart that {points} points would be between them: a time in the log is damaged, or its \
+         pauses are far longer than what it records; take a part of the log"
+    )]
+    Sparse {
+        /// Points of the clock.
+        points: usize,
+        /// Samples of all signals.
+        samples: usize,
+    },
     /// The result is not a record.
     #[error(transparent)]
     Record(#[from] RecordError),
@@ -39,6 +50,11 @@ pub enum ClockError {
 
 /// More points than any log that fits in memory.
 const MOST_POINTS: f64 = 1e9;
+
+/// So many points a common clock may have whatever it is for, and so many more for each sample. Far more are no signal but one
+/// damaged time, which would take the memory of a whole day's log.
+const POINTS: usize = 2_000_000;
+const POINTS_A_SAMPLE: usize = 100;
 
 impl Clock {
     /// The clock from `start` to `end`.
@@ -76,7 +92,12 @@ impl Clock {
                 .collect();
             return Err(ClockError::NoOverlap(spans.join(", ")));
         }
-        Self::over(start, end, period.unwrap_or(fastest))
+        let clock = Self::over(start, end, period.unwrap_or(fastest))?;
+        let samples: usize = series.iter().map(|s| s.time().len()).sum();
+        if period.is_none() && clock.points > POINTS + POINTS_A_SAMPLE * samples {
+            return Err(ClockError::Sparse { points: clock.points, samples });
+        }
+        Ok(clock)
     }
 
     /// Time of a point.
@@ -95,5 +116,22 @@ impl Clock {
         let end = ((to - self.start) / self.period + TOLERANCE).floor() + 1.0;
         let end = (end.max(0.0) as usize).min(self.points);
         first.min(end)..end
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Found by the fuzz target of ULog: 752 bytes made 13,743,901 points.
+    #[test]
+    fn one_damaged_time_makes_no_clock_without_end() {
+        let series =
+            |end: f64| [Series::new("x", "", vec![(0.0, 1.0), (0.01, 2.0), (0.02, 3.0), (end, 4.0)])];
+        assert_eq!(Clock::common(&series(0.03), None).unwrap().points, 4);
+        assert_eq!(Clock::common(&series(100.0), None).unwrap().points, 10_001, "a pause is none of that");
+        let damaged = Clock::common(&series(137_439.0), None).unwrap_err();
+        assert!(damaged.to_string().contains("4 samples lie so far apart"), "{damaged}");
+        assert!(Clock::common(&series(137_439.0), Some(1.0)).is_ok(), "a period that was asked for");
     }
 }
