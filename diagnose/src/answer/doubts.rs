@@ -1,8 +1,8 @@
 //! Causes that are found and may be something else: values at the end of their range, and factors that are ratios of units.
 
+use whirlstand_logs::shown::number;
 use whirlstand_vehicle::Kind;
 
-use crate::answer::compose::short;
 use crate::answer::schema::Cause;
 use crate::stages::findings::Findings;
 use crate::thresholds::{AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, UNIT_RATIOS};
@@ -23,7 +23,7 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
                     tunable.name,
                     candidate.kind.name(),
                     candidate.place,
-                    short(end)
+                    number(end)
                 ));
             }
         }
@@ -45,7 +45,7 @@ fn unit(cause: &Cause) -> Option<String> {
             "the factor of {} on {} is the ratio of two units, {}: check in which unit the column was recorded, and write it into the head or the mapping",
             cause.effect,
             cause.place,
-            short(ratio)
+            number(ratio)
         )
     })
 }

@@ -13,6 +13,7 @@ use crate::DiagnoseError;
 use crate::answer::schema::DataFinding;
 use crate::candidates::transitions;
 use crate::data::record::{Data, coarser_period_for};
+use crate::screen::responses::without_limits;
 use crate::thresholds::{MAX_COMPARED_STEPS, MAX_SCREENED_STEPS};
 
 /// Columns of the records that are in a wrong unit; takes about a second.
@@ -56,13 +57,4 @@ fn screened(
 ) -> Result<Data, DiagnoseError> {
     let coarser = coarser_period_for(records, period_s, most);
     Data::join(records, &without_limits(vehicle), coarser.or(period_s))
-}
-
-/// The vehicle without limits of its inputs: a column in another unit may be far beyond them.
-fn without_limits(vehicle: &Vehicle) -> Vehicle {
-    let mut open = vehicle.clone();
-    for input in &mut open.inputs {
-        (input.lower, input.upper, input.rate_limit) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
-    }
-    open
 }

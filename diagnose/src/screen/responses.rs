@@ -35,9 +35,18 @@ impl Responses {
     }
 }
 
+/// The vehicle without limits of its inputs: a column in another unit may be far beyond them.
+pub(super) fn without_limits(vehicle: &Vehicle) -> Vehicle {
+    let mut open = vehicle.clone();
+    for input in &mut open.inputs {
+        (input.lower, input.upper, input.rate_limit) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
+    }
+    open
+}
+
 /// The vehicle as far as it is linear, without limits: what is scaled must not run into them.
 pub(super) fn linear(vehicle: &Vehicle) -> Vehicle {
-    let mut open = super::without_limits(vehicle);
+    let mut open = without_limits(vehicle);
     open.source_text.clear();
     open.effects.retain(|e| {
         matches!(
