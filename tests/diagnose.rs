@@ -104,7 +104,7 @@ fn ctrl_c_ends_a_diagnosis_with_what_is_known() {
     let ended = diagnosis.finish();
     assert_eq!(ended.code(), 130, "{}\n{}", ended.stdout, ended.stderr);
     assert!(ended.stderr.contains("interrupted"), "{}", ended.stderr);
-    let answer = json(path);
+    let answer = json(&path);
     assert!(answer["remarks"].to_string().contains("ended early"), "{answer}");
     assert_eq!(answer["partial"], true, "{answer}");
     assert!(ended.stdout.starts_with("Partial"), "{}", ended.stdout);
@@ -123,7 +123,7 @@ fn a_budget_of_time_ends_a_diagnosis_with_what_is_known() {
     let ended = run(call.into_iter().chain(["--budget", "1 ms"]));
     assert_eq!(ended.code(), 3, "{}\n{}", ended.stdout, ended.stderr);
     assert!(ended.stdout.starts_with("Partial") && ended.stderr.contains("budget"), "{}", ended.stderr);
-    let answer = json(path);
+    let answer = json(&path);
     assert_eq!((&answer["partial"], &answer["verdict"]), (&true.into(), &"inconclusive".into()), "{answer}");
     assert!(answer["outputs"]["roll"]["rmse_before"].is_number(), "{answer}");
     let report = std::fs::read_to_string(format!("{out}/report.html")).unwrap();

@@ -59,9 +59,12 @@ fn a_wrong_unit_ends_the_diagnosis_and_says_what_to_write() {
     }
 }
 
+/// An effect, where it acts, and its parameters.
+type Fault = (Kind, &'static str, &'static [(&'static str, f64)]);
+
 #[test]
 fn a_strong_fault_is_no_unit_and_no_other_vehicle() {
-    let faults: [(Kind, &str, &[(&str, f64)]); 8] = [
+    let faults: [Fault; 8] = [
         (Kind::InputDelay, "u_roll", &[("delay_s", 0.15)]),
         (Kind::ActuatorLag, "u_roll", &[("time_constant_s", 0.2)]),
         (Kind::InputGain, "u_roll", &[("factor", 0.3)]),

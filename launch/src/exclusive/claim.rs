@@ -1,6 +1,5 @@
 //! A bench's name belongs to one launcher of this user on this machine at a time.
 
-use std::fs::File;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::{Path, PathBuf};
 

@@ -30,7 +30,6 @@ use latencies::latencies;
 pub use outside::INJECT_TOPIC;
 use pace::Pace;
 use phase::Phase;
-pub use outside::INJECT_TOPIC;
 use simulation::Simulation;
 use waiting::{Waiting, whom};
 
