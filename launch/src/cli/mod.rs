@@ -126,7 +126,7 @@ pub(crate) struct GuardArgs {
     pub remove: Vec<PathBuf>,
 }
 
-/// Remove what killed runs left on this machine: shared memory, sockets, claims of names. Live benches are not touched.
+/// Remove what killed runs left on this machine: shared memory, sockets, keys, claims of names. Live benches are not touched.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand clean --dry-run\n  \
@@ -253,7 +253,7 @@ mod tests {
             "compare log.csv --vehicle quadrotor --from 500ms --to 2min --period 5ms --horizon 2s --json",
             "identify log.csv --vehicle quadrotor --delay roll=60ms --hold-out 1min:84s",
             "bench --seconds 500ms --realtime-seconds 1min --json",
-            "soak --stop-for 500ms --json",
+            "soak --fault stop --lasting 500ms --json",
             "blind --length 30s:2min --rate 0.1kHz,200 --json",
             "run --json summary.json",
             "doctor --json doctor.json",

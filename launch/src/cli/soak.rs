@@ -2,8 +2,9 @@
 
 use clap::{Args, ValueEnum};
 
+use super::json::JsonArg;
+use super::overrides::OverrideArgs;
 use super::quantity::seconds;
-use super::{JsonArg, OverrideArgs};
 
 /// Inject faults into a bench at random times, again and again, and check that it survives.
 ///

@@ -50,8 +50,9 @@ pub(crate) fn stale() -> Result<Vec<StaleRun>, Failure> {
         let left = Left { files: 1 + folders.map(files_in).sum::<usize>(), bench, since };
         left.add_to(&mut found);
     }
-    // Keys outlive a claim that is gone with the shared memory, after a start of the machine.
-    let keys = Some(keys_folder()).filter(|keys| is_own(keys));
+    // Keys outlive a claim that is gone with the shared memory, after a start of the machine. Where both are in one folder,
+    // they do not, and sockets are beside them.
+    let keys = Some(keys_folder()).filter(|keys| is_own(keys) && *keys != folder);
     let entries = keys.and_then(|keys| std::fs::read_dir(keys).ok());
     for entry in entries.into_iter().flatten().flatten() {
         let Ok(bench) = entry.file_name().into_string() else { continue };

@@ -4,7 +4,7 @@ use std::io;
 
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 
-use super::Ongoing;
+use super::ongoing::Ongoing;
 
 /// A limit of a process, set from outside; dropped, the process has the one of before.
 pub(super) struct Limited {

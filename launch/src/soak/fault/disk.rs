@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 use rustix::process::{Resource, getegid, geteuid};
 use whirlstand_nodes::config::Mode;
 
-use super::Ongoing;
 use super::address_space::Limited;
+use super::ongoing::Ongoing;
 use crate::error::Failure;
 use crate::file::Plan;
 

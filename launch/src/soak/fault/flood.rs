@@ -7,8 +7,9 @@ use whirlstand_bus::{Bus, BusConfig, OpenError, Publisher, Transport};
 use whirlstand_msgs::{Disturbance, Message};
 use whirlstand_nodes::plant::INJECT_TOPIC;
 
+use super::again::Again;
+use super::ongoing::Ongoing;
 use super::strangers::{garbage, send, udp_ports};
-use super::{Again, Ongoing};
 use crate::file::Plan;
 use crate::keys::{GUEST, configuration};
 

@@ -10,8 +10,9 @@ use whirlstand_bus::{
 use whirlstand_msgs::{Command, Health, Message, NodeState, Truth};
 use whirlstand_nodes::config::Role;
 
+use super::again::Again;
+use super::ongoing::Ongoing;
 use super::strangers::{forged_outputs, garbage, send, udp_ports};
-use super::{Again, Ongoing};
 use crate::error::Failure;
 use crate::file::Plan;
 use crate::keys::{OBSERVER, configuration};

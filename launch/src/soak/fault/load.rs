@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, JoinHandle, available_parallelism};
 
-use super::Ongoing;
+use super::ongoing::Ongoing;
 
 /// A thread for every processor that does nothing but keep it.
 pub(super) struct Busy {

@@ -1,19 +1,17 @@
 //! The faults: what is done to a bench, and how it is taken back.
 
 mod address_space;
+mod again;
 mod disk;
 mod flood;
 mod forge;
 mod load;
+mod ongoing;
 mod processes;
 mod strangers;
 
 use std::io;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread::{Builder, JoinHandle, sleep};
-use std::time::Duration;
 
 use crate::cli::FaultArg;
 use crate::error::Failure;
@@ -22,15 +20,10 @@ use disk::Disk;
 use flood::Flood;
 pub(super) use forge::FORGED;
 use forge::Forge;
+pub(super) use ongoing::Ongoing;
 
 /// Whom a fault is done to that is not done to one node.
 const BENCH: &str = "bench";
-
-/// A fault that lasts until this is dropped.
-pub(super) trait Ongoing {
-    /// How much of it there was so far: messages, bytes, processors. A fault of nothing shows nothing.
-    fn dealt(&self) -> u64;
-}
 
 /// What a soak does, with all that has to be there beforehand.
 pub(super) enum FaultKind {
@@ -99,49 +92,5 @@ impl FaultKind {
             Self::Flood(flood) => Some(flood.begin()?),
             Self::Load => Some(Box::new(load::Busy::begin()?)),
         })
-    }
-}
-
-/// Time between two bursts of somebody who sends.
-const PAUSE: Duration = Duration::from_millis(2);
-
-/// A thread that does something again and again until it is dropped.
-struct Again {
-    stop: Arc<AtomicBool>,
-    done: Arc<AtomicU64>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Again {
-    /// Calls `begin` in a new thread and then, every [`PAUSE`], what it gave, which says how much it did.
-    fn start<F>(begin: impl FnOnce() -> F + Send + 'static) -> io::Result<Self>
-    where
-        F: FnMut() -> u64,
-    {
-        let (stop, done) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
-        let (ends, counts) = (Arc::clone(&stop), Arc::clone(&done));
-        let thread = Builder::new().name("fault".into()).spawn(move || {
-            let mut turn = begin();
-            while !ends.load(Ordering::Relaxed) {
-                counts.fetch_add(turn(), Ordering::Relaxed);
-                sleep(PAUSE);
-            }
-        })?;
-        Ok(Self { stop, done, thread: Some(thread) })
-    }
-}
-
-impl Ongoing for Again {
-    fn dealt(&self) -> u64 {
-        self.done.load(Ordering::Relaxed)
-    }
-}
-
-impl Drop for Again {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }

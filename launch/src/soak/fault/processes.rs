@@ -2,7 +2,7 @@
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::Ongoing;
+use super::ongoing::Ongoing;
 
 /// Ends a process without a word.
 pub(super) fn kill(pid: u32) {

@@ -6,7 +6,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind};
 use whirlstand_nodes::bridge::link::Address;
 
-use super::Again;
+use super::again::Again;
 
 /// Datagrams in a burst: with the pause between bursts, 10,000 a second.
 const BURST: usize = 20;

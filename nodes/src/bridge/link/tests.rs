@@ -202,6 +202,17 @@ fn the_peer_waits_behind_no_flood_and_loses_nothing_to_it() {
 }
 
 #[test]
+fn who_holds_a_taken_port_is_told() {
+    let (udp, tcp) = (UdpSocket::bind("127.0.0.1:0").unwrap(), TcpListener::bind("127.0.0.1:0").unwrap());
+    let (udp_at, tcp_at) = (udp.local_addr().unwrap(), tcp.local_addr().unwrap());
+    for address in [Address::UdpIn(udp_at), Address::TcpIn(tcp_at)] {
+        let told = Link::new(address).maintain(Instant::now());
+        let own = format!("is held by process {} (", std::process::id());
+        assert!(matches!(&told, Some(LinkEvent::Down(why)) if why.contains(&own)), "{told:?}");
+    }
+}
+
+#[test]
 fn a_silent_tcp_client_gives_way_to_one_that_waits_and_one_that_speaks_does_not() {
     let place = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let mut server = Link::new(Address::TcpIn(place));
