@@ -50,6 +50,9 @@ fn steps_of_every_vehicle_law_and_filter_allocate_nothing() {
                 config.plant.initial.clear();
                 config.vehicle.text = loaded.source_text;
                 config.controller.law = law;
+                // Whether or not somebody outside may ask for changes.
+                let is_open = kind == EstimatorKind::Model;
+                (config.plant.inject, config.controller.pilot) = (is_open, is_open);
                 config.estimator.kind = kind;
                 // Also where the reference changes, and with it the steady state that the law holds.
                 config.setpoint = (0..100)
