@@ -14,6 +14,8 @@ mod security;
 mod wording;
 
 #[cfg(test)]
+mod fuzz;
+#[cfg(test)]
 mod tests;
 
 pub(crate) use builtin::{BUILTIN, DEFAULT, find};
