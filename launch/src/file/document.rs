@@ -7,6 +7,7 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::finite::not_finite;
 use super::wording::reworded;
 
 /// What is wrong in a launch file, and where.
@@ -164,7 +165,11 @@ impl Document {
     /// # Errors
     /// For an unknown key, with the nearest known one; for a missing key or a value of the wrong type.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, LaunchError> {
-        let table = Spanned::new(0..0, self.checked()?);
+        let table = self.checked()?;
+        if let Some(span) = not_finite(&table) {
+            return Err(LaunchError { place: self.place(&span), message: "a finite number is expected".into() });
+        }
+        let table = Spanned::new(0..0, table);
         T::deserialize(toml::Deserializer::from(table)).map_err(|e| self.syntax_error(&e, 0..0))
     }
 

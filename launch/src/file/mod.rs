@@ -5,6 +5,7 @@ mod bridge;
 mod builtin;
 mod document;
 mod expect;
+mod finite;
 mod jobs;
 mod nodes;
 mod plan;
