@@ -124,7 +124,7 @@ fn control_data_are_predicted(
     for (name, output) in answer["outputs"].as_object().unwrap() {
         let own = output["control"]["free_run_fit"].as_f64().unwrap();
         let best = comparison["outputs"][name]["fit"].as_f64().unwrap();
-        println!("{vehicle}: {name} control data {own:.3} %, true parameters {best:.3} %");
+        println!("{vehicle}: {name} validation data {own:.3} %, true parameters {best:.3} %");
         assert!(own >= 0.98 * best, "{vehicle}: {name} {own} {best}");
     }
 }

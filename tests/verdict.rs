@@ -52,7 +52,7 @@ fn a_run_that_controls_holds_the_limits_that_nobody_stated() {
     std::fs::write(&file, "vehicle = 'quadrotor'\nmode = 'lockstep'\ncontroller.law = 'lqr'\n").unwrap();
     let out = dir.path().join("out");
     let end = run(["run", file.to_str().unwrap(), "--out", out.to_str().unwrap()]).success();
-    assert!(end.stdout.contains("5 of 5 hold"), "{}", end.stdout);
+    assert!(end.stdout.contains("5 of 5 met"), "{}", end.stdout);
     let expect = json(out.join("summary.json"))["runs"][0]["expect"].clone();
     assert!(expect.as_array().unwrap().iter().all(|e| e["limit"] == 0.0 && e["found"] == 0.0), "{expect}");
 }

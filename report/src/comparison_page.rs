@@ -86,7 +86,7 @@ fn table(c: &Comparison) -> Table {
         "bias",
         "correlation",
         "growth",
-        "line",
+        "spectral peak",
     ];
     let rows = c.ordered().map(|(name, o)| {
         let factor = shown_factor(&o.unit);
@@ -128,8 +128,8 @@ fn table(c: &Comparison) -> Table {
     Table {
         head: head.iter().map(|h| h.to_string()).collect(),
         rows: rows.collect(),
-        note: "Growth: rms residual in the last tenth of the record over that of the rest. Line: strongest tone in the \
-               residual and its share of the residual's power."
+        note: "Growth: rms residual in the last tenth of the record over that of the rest. Spectral peak: the strongest of the \
+               residual, and its share of the residual's power."
             .into(), ..Table::default() }
 }
 

@@ -29,8 +29,8 @@ pub(crate) fn causes(answer: &Diagnosis) -> Option<Section> {
     }
     (!rows.is_empty()).then(|| Section {
         title: "Causes".into(),
-        text: "BIC: what the cause gains over the model without it, its parameters paid for; 10 are asked. Held out: its gain on \
-               data left out of the fit, in standard errors; 2 are asked. By chance: how likely chance does as well anywhere in \
+        text: "BIC: what the cause gains over the model without it, its parameters paid for; at least 10 is required. Held out: its gain on \
+               data left out of the fit, in standard errors; at least 2 is required. By chance: how likely chance does as well anywhere in \
                the library."
             .into(),
         tables: vec![Table { head: head(&names), rows, note: notes.join(" "), ..Table::default() }],

@@ -30,7 +30,7 @@ const INPUT_COLUMNS: [(&str, &str, f64); 5] = [
     ("mean", "mean", 1.0),
     ("rms", "rms", 1.0),
     ("peak", "peak", 1.0),
-    ("travel_per_s", "travel a second", 1.0),
+    ("travel_per_s", "total variation per s", 1.0),
     ("saturated", "time at a limit, %", 100.0),
 ];
 

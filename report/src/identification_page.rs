@@ -49,7 +49,7 @@ fn facts(answer: &Identification) -> Vec<(String, String)> {
         .data
         .iter()
         .map(|d| {
-            let role = if d.role == Role::Identification { "identification data" } else { "control data" };
+            let role = if d.role == Role::Identification { "identification data" } else { "validation data" };
             let text = format!(
                 "{} from {} s to {} s, {} steps",
                 d.log.file,
@@ -107,7 +107,7 @@ fn figures(answer: &Identification) -> Section {
         Row { label: name.clone(), group: false, cells }
     });
     Section {
-        title: "How well it repeats the records".into(),
+        title: "Fit to the records".into(),
         tables: vec![Table {
             head: head.iter().map(|h| h.to_string()).collect(),
             rows: rows.collect(),
@@ -122,7 +122,7 @@ fn figures(answer: &Identification) -> Section {
 fn role_words(part: &PartSeries) -> &'static str {
     match part.role {
         Role::Identification => "identification data",
-        Role::Control => "control data",
+        Role::Control => "validation data",
     }
 }
 

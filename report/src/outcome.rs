@@ -73,7 +73,7 @@ impl Outcome {
             for (name, output) in s.outputs.iter().filter(|(_, o)| o.tracked) {
                 for d in output.disturbances.iter().filter(|d| d.recovery_s.is_none()) {
                     warn(format!(
-                        "{name} was moved by {} by the disturbance at {:.2} s and was not back within {} of {} at {:.2} s",
+                        "{name} was moved by {} by the disturbance at {:.2} s and had not recovered to within {} of {} at {:.2} s",
                         shown(d.peak, &output.unit),
                         d.at_s,
                         shown(d.band, &output.unit),

@@ -59,7 +59,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     if delta_bic < MIN_BIC_GAIN {
         return refuse(match delta_bic {
             d if d <= 0.0 => "what it explains is not worth its parameters".into(),
-            d => format!("it gains {d:.1} in BIC; {MIN_BIC_GAIN:.0} are asked"),
+            d => format!("it gains {d:.1} in BIC; at least {MIN_BIC_GAIN:.0} is required"),
         });
     }
     let Some(extended) = &alternative.fit else {
@@ -112,7 +112,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     let heldout = held_out_gain((model, fit), (&whole, extended));
     if heldout <= MIN_HELD_OUT_SIGMAS {
         return refuse(format!(
-            "on data left out of the fit it gains {heldout:.1} standard errors; 2 are asked"
+            "on data left out of the fit it gains {heldout:.1} standard errors; at least 2 is required"
         ));
     }
     let detectability = detectability(model, fit, alternative).unwrap_or(0.0);

@@ -213,7 +213,7 @@ pub fn text(c: &Comparison) -> String {
         })
         .collect();
     if !tones.is_empty() {
-        lines.push(format!("tones in the residual: {}", tones.join(", ")));
+        lines.push(format!("spectral peaks of the residual: {}", tones.join(", ")));
     }
     if !c.not_compared.is_empty() {
         lines.push(format!("not in the record: {}", c.not_compared.join(", ")));

@@ -11,7 +11,7 @@ use super::pem::Noise;
 /// Schema of [`Identification`].
 pub const IDENTIFICATION_SCHEMA: &str = "whirlstand.identification.v1";
 
-/// A fitted vehicle, how sure it is, and how well it repeats the records.
+/// A fitted vehicle, how sure it is, and how well it fits the records.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identification {
     /// Always [`IDENTIFICATION_SCHEMA`].

@@ -1,4 +1,4 @@
-//! How well a fitted model repeats records, and whether what is left is white.
+//! How well a fitted model fits records, and whether what is left is white.
 
 use super::answer::{OutputSeries, PartSeries, Quality, Role, Whiteness};
 use super::ar::Ar;

@@ -33,12 +33,12 @@ pub fn verdict(answer: &Identification) -> String {
     match (fits(Role::Control), fits(Role::Identification)) {
         (Some((fit, name)), _) => {
             text.push_str(&format!(
-                "; the free run repeats held-out data to at least {fit:.1} % (worst output: {name})"
+                "; free-run fit on held-out data at least {fit:.1} % (worst output: {name})"
             ));
         }
         (None, Some((fit, name))) => {
             text.push_str(&format!(
-                "; the free run repeats the data to at least {fit:.1} % (worst output: {name}); nothing was held out"
+                "; free-run fit at least {fit:.1} % (worst output: {name}); nothing was held out"
             ));
         }
         _ => text.push_str("; the free run leaves all bounds, so that only predictions could be judged"),

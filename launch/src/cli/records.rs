@@ -127,10 +127,10 @@ pub(crate) struct IdentifyArgs {
     /// The records were taken with a controller in the loop (own logs say it themselves).
     #[arg(long)]
     pub closed_loop: bool,
-    /// Logs to hold the result against: control data.
+    /// Further logs to validate the result on.
     #[arg(long, value_name = "LOG")]
     pub control: Vec<PathBuf>,
-    /// Part of the logs that is not fitted but held out as control data, for example 60:84; may be repeated.
+    /// Part of the logs that is not fitted but held out as validation data, for example 60:84; may be repeated.
     #[arg(long, value_name = "FROM:TO", value_parser = interval)]
     pub hold_out: Vec<(f64, f64)>,
     /// Estimate a constant offset of every output too: sensor bias, trim.

@@ -47,7 +47,8 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
     }
     let missed = report.figures.iter().filter(|f| f.goal.is_some_and(|g| !g.met)).count();
     if missed > 0 && !quiet {
-        print(&format!("{}\n", style::bad(&format!("{missed} goals were missed"))))?;
+        let goals = if missed == 1 { "one goal is".into() } else { format!("{missed} goals are") };
+        print(&format!("{}\n", style::bad(&format!("{goals} not met"))))?;
     }
     Ok(ExitCode::from(u8::from(missed > 0)))
 }
@@ -82,7 +83,7 @@ fn line(f: &Figure) -> String {
     };
     let goal = f.goal.map_or(String::new(), |g| {
         let text = format!("goal {} {}", if g.at_least { "at least" } else { "at most" }, with(g.limit));
-        format!("  {}", if g.met { style::good(&text) } else { style::bad(&format!("{text}: missed")) })
+        format!("  {}", if g.met { style::good(&text) } else { style::bad(&format!("{text}: not met")) })
     });
     format!("{:<62} {:>16}{goal}{range}\n", f.name, with(f.value))
 }

@@ -167,7 +167,10 @@ impl Document {
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, LaunchError> {
         let table = self.checked()?;
         if let Some(span) = not_finite(&table) {
-            return Err(LaunchError { place: self.place(&span), message: "a finite number is expected".into() });
+            return Err(LaunchError {
+                place: self.place(&span),
+                message: "a finite number is expected".into(),
+            });
         }
         let table = Spanned::new(0..0, table);
         T::deserialize(toml::Deserializer::from(table)).map_err(|e| self.syntax_error(&e, 0..0))

@@ -246,7 +246,12 @@ fn a_bench_over_zenoh_is_protected_unless_it_asks_not_to_be() {
 /// Found by the search of `fuzz.rs`: an infinite rate reached the bridge as none.
 #[test]
 fn a_number_that_is_infinite_or_none_is_refused_with_its_place() {
-    for line in ["plant.initial = { roll = inf }", "bridge.channels = [{ channel = 1, rate_us_per_s = -inf }]", "seed = nan", "rate_hz = 1e999"] {
+    for line in [
+        "plant.initial = { roll = inf }",
+        "bridge.channels = [{ channel = 1, rate_us_per_s = -inf }]",
+        "seed = nan",
+        "rate_hz = 1e999",
+    ] {
         let error = plain(&format!("{SMALL}{line}\n")).unwrap_err().to_string();
         assert_eq!(error, "a.toml, line 3: a finite number is expected", "{line}");
     }

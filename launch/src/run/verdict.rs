@@ -74,7 +74,7 @@ fn of_run(run: &Summarised) -> String {
     }
     if !run.expect.is_empty() {
         let holding = run.expect.iter().filter(|v| v.holds).count();
-        row("expected", format!("{holding} of {} hold", run.expect.len()));
+        row("expected", format!("{holding} of {} met", run.expect.len()));
         let mut broken: Vec<_> = run.expect.iter().filter_map(|v| Some((&v.key, v.why.as_ref()?))).collect();
         broken.sort();
         for (_, why) in broken {
@@ -111,8 +111,8 @@ fn response(figures: &RunSummary, at_s: f64) -> String {
     moved.truncate(MOST_OUTPUTS);
     moved.sort_by_key(|(name, _, _)| name.as_str());
     let texts = moved.iter().map(|(name, o, d)| match d.recovery_s {
-        Some(back) => format!("{name} by {}, back after {back:.2} s", shown(d.peak, &o.unit)),
-        None => format!("{name} by {}, not back", shown(d.peak, &o.unit)),
+        Some(back) => format!("{name} by {}, recovered in {back:.2} s", shown(d.peak, &o.unit)),
+        None => format!("{name} by {}, not recovered", shown(d.peak, &o.unit)),
     });
     texts.collect::<Vec<_>>().join("; ")
 }
