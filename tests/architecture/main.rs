@@ -18,7 +18,7 @@ const ROOMS: [(&str, &[&str]); 14] = [
     ("diagnose", &["ident", "linalg", "logs", "vehicle"]),
     ("blind", &["vehicle"]),
     ("evaluate", &["logs", "msgs", "vehicle"]),
-    ("report", &["diagnose", "evaluate", "ident", "logs", "msgs"]),
+    ("report", &["control", "diagnose", "evaluate", "ident", "logs", "msgs"]),
     ("bridge", &["msgs", "vehicle"]),
     ("nodes", &["bridge", "bus", "control", "diagnose", "logs", "msgs", "vehicle"]),
     (
