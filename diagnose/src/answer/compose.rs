@@ -85,8 +85,8 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     if answer.verdict == Verdict::Explained && !doubts.is_empty() {
         answer.verdict = Verdict::PartlyExplained;
     }
-    // What was not looked for may be there.
-    if answer.partial && answer.verdict == Verdict::Consistent {
+    // What was not looked for may be there, and may be what was not explained.
+    if answer.partial && matches!(answer.verdict, Verdict::Consistent | Verdict::Unexplained) {
         answer.verdict = Verdict::Inconclusive;
     }
     answer.remarks.extend(doubts);
@@ -249,7 +249,9 @@ fn whole_summary(answer: &Diagnosis) -> String {
         }
         Verdict::Inconclusive if !blocking.is_empty() => format!("Inconclusive: {}.", blocking.join("; ")),
         Verdict::Inconclusive if answer.partial => {
-            "Inconclusive: no effect had passed by then, and not all were looked for.".into()
+            let left = &answer.unexplained.description;
+            let text = "Inconclusive: no effect had passed by then, and not all were looked for.";
+            if left.is_empty() { text.into() } else { format!("{text} {left}") }
         }
         Verdict::Inconclusive => "Inconclusive: this record could not have shown an effect.".into(),
     }
