@@ -42,7 +42,8 @@ pub(crate) use soak::{FaultArg, SoakArgs};
     version,
     propagate_version = true,
     max_term_width = 110,
-    after_help = "Exit codes: 0 all well; 1 a run or an expectation failed, or two logs differ; 2 something that you can mend.\n\n\
+    after_help = "Exit codes: 0 all well; 1 a run or an expectation failed, or two logs differ; 2 something that you can mend; 3 a diagnosis \
+                  whose budget of time was spent; 128 + n ended by signal n, with what was known by then.\n\n\
                   Examples:\n  \
                   whirlstand run                                    the quadrotor under sliding-mode control\n  \
                   whirlstand run quadrotor-compare --mode lockstep  pole placement, sliding mode and LQR side by side\n  \
