@@ -29,7 +29,7 @@ fn adjusts_and_listens(transport: &str) {
     let dir = tempfile::tempdir().unwrap();
     let name = unique(&format!("in-flight-{transport}"));
     let mut bench = flight(&name, transport, dir.path().to_str().expect("utf-8 path"), &OPEN);
-    let line = bench.wait_for_stderr("takes gusts and the engine's state");
+    let line = bench.wait_for_stderr("takes gusts, engine");
     assert!(line.starts_with(&format!("bench {name} over {transport} takes")), "{line}");
     all_ready(&mut bench, ["plant", "estimator", "controller"]);
 

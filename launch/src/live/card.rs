@@ -14,6 +14,9 @@ use crate::keys::{configuration, write_private};
 
 const FILE: &str = "bench.json";
 
+/// What is said of the setting that opens a bench, where there is room for it.
+const OPENS: &str = " opens the bench to them";
+
 /// A running bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BenchCard {
@@ -48,7 +51,7 @@ impl BenchCard {
         let closed = |bridged: Option<&str>, role: Role, is_open: bool, key: &str| match bridged {
             Some(why) => Some(why.to_string()),
             None if is_foreign(role) => Some(format!("the {role} is a program of its own")),
-            None if !is_open => Some(format!("--set {key}=true opens the bench to them")),
+            None if !is_open => Some(format!("--set {key}=true{OPENS}")),
             None => None,
         };
         let vehicle = is_vehicle.then_some("the plant is a real vehicle");
@@ -135,20 +138,19 @@ impl BenchCard {
 
     /// "bench lab over iceoryx2 takes ...", for whoever starts it.
     pub fn line(&self) -> String {
-        let head = format!("bench {} over {}", self.bench, self.transport);
-        let plant = ("gusts and the engine's state", "topics inject, adjust", &self.plant_closed);
-        let controller = ("setpoints and the gain", "topics pilot, adjust", &self.controller_closed);
+        let plant = ("gusts, engine", "inject, adjust", &self.plant_closed);
+        let controller = ("setpoints, gain", "pilot, adjust", &self.controller_closed);
         let (open, closed): (Vec<_>, Vec<_>) =
             [plant, controller].into_iter().partition(|(_, _, closed)| closed.is_none());
-        let open: Vec<_> = open.iter().map(|(what, topics, _)| format!("{what} ({topics})")).collect();
-        let mut line = match open.is_empty() {
-            true => format!("{head} takes nothing from outside"),
-            false => format!("{head} takes {}", open.join(" and ")),
-        };
-        for (what, _, why) in closed {
-            line.push_str(&format!("; no {what}: {}", why.as_deref().unwrap_or_default()));
-        }
-        line
+        let open: Vec<_> = open.iter().map(|(what, topics, _)| format!("{what} (topics {topics})")).collect();
+        let closed = closed.iter().map(|(what, _, why)| {
+            let why = why.as_deref().unwrap_or_default();
+            format!("{what}: {}", why.strip_suffix(OPENS).unwrap_or(why))
+        });
+        let closed = closed.collect::<Vec<_>>().join("; ");
+        let open = if open.is_empty() { "nothing from outside".into() } else { open.join(" and ") };
+        let closed = if closed.is_empty() { String::new() } else { format!(" ({closed})") };
+        format!("bench {} over {} takes {open}{closed}", self.bench, self.transport)
     }
 }
 
@@ -169,14 +171,13 @@ mod tests {
         let closed = card("quadrotor", &[]);
         assert_eq!(
             closed.line(),
-            "bench lab over iceoryx2 takes nothing from outside; no gusts and the engine's state: --set plant.inject=true \
-             opens the bench to them; no setpoints and the gain: --set controller.pilot=true opens the bench to them"
+            "bench lab over iceoryx2 takes nothing from outside (gusts, engine: --set plant.inject=true; setpoints, gain: \
+             --set controller.pilot=true)"
         );
         let open = card("quadrotor", &["plant.inject=true", "controller.pilot=true"]);
         assert_eq!(
             open.line(),
-            "bench lab over iceoryx2 takes gusts and the engine's state (topics inject, adjust) and setpoints and the gain \
-             (topics pilot, adjust)"
+            "bench lab over iceoryx2 takes gusts, engine (topics inject, adjust) and setpoints, gain (topics pilot, adjust)"
         );
         let px4 = card("quadrotor-px4", &["plant.inject=true", "controller.pilot=true"]);
         assert_eq!(px4.controller_closed.as_deref(), Some("an autopilot flies it"));
