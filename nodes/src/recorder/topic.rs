@@ -3,7 +3,7 @@
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_logs::Channel;
 use whirlstand_msgs::{
-    Adjustment, Command, Disturbance, Estimate, Imu, Message, Odometry, Outputs, Setpoint, Truth,
+    Adjustment, Command, Disturbance, Estimate, Head, Imu, Message, Odometry, Outputs, Setpoint, Truth,
 };
 
 use crate::error::NodeError;
@@ -21,9 +21,10 @@ pub(super) struct Topic<M: Message> {
     first: First,
 }
 
-/// What the first message of a topic tells. A recorder that begins with its bench is there before anything is published, and
-/// a publisher counts from 0, so that a first number above 0 says how many never came. A recorder that was started again
-/// comes late, and its first message tells nothing.
+/// What the first message of a topic tells to a recorder that begins with its bench: a publisher counts from 0, so that a
+/// first number above 0 says how many never came. Step 0 is repeated until everybody has heard it, and of those repeats none
+/// is missed: no more were lost than steps went by. A recorder that was started again comes late, and its first message
+/// tells nothing.
 #[derive(Debug, Default)]
 struct First {
     is_awaited: bool,
@@ -31,9 +32,9 @@ struct First {
 }
 
 impl First {
-    fn note(&mut self, seq: u64) {
+    fn note(&mut self, head: &Head) {
         if std::mem::take(&mut self.is_awaited) {
-            self.missed = seq;
+            self.missed = head.seq.min(head.step);
         }
     }
 }
@@ -48,7 +49,7 @@ impl<M: Message> Topic<M> {
     /// starts, step 0 is repeated until everybody has heard it.
     pub(super) fn receive(&mut self, refused: &mut u64) -> Result<Option<M>, NodeError> {
         while let Some(message) = receive(&mut self.subscriber, refused)? {
-            self.first.note(message.head().seq);
+            self.first.note(message.head());
             let repeated = self.last.is_some_and(|mut last| {
                 last.head().step == message.head().step && {
                     last.head_mut().seq = message.head().seq;
@@ -138,16 +139,23 @@ whirlstand_logs::loop_topics!(topics);
 
 #[cfg(test)]
 mod tests {
-    use super::First;
+    use super::{First, Head};
 
     #[test]
-    fn a_first_message_that_is_not_number_zero_is_a_loss_unless_the_recorder_came_late() {
-        for (is_awaited, numbers, missed) in
-            [(true, [34, 35], 34), (true, [0, 35], 0), (false, [34, 35], 0), (true, [u64::MAX, 0], u64::MAX)]
-        {
+    fn a_first_message_that_is_not_number_zero_is_a_loss_unless_the_recorder_came_late_or_step_0_is_repeated()
+    {
+        for (is_awaited, seq, step, missed) in [
+            (true, 34, 34, 34),
+            (true, 40, 34, 34),
+            (true, 0, 0, 0),
+            (true, 9, 0, 0),
+            (true, 1, 200, 1),
+            (false, 34, 34, 0),
+        ] {
             let mut first = First { is_awaited, missed: 0 };
-            numbers.into_iter().for_each(|seq| first.note(seq));
-            assert_eq!(first.missed, missed, "{numbers:?}");
+            first.note(&Head { seq, step, stamp_ns: 0 });
+            first.note(&Head { seq: 99, step: 99, stamp_ns: 0 });
+            assert_eq!(first.missed, missed, "number {seq}, step {step}");
         }
     }
 }
