@@ -3,17 +3,7 @@
 mod support;
 
 use serde_json::Value;
-use support::{json, run};
-
-/// Runs a call that the user has to mend; the message must hold all of `words`.
-#[track_caller]
-fn refused(args: &[&str], words: &[&str]) {
-    let result = run(args);
-    assert_eq!(result.code(), 2, "{args:?}\n{}\n{}", result.stdout, result.stderr);
-    for word in words {
-        assert!(result.stderr.contains(word), "{args:?}: {word:?} is missing in:\n{}", result.stderr);
-    }
-}
+use support::{json, refused, run};
 
 #[test]
 fn a_number_without_a_unit_is_answered_with_both_readings() {

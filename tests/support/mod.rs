@@ -48,6 +48,17 @@ impl Finished {
     }
 }
 
+/// Runs a call that the user has to mend; the message must hold all of `words`.
+#[track_caller]
+pub fn refused(args: &[&str], words: &[&str]) {
+    let result = run(args);
+    assert_eq!(result.code(), 2, "{args:?}\n{}\n{}", result.stdout, result.stderr);
+    for word in words {
+        assert!(result.stderr.contains(word), "{args:?}: {word:?} is missing in:\n{}", result.stderr);
+    }
+    assert!(!result.stderr.contains("panicked"), "{}", result.stderr);
+}
+
 /// A running command in a process group of its own; dropped, the whole group is killed.
 pub struct Running {
     child: Child,
