@@ -1,10 +1,10 @@
 """A stand-in for ArduPilot with its JSON interface.
 
     ardupilot.py PORT REPORT [--wide] [--resend EVERY] [--restart-after STEPS] [--disarmed] [--telemetry PORT]
-                 [--turned AXIS]
+                 [--turned AXIS] [--boots SECONDS]
 
 `--wide` sends 32 channels; `--resend N` acts as if every Nth answer were lost. `--telemetry`: tells its attitude to a ground
-station; `--turned`: with the wrong sign of one axis.
+station; `--turned`: with the wrong sign of one axis. `--boots`: so long from its first packet to its second.
 """
 
 import argparse
@@ -43,6 +43,7 @@ def main():
     parser.add_argument("--disarmed", action="store_true")
     parser.add_argument("--telemetry", type=int)
     parser.add_argument("--turned")
+    parser.add_argument("--boots", type=float, default=0.0)
     args = parser.parse_args()
     report = flight.Report(args.report)
     flight.end_in_order(report)
@@ -93,6 +94,8 @@ def main():
         # Half a second to start, then armed.
         armed = last > 0.5 and not args.disarmed
         motors = flight.quad_x(*flight.level(attitude, gyro)) if armed else [0.0] * 4
+        if frame == 0:
+            time.sleep(args.boots)
         frame += 1
         steps += 1
         report["steps"] = steps

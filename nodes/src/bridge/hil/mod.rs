@@ -238,6 +238,7 @@ impl Hil {
             tracing::info!("{} flies: the run begins", self.name);
             self.waits.over();
             self.flight.start();
+            self.tally.begin(self.autopilot.counts());
             self.answer(self.at.map_or(0, |at| at.step))?;
         }
         if !ready {
@@ -326,7 +327,7 @@ impl Hil {
         let report = &mut self.peers.report;
         report.head.step = self.last.map_or(0, |l| l.head.step);
         report.steps = self.steps;
-        report.lost = self.inbox.lost().saturating_add(counts.lost + counts.skipped);
+        report.lost = self.inbox.lost().saturating_add(self.tally.lost(counts));
         report.rejected = self.inbox.refused()
             + counts.dropped()
             + self.flight.refused()

@@ -14,12 +14,14 @@ pub(super) struct Tally {
     counts: Counts,
     unreadable: bool,
     beyond: u64,
+    /// What did not travel before the run: an autopilot that starts misses nothing of it.
+    before: Option<u64>,
 }
 
 impl Tally {
     /// Of the autopilot with this name.
     pub(super) fn new(name: &'static str) -> Self {
-        Self { name, counts: Counts::default(), unreadable: false, beyond: 0 }
+        Self { name, counts: Counts::default(), unreadable: false, beyond: 0, before: None }
     }
 
     /// Counts outputs that the mixer uses and that are beyond their range.
@@ -34,6 +36,16 @@ impl Tally {
     /// Outputs that were held at a limit.
     pub(super) fn beyond(&self) -> u64 {
         self.beyond
+    }
+
+    /// The run begins.
+    pub(super) fn begin(&mut self, counts: Counts) {
+        self.before.get_or_insert(counts.lost + counts.skipped);
+    }
+
+    /// Packets of the run that never came, or were never sent.
+    pub(super) fn lost(&self, counts: Counts) -> u64 {
+        self.before.map_or(0, |before| (counts.lost + counts.skipped).saturating_sub(before))
     }
 
     /// Tells what happened for the first time.
@@ -78,5 +90,20 @@ impl Tally {
                 self.name
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_autopilot_that_takes_its_time_to_start_has_lost_nothing_of_the_run() {
+        let mut tally = Tally::new("an autopilot");
+        let counts = |lost, skipped| Counts { lost, skipped, ..Counts::default() };
+        assert_eq!(tally.lost(counts(0, 9)), 0);
+        tally.begin(counts(1, 9));
+        assert_eq!(tally.lost(counts(1, 9)), 0);
+        assert_eq!(tally.lost(counts(3, 10)), 3);
     }
 }
