@@ -147,12 +147,12 @@ def main():
             )
 
         print("\nga, time a simulation at the same number of evaluations")
-        budget = 60_000
+        evaluations = 60_000
         best = {}
         for threads in (1, 2):
             runs = [
                 own(
-                    program, folder, vehicle(None, 30.0), "--method", "ga", "--budget", str(budget), "--stagnation",
+                    program, folder, vehicle(None, 30.0), "--method", "ga", "--evaluations", str(evaluations), "--stagnation",
                     "1000000", threads=threads,
                 )[0]
                 for _ in range(2)
@@ -172,7 +172,7 @@ def main():
                     value = np.mean((y - simulate(z[:12], z[12:], u)) ** 2 / variance)
                 return value if np.isfinite(value) else 1e300
 
-            # A few generations tell the time of one evaluation; the whole budget would take minutes to hours.
+            # A few generations tell the time of one evaluation; as many would take minutes to hours.
             begun = time.perf_counter()
             found = differential_evolution(
                 cost, [(-30, 30)] * 12 + [(-1, 1)] * 4, maxiter=1, popsize=5, polish=False, seed=1

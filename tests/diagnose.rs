@@ -4,7 +4,6 @@
 mod support;
 
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use support::{json, run, spawn, whirlstand};
 
@@ -74,21 +73,6 @@ fn a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same() {
     assert_eq!(answer["verdict"], "consistent", "{text}");
 }
 
-/// Returns when a diagnosis handles signals. It registers SIGTERM last: bit 14 of the mask of caught signals in
-/// proc_pid_status(5).
-fn wait_for_handlers(pid: i32) {
-    let until = Instant::now() + Duration::from_secs(60);
-    while Instant::now() < until {
-        let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("a running process");
-        let caught = status.lines().find_map(|l| l.strip_prefix("SigCgt:")).expect("a mask");
-        if u64::from_str_radix(caught.trim(), 16).expect("hexadecimal") & (1 << (libc::SIGTERM - 1)) != 0 {
-            return;
-        }
-        std::thread::yield_now();
-    }
-    panic!("{pid} handles no SIGTERM");
-}
-
 #[test]
 fn ctrl_c_ends_a_diagnosis_with_what_is_known() {
     let dir = tempfile::tempdir().unwrap();
@@ -99,7 +83,7 @@ fn ctrl_c_ends_a_diagnosis_with_what_is_known() {
     let path = dir.join("answer.json");
     let diagnosis =
         spawn(whirlstand(["diagnose", &log, "--vehicle", "quadrotor", "--json", path.to_str().unwrap()]));
-    wait_for_handlers(diagnosis.pid());
+    diagnosis.wait_for_handlers();
     diagnosis.signal(libc::SIGINT);
     let ended = diagnosis.finish();
     assert_eq!(ended.code(), 130, "{}\n{}", ended.stdout, ended.stderr);

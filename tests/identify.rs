@@ -3,7 +3,7 @@
 
 mod support;
 
-use support::{json, run};
+use support::{json, run, spawn, whirlstand};
 
 /// True values of the paper's tables, as `vehicle show` gives them, by parameter name, in the file's units.
 fn table(vehicle: &str) -> Vec<(String, f64)> {
@@ -147,6 +147,82 @@ fn the_longitudinal_helicopter_is_found_again() {
 #[test]
 fn the_lateral_helicopter_is_found_again() {
     recovers("helicopter-lateral", "helicopter-structure");
+}
+
+/// A search that takes long: the genetic algorithm on a whole flight.
+fn long_search<'a>(log: &'a str, answer: &'a str) -> [&'a str; 10] {
+    [
+        "identify",
+        log,
+        "--vehicle",
+        "quadrotor-structure",
+        "--method",
+        "ga+pem",
+        "--evaluations",
+        "10000000",
+        "--json",
+        answer,
+    ]
+}
+
+#[test]
+fn ctrl_c_ends_an_identification_with_the_best_so_far() {
+    let dir = tempfile::tempdir().unwrap();
+    let log = fly(dir.path(), "quadrotor", "20", "1");
+    let path = dir.path().join("answer.json");
+    let search = spawn(whirlstand(long_search(&log, path.to_str().unwrap())));
+    search.wait_for_handlers();
+    search.signal(libc::SIGINT);
+    let ended = search.finish();
+    assert_eq!(ended.code(), 130, "{}\n{}", ended.stdout, ended.stderr);
+    assert!(ended.stderr.contains("interrupted"), "{}", ended.stderr);
+    assert!(ended.stdout.starts_with("Partial"), "{}", ended.stdout);
+    let answer = json(&path);
+    assert_eq!(
+        (&answer["partial"], &answer["standard_errors_hold"]),
+        (&true.into(), &false.into()),
+        "{answer}"
+    );
+    assert_eq!(answer["parameters"].as_array().map(Vec::len), Some(12), "{answer}");
+    assert!(answer["remarks"].to_string().contains("ended early"), "{answer}");
+}
+
+#[test]
+fn a_budget_of_time_ends_every_method_with_the_best_so_far() {
+    let dir = tempfile::tempdir().unwrap();
+    let log = fly(dir.path(), "quadrotor", "20", "1");
+    let (path, file) = (dir.path().join("answer.json"), dir.path().join("fitted.toml"));
+    let (out, file) = (dir.path().join("out").display().to_string(), file.display().to_string());
+    let call = ["identify", &log, "--vehicle", "quadrotor-structure", "--json", path.to_str().unwrap()];
+    let end = ["--budget", "1 ms", "--output", &file, "--out", &out];
+    for how in [
+        ["--method", "ga"],
+        ["--method", "ga+pem"],
+        ["--noise", "white"],
+        ["--noise", "coloured"],
+        ["--noise", "kalman"],
+    ] {
+        let ended = run(call.into_iter().chain(how).chain(end));
+        assert_eq!(ended.code(), 3, "{how:?} {}\n{}", ended.stdout, ended.stderr);
+        assert!(ended.stdout.starts_with("Partial") && ended.stderr.contains("budget"), "{}", ended.stderr);
+        let answer = json(&path);
+        assert_eq!(
+            (&answer["partial"], &answer["search"]["converged"]),
+            (&true.into(), &false.into()),
+            "{answer}"
+        );
+        assert_eq!(answer["parameters"].as_array().map(Vec::len), Some(12), "{answer}");
+        assert!(std::fs::read_to_string(&file).unwrap().contains("ended early"), "its file says so");
+        assert!(
+            std::fs::read_to_string(format!("{out}/report.html")).unwrap().contains("Partial, as the search")
+        );
+    }
+    // With time enough, it is whole.
+    let whole = run(call.into_iter().chain(["--budget", "10 min"])).success();
+    assert!(whole.stdout.starts_with("12 parameters"), "{}", whole.stdout);
+    assert_eq!(json(&path)["partial"], false);
+    let wrong = run(call.into_iter().chain(["--budget", "5 m"]));
+    assert_eq!(wrong.code(), 2, "{}", wrong.stderr);
 }
 
 /// A refused call: exit code 2, all of `words` on standard error, and nothing written.

@@ -14,7 +14,6 @@ pub mod search;
 pub(crate) mod stages;
 mod thresholds;
 mod vehicle_poles;
-mod watch;
 
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
@@ -22,7 +21,7 @@ use whirlstand_vehicle::Vehicle;
 pub use answer::{DIAGNOSIS_SCHEMA, Diagnosis, Verdict};
 pub use error::DiagnoseError;
 pub use options::Options;
-pub use watch::{Stage, Watch};
+pub use whirlstand_ident::watch::{Stage, Watch};
 
 use answer::compose;
 use data::limits::limits;

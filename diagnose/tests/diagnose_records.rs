@@ -6,6 +6,7 @@ use whirlstand_diagnose::{Diagnosis, Options, diagnose, screen};
 use whirlstand_ident::CompareOptions;
 use whirlstand_ident::compare::compare;
 use whirlstand_ident::identify::{self, Log, Noise, Nuisance, Segment, Source, identify};
+use whirlstand_ident::watch::Watch;
 use whirlstand_logs::{Mapping, Record, read};
 use whirlstand_test_harness::{Missing, Outcome};
 use whirlstand_vehicle::Vehicle;
@@ -25,7 +26,7 @@ fn identified(vehicle: &Vehicle, record: &Record, part: (f64, f64), period_s: Op
     let source = Source { log: Log { file: record.origin.clone(), sha256: String::new() }, segment };
     let nuisance = Nuisance { initial_state: true, output_offsets: false };
     let options = identify::Options { nuisance, noise: Some(Noise::White), ..identify::Options::default() };
-    *identify(vehicle, &[source], &[], &options, &|_| ()).unwrap().fitted.unwrap()
+    *identify(vehicle, &[source], &[], &options, &Watch::default()).unwrap().fitted.unwrap()
 }
 
 fn diagnosed(record: Record, vehicle: &Vehicle, period_s: Option<f64>) -> Diagnosis {

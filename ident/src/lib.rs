@@ -4,5 +4,6 @@ pub mod compare;
 pub mod draft;
 pub mod excite;
 pub mod identify;
+pub mod watch;
 
 pub use compare::{CompareError, CompareOptions, Comparison, compare};

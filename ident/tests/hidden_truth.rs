@@ -8,6 +8,7 @@
 use whirlstand_ident::identify::pem::{Noise, fit, no_nuisances, white};
 use whirlstand_ident::identify::problem::Problem;
 use whirlstand_ident::identify::{Nuisance, Options, Segment, batch, ga, output_error};
+use whirlstand_ident::watch::Watch;
 use whirlstand_vehicle::{Engine, Simulator, Stream, Vehicle};
 
 const PERIOD_S: f64 = 0.03;
@@ -75,7 +76,7 @@ fn prediction_error_finds_the_true_optimum() {
             output_error::evaluate(&problem, &segments, &whites, theta, &no_nuisances(&problem, &segments))
         };
         let best = cost(&theta).unwrap();
-        let found = fit(&problem, &segments, Noise::White, &[], &|_| ()).unwrap();
+        let found = fit(&problem, &segments, Noise::White, &[], &Watch::default()).unwrap();
         // The determinant of the residuals' covariance, as a mean square ratio.
         let n: usize = best.counts.iter().sum();
         let ratio = (2.0 * (found.cost - best.cost) / n as f64).exp();
@@ -115,7 +116,7 @@ fn the_genetic_algorithm_finds_the_true_optimum() {
         let point: Vec<f64> = theta.iter().chain(&at_truth.nuisances[0]).copied().collect();
         let best = batch::Batch::new(&problem, &segments).costs(&[&point])[0];
         let options = Options { seed, ..Options::default() };
-        let found = ga::search(&problem, &segments, &options, &|_| ()).unwrap();
+        let found = ga::search(&problem, &segments, &options, &Watch::default()).unwrap();
         evaluations += found.evaluations;
         if found.cost > 1.01 * best {
             failed.push((seed, found.cost / best));

@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use whirlstand_ident::identify::{Identification, Log, Noise, Nuisance, Options, Segment, Source, identify};
+use whirlstand_ident::watch::Watch;
 use whirlstand_logs::{Mapping, Record, read};
 use whirlstand_test_harness::{Missing, Outcome};
 use whirlstand_vehicle::Vehicle;
@@ -45,7 +46,7 @@ fn trex550_beats_the_published_models_on_held_out_flight() -> Outcome {
     let published = read(path.join("published_models.csv"), &[] as &[Mapping]).unwrap();
     let (fitted, held) = ([part(&record, &vehicle, 3.0, 60.0)], [part(&record, &vehicle, 60.0, 84.0)]);
     let options = Options { nuisance: offsets(), noise: Some(Noise::White), ..Options::default() };
-    let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
+    let answer = identify(&vehicle, &fitted, &held, &options, &Watch::default()).unwrap();
     tell(&answer);
     let control = record.between(60.0, 84.0);
     let published = published.between(60.0, 84.0);
@@ -78,7 +79,8 @@ fn silverbox_reaches_the_linear_baseline() -> Outcome {
     // 6.31 mV and 14.35 mV are the linear figures that come with the data; the second depends on which multisines
     // were fitted, and is met to a thousandth.
     for (held, most) in held.iter().zip([6.31e-3, 14.35e-3 * 1.001]) {
-        let answer = identify(&vehicle, &fitted, std::slice::from_ref(held), &options, &|_| ()).unwrap();
+        let answer =
+            identify(&vehicle, &fitted, std::slice::from_ref(held), &options, &Watch::default()).unwrap();
         tell(&answer);
         let rmse = answer.outputs["output"].control.unwrap().free_run_rmse.unwrap();
         println!("rmse {rmse}");
@@ -95,7 +97,7 @@ fn dryer_reaches_the_linear_baseline_and_finds_the_dead_time() -> Outcome {
     // The baseline is about the means of the first half too. Without a dead time it reaches 77.3 %, with three samples,
     // which are two samples and the hold, 85.8 %.
     let options = Options { detrend: true, noise: Some(Noise::White), ..Options::default() };
-    let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
+    let answer = identify(&vehicle, &fitted, &held, &options, &Watch::default()).unwrap();
     tell(&answer);
     let delay = answer.parameters.iter().find(|p| p.name.starts_with("input_delay")).unwrap();
     assert!(delay.value > 0.12 && delay.value < 0.2, "{delay:?}");
@@ -110,7 +112,7 @@ fn emps_reaches_the_linear_baseline() -> Outcome {
     let [train, test] = ["train.csv", "test.csv"].map(|f| read(path.join(f), &[] as &[Mapping]).unwrap());
     let (fitted, held) = ([part(&train, &vehicle, 0.0, 30.0)], [part(&test, &vehicle, 0.0, 30.0)]);
     let options = Options { nuisance: offsets(), noise: Some(Noise::White), ..Options::default() };
-    let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
+    let answer = identify(&vehicle, &fitted, &held, &options, &Watch::default()).unwrap();
     tell(&answer);
     // Relative to what the axis fails to follow, as the data's 17.0 % are.
     let signal = |name: &str| test.signal(name).unwrap().values.clone();
@@ -128,7 +130,7 @@ fn cd_arm_needs_its_cross_coupling() -> Outcome {
     let record = read(path, &[] as &[Mapping]).unwrap().with_sample_period(1.0);
     let (fitted, held) = ([part(&record, &vehicle, 0.0, 1023.0)], [part(&record, &vehicle, 1024.0, 2048.0)]);
     let options = Options { nuisance: offsets(), noise: Some(Noise::Coloured), ..Options::default() };
-    let answer = identify(&vehicle, &fitted, &held, &options, &|_| ()).unwrap();
+    let answer = identify(&vehicle, &fitted, &held, &options, &Watch::default()).unwrap();
     tell(&answer);
     // An ARX model of order 10 reaches 89.3 % without and 93.8 % with the cross input.
     let one_step = answer.outputs["track_2"].control.unwrap().one_step_fit.unwrap();

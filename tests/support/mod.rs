@@ -81,6 +81,24 @@ impl Running {
         assert_eq!(result, 0, "kill({}, {signal})", self.pid());
     }
 
+    /// Returns when the command ends its search on a signal. It registers SIGTERM last: bit 14 of the mask of caught signals in
+    /// proc_pid_status(5).
+    #[track_caller]
+    pub fn wait_for_handlers(&self) {
+        let until = Instant::now() + HUNG;
+        while Instant::now() < until {
+            let status =
+                std::fs::read_to_string(format!("/proc/{}/status", self.pid())).expect("a running process");
+            let caught = status.lines().find_map(|l| l.strip_prefix("SigCgt:")).expect("a mask");
+            if u64::from_str_radix(caught.trim(), 16).expect("hexadecimal") & (1 << (libc::SIGTERM - 1)) != 0
+            {
+                return;
+            }
+            std::thread::yield_now();
+        }
+        panic!("{} handles no SIGTERM", self.pid());
+    }
+
     /// Whether the command still runs.
     pub fn is_alive(&mut self) -> bool {
         self.child.try_wait().expect("ask for the end of the command").is_none()

@@ -5,6 +5,7 @@
 
 use crate::thresholds::{MIN_SPECTRUM_SAMPLES, SCORING_LIMITS, WEAK_CORRELATION};
 use std::f64::consts::TAU;
+use std::ops::ControlFlow;
 
 use nalgebra::{Complex, DMatrix, DVector};
 use rustfft::FftPlanner;
@@ -317,7 +318,7 @@ impl Shaped {
         };
         let bounds = vec![(f64::NEG_INFINITY, f64::INFINITY); values.len()];
         let next = |_: &Scored<'_>, values: &[f64], _: &DVector<f64>| at(values);
-        let (best, _) = search(at(&values)?, &bounds, SCORING_LIMITS, next, |_, _| ());
+        let (best, _) = search(at(&values)?, &bounds, SCORING_LIMITS, next, |_, _| ControlFlow::Continue(()));
         let information =
             best.information.unwrap_or_else(|| Self::scoring(cross, h, period_s, &best.values).0);
         let covariance = pseudo_inverse(&information)?;

@@ -7,7 +7,6 @@ use crate::thresholds::{
 use rayon::prelude::*;
 use whirlstand_vehicle::Kind;
 
-use crate::Watch;
 use crate::candidates::events;
 use crate::candidates::library::Candidate;
 use crate::candidates::tones;
@@ -17,7 +16,7 @@ use crate::model::score_test::ScoreTest;
 use crate::model::step_response::Responses;
 use crate::search::alternative::{Alternative, SearchSpace, fitted, fitted_with};
 use crate::search::survey_order::{once, simpler_first};
-use crate::watch::Counter;
+use whirlstand_ident::watch::{Counter, Watch};
 
 /// A signature at one start, and how well it does in a score test.
 #[derive(Debug, Clone)]

@@ -12,6 +12,7 @@ use crate::identify::Segment;
 use crate::identify::fitted::Fit;
 use crate::identify::pem::{self, Noise};
 use crate::identify::problem::{Nuisance, Parameter, Problem};
+use crate::watch::Watch;
 
 /// A simpler structure is taken when the best predicts better by less than this many standard errors (Breiman, Friedman,
 /// Olshen and Stone, Classification and Regression Trees, 1984, section 3.4.3: the one-standard-error rule).
@@ -117,7 +118,9 @@ fn tried(
     let vehicle = structure.vehicle(signals)?;
     let problem = Problem::new(&vehicle, &pair.fitted, Nuisance::default())?;
     let extra = from.map_or(Vec::new(), |plain| extended_starts(&vehicle, &problem, plain));
-    let Ok(fit) = pem::fit(&problem, &pair.fitted, Noise::Kalman, &extra, &|_| ()) else { return Ok(None) };
+    let Ok(fit) = pem::fit(&problem, &pair.fitted, Noise::Kalman, &extra, &Watch::default()) else {
+        return Ok(None);
+    };
     let on = |s: &Segment| errors(&fit, s, &starts(s, warm(pair, horizon), horizon), horizon);
     let Some(parts) = pair.held.iter().map(on).collect::<Option<Vec<_>>>() else { return Ok(None) };
     let errors: Vec<f64> = parts.concat();

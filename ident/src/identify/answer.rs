@@ -18,6 +18,9 @@ pub struct Identification {
     pub schema: String,
     /// The result in a sentence.
     pub verdict: String,
+    /// True when the search was ended early, by hand or by its budget of time: then this is the best that was found by then.
+    #[serde(default)]
+    pub partial: bool,
     /// Name of the vehicle.
     pub vehicle: String,
     /// How the cost was minimised.
@@ -46,7 +49,8 @@ pub struct Identification {
     pub poles: Vec<Pole>,
     /// Figures of the outputs, by name.
     pub outputs: BTreeMap<String, OutputAnswer>,
-    /// False when the standard errors are too small because something acted in the record that the model does not have.
+    /// False when the standard errors are too small because something acted in the record that the model does not have, and
+    /// when the search was ended before its minimum.
     pub standard_errors_hold: bool,
     /// Stretches of the identification data where something acts that the model does not have.
     pub disturbed: Vec<Disturbed>,

@@ -70,6 +70,11 @@ pub enum IdentifyError {
         /// How many starts were tried.
         tried: usize,
     },
+    /// The search was ended before it had anything to answer with.
+    #[error(
+        "the search was ended before it had found a start from which the simulation stays within bounds: give it more time, or start values in the vehicle file (start = ...)"
+    )]
+    EndedEarly,
     /// The fitted model's poles cannot be computed.
     #[error(
         "the poles of the fitted model cannot be computed: {0}; give narrower bounds in the vehicle file"

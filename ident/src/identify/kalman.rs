@@ -6,11 +6,12 @@ use super::data::Segment;
 use super::fitted::{Fit, NoiseFit, bounds, no_nuisances};
 use super::predictor::NoiseStructure;
 use super::problem::Problem;
-use super::search::{Limits, search};
-use super::{Progress, filter_error, spread, start};
+use super::search::{Limits, descends, search};
+use super::{filter_error, spread, start};
+use crate::watch::Watch;
 
 /// The start with the best short predictions: an equation-error fit is enough, since the filter follows the record.
-pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>]) -> Vec<f64> {
+pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>], watch: &Watch) -> Vec<f64> {
     let structure = NoiseStructure::new(problem);
     let noise = first_noise(problem, segments, &structure);
     let nuisances = no_nuisances(problem, segments);
@@ -22,8 +23,16 @@ pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>])
         filter_error::evaluate(problem, &structure, segments, &unknowns, &nuisances)
             .map_or(f64::INFINITY, |e| e.cost)
     };
-    let costs: Vec<f64> = starts.iter().map(cost).collect();
-    let best = (0..starts.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
+    let (mut best, mut least) = (0, f64::INFINITY);
+    for (i, start) in starts.iter().enumerate() {
+        let cost = cost(start);
+        if cost < least {
+            (best, least) = (i, cost);
+        }
+        if watch.is_stopped() && least.is_finite() {
+            break;
+        }
+    }
     starts.swap_remove(best)
 }
 
@@ -57,7 +66,7 @@ pub fn kalman(
     problem: &Problem,
     segments: &[Segment],
     theta: &[f64],
-    observe: &(dyn Fn(Progress) + Sync),
+    watch: &Watch,
 ) -> Option<(Fit, DMatrix<f64>)> {
     let structure = NoiseStructure::new(problem);
     let noise = first_noise(problem, segments, &structure);
@@ -78,9 +87,9 @@ pub fn kalman(
         let nuisances: Vec<Vec<f64>> = from.nuisances.iter().zip(&from.coupling).map(follow).collect();
         filter_error::evaluate(problem, &structure, segments, unknowns, &nuisances)
     };
-    let progress = |iteration, cost| observe(Progress::Step { iteration, cost });
     let search_limits = Limits { iterations: 60, tolerance: 0.01, ..Limits::default() };
-    let (found, outcome) = search(first, &limits, search_limits, at, progress);
+    let (found, outcome) =
+        search(first, &limits, search_limits, at, |step, cost| descends(watch, step, cost));
     let information = spread::marginal(&found.information, np)?;
     let covariance = super::normal::pseudo_inverse(&information)?;
     let fit = Fit {

@@ -44,24 +44,3 @@ pub use options::{Method, Options};
 pub use pem::Noise;
 pub use problem::Nuisance;
 pub use run::{Source, identify};
-
-/// What happens during a search.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Progress {
-    /// A step of Levenberg and Marquardt.
-    Step {
-        /// Number of the step.
-        iteration: usize,
-        /// Cost before it.
-        cost: f64,
-    },
-    /// A generation of the genetic algorithm.
-    Generation {
-        /// Evaluations so far.
-        evaluations: usize,
-        /// Evaluations at most.
-        budget: usize,
-        /// Best cost so far.
-        cost: f64,
-    },
-}

@@ -47,7 +47,7 @@ pub struct Options {
     /// Seed of everything random.
     pub seed: u64,
     /// Most simulations of the genetic algorithm.
-    pub budget: usize,
+    pub evaluations: usize,
     /// Generations without progress after which the genetic algorithm stops.
     pub stagnation: usize,
 }
@@ -61,7 +61,7 @@ impl Default for Options {
             nuisance: Nuisance::default(),
             detrend: false,
             seed: 1,
-            budget: 400_000,
+            evaluations: 400_000,
             stagnation: 100,
         }
     }

@@ -8,9 +8,10 @@ pub use super::fitted::{Fit, Fixed, NoiseFit, bounds, no_nuisances, white};
 use super::kalman::{kalman, kalman_start};
 use super::output_error::{self, Evaluation};
 use super::problem::{Parameter, Problem};
-use super::search::{Derivatives, Limits, Outcome, Point, search};
+use super::search::{Derivatives, Limits, Outcome, Point, descends, search};
 use super::spread::{self, Undetermined};
-use super::{IdentifyError, Progress, start};
+use super::{IdentifyError, start};
+use crate::watch::Watch;
 
 /// How residuals are modelled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -48,7 +49,7 @@ pub fn output_error(
     theta: &[f64],
     nuisances: &[Vec<f64>],
     limits: Limits,
-    observe: &(dyn Fn(Progress) + Sync),
+    watch: &Watch,
 ) -> Option<(Evaluation, Outcome)> {
     let first = output_error::evaluate(problem, segments, whitening, theta, nuisances)?;
     let at = |from: &Evaluation, theta: &[f64], step: &DVector<f64>| {
@@ -60,8 +61,7 @@ pub fn output_error(
         let next = output_error::evaluate(problem, segments, whitening, theta, &nuisances)?;
         next.cost.is_finite().then_some(next)
     };
-    let progress = |iteration, cost| observe(Progress::Step { iteration, cost });
-    Some(search(first, &bounds(problem), limits, at, progress))
+    Some(search(first, &bounds(problem), limits, at, |step, cost| descends(watch, step, cost)))
 }
 
 /// The best of all starts, after a short search from each.
@@ -76,7 +76,7 @@ fn from_starts(
     problem: &Problem,
     segments: &[Segment],
     extra: &[Vec<f64>],
-    observe: &(dyn Fn(Progress) + Sync),
+    watch: &Watch,
 ) -> Result<(Evaluation, Outcome), IdentifyError> {
     let white = white(problem);
     let mut starts = extra.to_vec();
@@ -89,11 +89,14 @@ fn from_starts(
     }
     let evaluated = |segments: &[Segment]| {
         let nuisances = no_nuisances(problem, segments);
-        let mut all: Vec<Evaluation> = starts
-            .iter()
-            .filter_map(|theta| output_error::evaluate(problem, segments, &white, theta, &nuisances))
-            .filter(|e| e.cost.is_finite())
-            .collect();
+        let mut all: Vec<Evaluation> = Vec::new();
+        for theta in &starts {
+            let found = output_error::evaluate(problem, segments, &white, theta, &nuisances);
+            all.extend(found.filter(|e| e.cost.is_finite()));
+            if watch.is_stopped() && !all.is_empty() {
+                break;
+            }
+        }
         all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         all.dedup_by(|a, b| a.cost == b.cost);
         all
@@ -102,13 +105,14 @@ fn from_starts(
     let mut best: Option<Evaluation> = None;
     let limits = Limits { iterations: 30, ..Limits::default() };
     for e in evaluated(segments).iter().take(3) {
-        let found = output_error(problem, segments, &white, &e.theta, &e.nuisances, limits, observe);
+        let found = output_error(problem, segments, &white, &e.theta, &e.nuisances, limits, watch);
         let converged = keep(&mut best, &mut spent, found);
-        if converged && best.as_ref().is_some_and(|b| explains(problem, segments, b)) {
+        let explained = || best.as_ref().is_some_and(|b| explains(problem, segments, b));
+        if converged && explained() || watch.is_stopped() {
             break;
         }
     }
-    if !best.as_ref().is_some_and(|b| explains(problem, segments, b)) {
+    if !best.as_ref().is_some_and(|b| watch.is_stopped() || explains(problem, segments, b)) {
         let longest = segments.iter().map(|s| s.steps).max().unwrap_or(0);
         let mut theta: Option<Vec<f64>> = None;
         for divisor in [16, 8, 4, 2, 1] {
@@ -121,7 +125,7 @@ fn from_starts(
                 },
             };
             let nuisances = no_nuisances(problem, &pieces);
-            let found = output_error(problem, &pieces, &white, &start, &nuisances, limits, observe);
+            let found = output_error(problem, &pieces, &white, &start, &nuisances, limits, watch);
             if let Some((found, _)) = &found {
                 theta = Some(found.theta.clone());
             }
@@ -158,7 +162,7 @@ fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
 }
 
 /// Fits by output error or prediction error, fixing what the data do not determine. `extra` are starts from
-/// elsewhere (a genetic algorithm); without any, the data give them.
+/// elsewhere (a genetic algorithm); without any, the data give them. A watch that ends the search gets the best so far.
 ///
 /// # Errors
 /// [`IdentifyError::UnstableStart`].
@@ -167,7 +171,7 @@ pub fn fit(
     segments: &[Segment],
     noise: Noise,
     extra: &[Vec<f64>],
-    observe: &(dyn Fn(Progress) + Sync),
+    watch: &Watch,
 ) -> Result<Fit, IdentifyError> {
     let mut problem = problem.clone();
     let mut fixed = Vec::new();
@@ -175,21 +179,21 @@ pub fn fit(
     let mut spent = Outcome { iterations: 0, evaluations: 0, converged: false };
     let mut nuisances = no_nuisances(&problem, segments);
     let mut theta = if noise == Noise::Kalman {
-        kalman_start(&problem, segments, extra)
+        kalman_start(&problem, segments, extra, watch)
     } else {
-        let (found, outcome) = from_starts(&problem, segments, extra, observe)?;
+        let (found, outcome) = from_starts(&problem, segments, extra, watch)?;
         spent = outcome;
         nuisances = found.nuisances;
         found.theta
     };
     loop {
         let found = match noise {
-            Noise::Kalman => kalman(&problem, segments, &theta, observe),
-            _ => match outputs(&problem, segments, noise, &theta, &nuisances, observe) {
+            Noise::Kalman => kalman(&problem, segments, &theta, watch),
+            _ => match outputs(&problem, segments, noise, &theta, &nuisances, watch) {
                 // A parameter that was just fixed may have left the others without a stable simulation.
                 None if !fixed.is_empty() => {
-                    let (found, _) = from_starts(&problem, segments, &[theta.clone()], observe)?;
-                    outputs(&problem, segments, noise, &found.theta, &found.nuisances, observe)
+                    let (found, _) = from_starts(&problem, segments, &[theta.clone()], watch)?;
+                    outputs(&problem, segments, noise, &found.theta, &found.nuisances, watch)
                 }
                 found => found,
             },
@@ -199,12 +203,13 @@ pub fn fit(
         spent.evaluations += fit.outcome.evaluations;
         fit.outcome = Outcome { converged: fit.outcome.converged, ..spent };
         match spread::undetermined(&information, &fit.covariance, &problem.parameters) {
-            Some(Undetermined { index, why }) if problem.parameters.len() > 1 => {
+            Some(Undetermined { index, why }) if problem.parameters.len() > 1 && !watch.is_stopped() => {
                 let parameter = problem.parameters.remove(index);
                 theta = fit.theta;
                 nuisances = fit.nuisances;
                 let from = theta.remove(index);
-                let value = lead(&mut problem, segments, &parameter, from, &mut theta, &mut nuisances);
+                let value =
+                    lead(&mut problem, segments, &parameter, from, (&mut theta, &mut nuisances), watch);
                 fixed.push(Fixed { parameter, value, why });
             }
             _ => return Ok(Fit { fixed, ..fit }),
@@ -219,8 +224,8 @@ fn lead(
     segments: &[Segment],
     parameter: &Parameter,
     from: f64,
-    theta: &mut Vec<f64>,
-    nuisances: &mut Vec<Vec<f64>>,
+    (theta, nuisances): (&mut Vec<f64>, &mut Vec<Vec<f64>>),
+    watch: &Watch,
 ) -> f64 {
     let goal = problem.vehicle.free_value(&parameter.target).clamp(parameter.lower, parameter.upper);
     let limits = Limits { iterations: 10, ..Limits::default() };
@@ -232,7 +237,7 @@ fn lead(
         // The value lies within the bounds, which were checked against the effect's range.
         let set = moved.vehicle.set_free(&parameter.target, value);
         debug_assert!(set.is_ok());
-        let Some((found, _)) = output_error(&moved, segments, &whites, theta, nuisances, limits, &|_| ())
+        let Some((found, _)) = output_error(&moved, segments, &whites, theta, nuisances, limits, watch)
         else {
             break;
         };
@@ -252,28 +257,28 @@ fn outputs(
     noise: Noise,
     theta: &[f64],
     nuisances: &[Vec<f64>],
-    observe: &(dyn Fn(Progress) + Sync),
+    watch: &Watch,
 ) -> Option<(Fit, DMatrix<f64>)> {
     let mut whitening = white(problem);
     // Where the noise model changes too, no round is worth an end that the next one moves.
     let coloured = noise == Noise::Coloured;
     let limits = Limits { iterations: if coloured { 15 } else { 100 }, ..Limits::default() };
     let (mut found, mut outcome) =
-        output_error(problem, segments, &whitening, theta, nuisances, limits, observe)?;
+        output_error(problem, segments, &whitening, theta, nuisances, limits, watch)?;
     if coloured {
         // Noise model and parameters in turn; a few rounds settle them.
         for _ in 0..20 {
             let before = found.theta.clone();
             whitening = models(problem, segments, &found)?;
             let (next, how) =
-                output_error(problem, segments, &whitening, &found.theta, &found.nuisances, limits, observe)?;
+                output_error(problem, segments, &whitening, &found.theta, &found.nuisances, limits, watch)?;
             outcome.iterations += how.iterations;
             outcome.evaluations += how.evaluations;
             outcome.converged = how.converged;
             let step = DVector::from_fn(before.len(), |i, _| next.theta[i] - before[i]);
             let length = step.dot(&(&next.information * &step)).max(0.0).sqrt();
             found = next;
-            if length < 0.03 {
+            if length < 0.03 || watch.is_stopped() {
                 break;
             }
         }

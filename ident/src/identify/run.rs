@@ -14,7 +14,8 @@ use super::prepare::{Levels, without_unknown_past};
 use super::problem::{Problem, split};
 use super::quality::{self, Runs};
 use super::spread::correlation;
-use super::{IdentifyError, Progress, ga, text};
+use super::{IdentifyError, ga, text};
+use crate::watch::Watch;
 use whirlstand_logs::shown::clean;
 use whirlstand_vehicle::Vehicle;
 
@@ -27,16 +28,18 @@ pub struct Source {
     pub segment: Segment,
 }
 
-/// Fits the free parameters of `vehicle` to `fitted` and compares the result with `control`.
+/// Fits the free parameters of `vehicle` to `fitted` and compares the result with `control`. The watch is told how far the
+/// search has come; where it ends it, the answer is the best that was found by then.
 ///
 /// # Errors
-/// [`IdentifyError`]: nothing is free, no excitation, too few samples, no start from which a simulation stays finite.
+/// [`IdentifyError`]: nothing is free, no excitation, too few samples, no start from which a simulation stays finite, or ended
+/// before there was one.
 pub fn identify(
     vehicle: &Vehicle,
     fitted: &[Source],
     control: &[Source],
     options: &Options,
-    observe: &(dyn Fn(Progress) + Sync),
+    watch: &Watch,
 ) -> Result<Identification, IdentifyError> {
     let begun = std::time::Instant::now();
     let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
@@ -52,7 +55,7 @@ pub fn identify(
     let (fitted, control) = (&prepared(fitted), &prepared(control));
     let mut about = vehicle.clone();
     levels.iter().for_each(|l| l.shift(&mut about, -1.0));
-    let mut answer = search(&about, fitted, control, options, observe, begun)?;
+    let mut answer = search(&about, fitted, control, options, watch, begun)?;
     if let (Some(levels), Some(vehicle)) = (levels, &mut answer.fitted) {
         levels.shift(vehicle, 1.0);
         vehicle.provenance.push(("about".into(), text::levels(vehicle, &levels)));
@@ -67,7 +70,7 @@ fn search(
     fitted: &[Source],
     control: &[Source],
     options: &Options,
-    observe: &(dyn Fn(Progress) + Sync),
+    watch: &Watch,
     begun: std::time::Instant,
 ) -> Result<Identification, IdentifyError> {
     let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
@@ -77,20 +80,45 @@ fn search(
     let problem = Problem::new(vehicle, &segments, options.nuisance)?;
     check(&problem, &segments)?;
     let noise = options.noise.unwrap_or_else(|| choose(&problem, &segments, options.closed_loop));
-    let mut evaluations = 0;
-    let mut starts = Vec::new();
-    if options.method != Method::Pem {
-        let found = ga::search(&problem, &segments, options, observe)?;
-        evaluations = found.evaluations;
-        if options.method == Method::Ga {
-            let fit = ga::as_fit(&problem, &segments, &found)
-                .ok_or(IdentifyError::UnstableStart { tried: found.evaluations })?;
-            return answer(fit, fitted, control, options, Noise::White, evaluations, begun);
-        }
-        starts.push(found.theta);
+    let found = by_method(&problem, &segments, options, noise, watch);
+    let partial = watch.is_stopped();
+    let (fit, noise, evaluations) = match found {
+        // With more time there might have been one.
+        Err(IdentifyError::UnstableStart { .. }) if partial => return Err(IdentifyError::EndedEarly),
+        found => found?,
+    };
+    let effort = Effort { evaluations, begun, partial };
+    answer(fit, fitted, control, options, noise, &effort)
+}
+
+/// What a search took, beside what its fit says.
+struct Effort {
+    /// Simulations of the genetic algorithm.
+    evaluations: usize,
+    begun: std::time::Instant,
+    /// True when it was ended early.
+    partial: bool,
+}
+
+/// The fit by the wanted method, its noise model, and the number of simulations of the genetic algorithm.
+fn by_method(
+    problem: &Problem,
+    segments: &[Segment],
+    options: &Options,
+    noise: Noise,
+    watch: &Watch,
+) -> Result<(Fit, Noise, usize), IdentifyError> {
+    if options.method == Method::Pem {
+        return Ok((pem::fit(problem, segments, noise, &[], watch)?, noise, 0));
     }
-    let fit = pem::fit(&problem, &segments, noise, &starts, observe)?;
-    answer(fit, fitted, control, options, noise, evaluations, begun)
+    let found = ga::search(problem, segments, options, watch)?;
+    let evaluations = found.evaluations;
+    if options.method == Method::Ga {
+        let fit = ga::as_fit(problem, segments, &found)
+            .ok_or(IdentifyError::UnstableStart { tried: evaluations })?;
+        return Ok((fit, Noise::White, evaluations));
+    }
+    Ok((pem::fit(problem, segments, noise, &[found.theta], watch)?, noise, evaluations))
 }
 
 /// Is there anything to learn from?
@@ -130,8 +158,7 @@ fn answer(
     control: &[Source],
     options: &Options,
     noise: Noise,
-    evaluations: usize,
-    begun: std::time::Instant,
+    effort: &Effort,
 ) -> Result<Identification, IdentifyError> {
     let segments: Vec<Segment> = fitted.iter().map(|s| s.segment.clone()).collect();
     let held: Vec<Segment> = control.iter().map(|s| s.segment.clone()).collect();
@@ -140,9 +167,13 @@ fn answer(
     let problem = &fit.problem;
     let mut vehicle = problem.vehicle_at(&fit.theta);
     vehicle.provenance = provenance(options, noise, fitted);
+    if effort.partial {
+        vehicle.provenance.push(("partial".into(), "the search was ended early".into()));
+    }
     let mut answer = Identification {
         schema: IDENTIFICATION_SCHEMA.into(),
         verdict: String::new(),
+        partial: effort.partial,
         vehicle: vehicle.name.clone(),
         method: options.method,
         noise,
@@ -156,9 +187,9 @@ fn answer(
         search: SearchSummary {
             converged: fit.outcome.converged,
             iterations: fit.outcome.iterations,
-            evaluations: fit.outcome.evaluations + evaluations,
+            evaluations: fit.outcome.evaluations + effort.evaluations,
             cost: fit.cost,
-            seconds: begun.elapsed().as_secs_f64(),
+            seconds: effort.begun.elapsed().as_secs_f64(),
         },
         parameters: parameters(&fit, options.method != Method::Ga),
         correlations: correlations(&fit),

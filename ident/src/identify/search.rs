@@ -1,8 +1,11 @@
 //! Levenberg-Marquardt within bounds, for any cost that gives an information matrix.
 
+use std::ops::ControlFlow;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::normal::solve;
+use crate::watch::Watch;
 
 /// A value of the unknowns with its cost and the derivatives of the cost.
 pub trait Point {
@@ -63,20 +66,23 @@ const NEAR: f64 = 0.5;
 /// that led there, or `None` where the cost does not exist.
 ///
 /// Damping follows Nielsen (IMM-REP-1999-05): it falls smoothly with the gain ratio and grows twice as fast at each
-/// failure. A coordinate at a bound that pushes outwards is held there.
+/// failure. A coordinate at a bound that pushes outwards is held there. `observe` is told the number of the step and the cost
+/// before a step and after each failure, and may end the search at the best point so far.
 pub fn search<P: Point>(
     start: P,
     bounds: &[(f64, f64)],
     limits: Limits,
     mut at: impl FnMut(&P, &[f64], &DVector<f64>) -> Option<P>,
-    mut observe: impl FnMut(usize, f64),
+    mut observe: impl FnMut(usize, f64) -> ControlFlow<()>,
 ) -> (P, Outcome) {
     let mut point = start;
     let mut outcome = Outcome { iterations: 0, evaluations: 1, converged: false };
     let (mut damping, mut growth) = (1e-3, 2.0);
     while outcome.iterations < limits.iterations {
         outcome.iterations += 1;
-        observe(outcome.iterations, point.cost());
+        if observe(outcome.iterations, point.cost()).is_break() {
+            break;
+        }
         let Some(slopes) = point.derivatives() else { break };
         let mut stepped = false;
         // How far the minimum seems to be: the first step of a round, without its damping.
@@ -111,6 +117,9 @@ pub fn search<P: Point>(
             }
             damping *= growth;
             growth *= 2.0;
+            if observe(outcome.iterations, point.cost()).is_break() {
+                break;
+            }
         }
         if !stepped {
             // Nothing near is lower: rounding, or a kink.
@@ -118,6 +127,11 @@ pub fn search<P: Point>(
         }
     }
     (point, outcome)
+}
+
+/// Tells how far a descent has come, and whether it is to go on.
+pub(super) fn descends(watch: &Watch, step: usize, cost: f64) -> ControlFlow<()> {
+    watch.step("descends", || format!("step {step}, cost {cost:.6e}"), None)
 }
 
 /// The damped step and where it leads, within the bounds.
@@ -209,10 +223,24 @@ mod tests {
         let limits = Limits { iterations: 200, tolerance: 1e-9, ..Limits::default() };
         let at = |_: &Rosenbrock, x: &[f64], _: &DVector<f64>| Some(Rosenbrock::new(x));
         let free = [(-5.0, 5.0), (-5.0, 5.0)];
-        let (best, outcome) = search(Rosenbrock::new(&[-1.2, 1.0]), &free, limits, at, |_, _| ());
+        let (best, outcome) =
+            search(Rosenbrock::new(&[-1.2, 1.0]), &free, limits, at, |_, _| ControlFlow::Continue(()));
         assert!(outcome.converged && (best.x[0] - 1.0).abs() < 1e-6 && (best.x[1] - 1.0).abs() < 1e-6);
         let bounded = [(-5.0, 0.5), (-5.0, 5.0)];
-        let (best, _) = search(Rosenbrock::new(&[-1.2, 1.0]), &bounded, limits, at, |_, _| ());
+        let (best, _) =
+            search(Rosenbrock::new(&[-1.2, 1.0]), &bounded, limits, at, |_, _| ControlFlow::Continue(()));
         assert!((best.x[0] - 0.5).abs() < 1e-9 && (best.x[1] - 0.25).abs() < 1e-6, "{:?}", best.x);
+    }
+
+    #[test]
+    fn a_search_that_is_ended_gives_the_best_point_so_far() {
+        let at = |_: &Rosenbrock, x: &[f64], _: &DVector<f64>| Some(Rosenbrock::new(x));
+        let free = [(-5.0, 5.0), (-5.0, 5.0)];
+        let start = || Rosenbrock::new(&[-1.2, 1.0]);
+        let (unmoved, outcome) = search(start(), &free, Limits::default(), at, |_, _| ControlFlow::Break(()));
+        assert_eq!((unmoved.x, outcome.evaluations, outcome.converged), (vec![-1.2, 1.0], 1, false));
+        let until_third = |step, _| if step < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let (best, outcome) = search(start(), &free, Limits::default(), at, until_third);
+        assert!(!outcome.converged && outcome.iterations == 3 && best.cost < start().cost, "{outcome:?}");
     }
 }

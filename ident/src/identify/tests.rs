@@ -5,6 +5,7 @@ use whirlstand_vehicle::{Simulator, Stream, Vehicle};
 use super::data::Segment;
 use super::pem::{Noise, fit};
 use super::problem::{Nuisance, Problem};
+use crate::watch::Watch;
 
 /// Multistep inputs as a pilot flies them: held for random times, to random sides.
 pub fn pilot(steps: usize, m: usize, period_s: f64, size: f64, seed: u64) -> Vec<f64> {
@@ -54,7 +55,7 @@ fn quadrotor_from_its_structure_alone() {
     let problem = Problem::new(&structure, &segments, Nuisance::default()).unwrap();
     for noise in [Noise::White, Noise::Coloured, Noise::Kalman] {
         let start = std::time::Instant::now();
-        let fit = fit(&problem, &segments, noise, &[], &|_| ()).unwrap();
+        let fit = fit(&problem, &segments, noise, &[], &Watch::default()).unwrap();
         let truth = truth(&fit.problem, &vehicle);
         println!("{noise:?} {:?} {:?} fixed {:?}", start.elapsed(), fit.outcome, fit.fixed);
         for (i, p) in fit.problem.parameters.iter().enumerate() {
@@ -82,7 +83,7 @@ fn helicopters_from_their_structure_alone() {
         let problem = Problem::new(&structure, &segments, Nuisance::default()).unwrap();
         for noise in [Noise::White, Noise::Kalman] {
             let start = std::time::Instant::now();
-            let fit = fit(&problem, &segments, noise, &[], &|_| ()).unwrap();
+            let fit = fit(&problem, &segments, noise, &[], &Watch::default()).unwrap();
             let truth = truth(&fit.problem, &vehicle);
             println!("{name} {noise:?} {:?} {:?} fixed {:?}", start.elapsed(), fit.outcome, fit.fixed);
             for (i, p) in fit.problem.parameters.iter().enumerate() {
@@ -130,7 +131,7 @@ fn a_free_effect_is_found_in_a_closed_loop() {
         elsewhere.set_free(&p.target, v).unwrap();
     }
     let problem = Problem::new(&elsewhere, &segments, Nuisance::default()).unwrap();
-    let fit = fit(&problem, &segments, Noise::Kalman, &[], &|_| ()).unwrap();
+    let fit = fit(&problem, &segments, Noise::Kalman, &[], &Watch::default()).unwrap();
     assert!(fit.fixed.is_empty() && fit.outcome.converged, "{:?} {:?}", fit.fixed, fit.outcome);
     for (i, p) in fit.problem.parameters.iter().enumerate() {
         let std = fit.covariance[(i, i)].sqrt();

@@ -26,7 +26,9 @@ pub fn verdict(answer: &Identification) -> String {
         let all = answer.outputs.iter().filter_map(|(n, o)| Some((of(o)?.free_run_fit?, n.as_str())));
         all.min_by(|a, b| a.0.total_cmp(&b.0))
     };
-    let mut text = format!("{} of '{}' fitted", count(answer.parameters.len(), "parameter"), answer.vehicle);
+    let partial = if answer.partial { "Partial, as the search was ended early. " } else { "" };
+    let mut text =
+        format!("{partial}{} of '{}' fitted", count(answer.parameters.len(), "parameter"), answer.vehicle);
     if !answer.fixed.is_empty() {
         text.push_str(&format!(", {} left out that the data do not determine", answer.fixed.len()));
     }
@@ -60,9 +62,9 @@ fn count(n: usize, what: &str) -> String {
 
 /// False when something acted in a part of the data that the model does not have, which no standard error accounts for.
 /// Coloured noise, as of a vibration, does not count: standard errors are corrected for it, or too large in Kalman's
-/// form.
+/// form. Nor do those of a search that has not come to its minimum.
 pub fn standard_errors_hold(answer: &Identification) -> bool {
-    answer.disturbed.is_empty()
+    answer.disturbed.is_empty() && !answer.partial
 }
 
 /// Where something acted that the model does not have, and what to do.
@@ -92,10 +94,16 @@ fn disturbances(answer: &Identification) -> Option<String> {
 /// Remarks on the data and on the result.
 pub fn remarks(answer: &Identification) -> Vec<String> {
     let mut all = Vec::new();
-    if !answer.search.converged {
+    if answer.partial {
+        all.push(
+            "The search was ended early: the values are the best found by then, and the standard errors are those of a point \
+             that is no minimum yet."
+                .into(),
+        );
+    } else if !answer.search.converged {
         all.push(match answer.method {
             Method::Ga => {
-                "The genetic algorithm spent its budget before it stagnated: give a greater --budget.".into()
+                "The genetic algorithm spent its simulations before it stagnated: give more with --evaluations.".into()
             }
             _ => "The search ended before it stood at a minimum.".to_string(),
         });
@@ -118,7 +126,7 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
         ));
     }
     all.extend(disturbances(answer));
-    if !answer.standard_errors_hold {
+    if !answer.disturbed.is_empty() {
         let answered = if answer.closed_loop { " and the controller answers to it" } else { "" };
         all.push(format!(
             "The standard errors are not to be trusted: they do not know of what acted{answered}; parameters can be off \

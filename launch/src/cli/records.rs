@@ -153,7 +153,11 @@ pub(crate) struct IdentifyArgs {
     pub seed: u64,
     /// Most simulations of the genetic algorithm.
     #[arg(long, value_name = "N", default_value_t = 400_000)]
-    pub budget: usize,
+    pub evaluations: usize,
+    /// Ends the search after so long, with the best that is known by then: seconds, or a time with a unit as in "2 min"; exit
+    /// code 3.
+    #[arg(long, value_name = "TIME", value_parser = super::seconds)]
+    pub budget: Option<f64>,
     /// Generations without progress after which the genetic algorithm stops.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub stagnation: usize,

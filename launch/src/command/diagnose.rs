@@ -2,19 +2,15 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
 use whirlstand_diagnose::{Diagnosis, Options, Watch, diagnose as run};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
+use super::early_end::EarlyEnd;
 use super::log::{check_delays, read_for};
-use super::stage_line::StageLine;
 use super::vehicles::find;
-use super::{INTERRUPTED, PARTIAL, print, write, write_json};
+use super::{print, write, write_json};
 use crate::cli::DiagnoseArgs;
 use crate::error::Failure;
 
@@ -22,25 +18,11 @@ use crate::error::Failure;
 /// the program. A budget of time ends the search in the same way, with exit code 3.
 pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
-    let deadline = args.budget.map(|s| Instant::now() + Duration::from_secs_f64(s));
-    let line = StageLine::new("diagnose", deadline);
-    let listener = line.listener();
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        // In this order: a signal ends the program only if one came before it.
-        let exit = i32::from(INTERRUPTED);
-        signal_hook::flag::register_conditional_shutdown(signal, exit, Arc::clone(&stop))
-            .map_err(Failure::run)?;
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::run)?;
-    }
-    let mut watch = Watch::new(Arc::clone(&stop), move |stage| listener(stage.what, stage.share));
-    if let Some(deadline) = deadline {
-        watch = watch.until(deadline);
-    }
+    let (search, watch) = EarlyEnd::new("diagnose", args.budget)?;
     let options = options(args, &vehicle, watch)?;
     let records = args.logs.iter().map(|path| part(path, args, &vehicle)).collect::<Result<Vec<_>, _>>()?;
     let answer = run(&records, &vehicle, &options);
-    line.finish();
+    let search = search.finish();
     let mut answer = answer.map_err(Failure::mend)?;
     let extended =
         args.output.clone().or_else(|| args.result.out.as_ref().map(|folder| folder.join("vehicle.toml")));
@@ -58,15 +40,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     if !args.result.json.is_printed() {
         print(&text(&answer, report.as_deref()))?;
     }
-    if !answer.partial {
-        return Ok(ExitCode::SUCCESS);
-    }
-    if stop.load(Ordering::Relaxed) {
-        crate::style::say("interrupted: the answer is what was known by then");
-        return Ok(ExitCode::from(INTERRUPTED));
-    }
-    crate::style::say("the budget of time is spent: the answer is what was known by then");
-    Ok(ExitCode::from(PARTIAL))
+    Ok(search.exit_code(answer.partial))
 }
 
 fn text(answer: &Diagnosis, report: Option<&Path>) -> String {

@@ -4,24 +4,23 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use whirlstand_ident::identify::align::lags;
-use whirlstand_ident::identify::{
-    Log, Method, Noise, Nuisance, Options, Progress, Segment, Source, identify as run,
-};
+use whirlstand_ident::identify::{Log, Method, Noise, Nuisance, Options, Segment, Source, identify as run};
 use whirlstand_logs::Record;
 use whirlstand_msgs::units::clean;
 use whirlstand_vehicle::Vehicle;
 
+use super::early_end::EarlyEnd;
 use super::log::{hash, read_all_for};
-use super::stage_line::StageLine;
 use super::vehicles::find;
 use super::{print, write, write_json};
 use crate::cli::{IdentifyArgs, IdentifyMethod, IdentifyNoise};
 use crate::error::Failure;
 
-/// Runs the command.
+/// Runs the command. Ctrl-C and a budget of time end the search with what is known by then, as in `diagnose`.
 pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
     check(args)?;
     let vehicle = find(&args.vehicle)?;
+    let (search, watch) = EarlyEnd::new("identify", args.budget)?;
     let (mut fitted, mut control, mut closed_loop) = (Vec::new(), Vec::new(), args.closed_loop);
     for path in &args.logs {
         let (log, record) = open(path, args, &vehicle)?;
@@ -48,14 +47,8 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
             control.push(Source { log: log.clone(), segment });
         }
     }
-    let line = StageLine::new("identify", None);
-    let listener = line.listener();
-    let observe = |progress| {
-        let (what, share) = stage(progress);
-        listener(&what, share);
-    };
-    let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &observe);
-    line.finish();
+    let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &watch);
+    let search = search.finish();
     let mut answer = answer.map_err(Failure::mend)?;
     if let (Some(path), Some(fitted)) = (&args.output, &answer.fitted) {
         write(path, &fitted.to_toml())?;
@@ -77,7 +70,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
         }
         print(&text)?;
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(search.exit_code(answer.partial))
 }
 
 fn check(args: &IdentifyArgs) -> Result<(), Failure> {
@@ -108,7 +101,7 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
         nuisance: Nuisance { initial_state: true, output_offsets: args.offsets },
         detrend: args.detrend,
         seed: args.seed,
-        budget: args.budget,
+        evaluations: args.evaluations,
         stagnation: args.stagnation,
     }
 }
@@ -214,17 +207,6 @@ fn rest(whole: (f64, f64), without: &[(f64, f64)], least: f64) -> Vec<(f64, f64)
         left.retain(|(a, b)| b - a > least);
     }
     left
-}
-
-/// What a search is doing, and how much of it is done at most: a genetic algorithm often ends before its budget.
-fn stage(progress: Progress) -> (String, Option<f64>) {
-    match progress {
-        Progress::Generation { evaluations, budget, cost } => {
-            let share = evaluations as f64 / budget.max(1) as f64;
-            (format!("searches with a genetic algorithm, best cost {cost:.6e}"), Some(share.min(1.0)))
-        }
-        Progress::Step { iteration, cost } => (format!("descends: step {iteration}, cost {cost:.6e}"), None),
-    }
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ pub(crate) mod clean;
 pub(crate) mod compare;
 pub(crate) mod design;
 pub(crate) mod diagnose;
+mod early_end;
 pub(crate) mod echo;
 pub(crate) mod excite;
 pub(crate) mod guard;

@@ -6,14 +6,20 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
+use whirlstand_ident::watch::Stage;
 
 /// A command that is done sooner says nothing.
 const SILENT: Duration = Duration::from_secs(2);
 /// Without a terminal, a line comes so often: a log is not to be flooded.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
-/// What is being done, and how much of it is done, 0 to 1.
-type Told = (String, Option<f64>);
+/// What is being done and how far it has come.
+struct Told {
+    what: String,
+    detail: String,
+    /// How much of it is done, 0 to 1.
+    share: Option<f64>,
+}
 
 /// Says what is being done, once it takes longer than two seconds.
 pub(super) struct StageLine {
@@ -30,10 +36,12 @@ impl StageLine {
     }
 
     /// Tells it what is being done, from any thread.
-    pub fn listener(&self) -> impl Fn(&str, Option<f64>) + Send + Sync + 'static {
+    pub fn listener(&self) -> impl Fn(Stage<'_>) + Send + Sync + 'static {
         let stages = self.stages.clone();
         // Nobody draws any more once the command is done.
-        move |stage, share| drop(stages.send(Some((stage.to_string(), share))))
+        move |Stage { what, detail, share }| {
+            drop(stages.send(Some(Told { what: what.into(), detail: detail.into(), share })));
+        }
     }
 
     /// Takes the line away.
@@ -47,25 +55,27 @@ impl StageLine {
 /// What is shown, and since when.
 struct Shown {
     begun: Instant,
-    stage: String,
+    told: Told,
     stage_begun: Instant,
-    share: Option<f64>,
     deadline: Option<Instant>,
 }
 
 impl Shown {
-    fn told(&mut self, (stage, share): Told) {
-        if stage != self.stage {
-            (self.stage, self.stage_begun) = (stage, Instant::now());
+    fn hear(&mut self, told: Told) {
+        if told.what != self.told.what {
+            self.stage_begun = Instant::now();
         }
-        self.share = share;
+        self.told = told;
     }
 
-    /// Stage, share, time so far, and time left: of this stage at the pace so far, and until the deadline.
+    /// Stage, detail, share, time so far, and time left: of this stage at the pace so far, and until the deadline.
     fn text(&self) -> String {
-        let mut text = self.stage.clone();
+        let mut text = self.told.what.clone();
+        if !self.told.detail.is_empty() {
+            text.push_str(&format!(": {}", self.told.detail));
+        }
         let running = self.stage_begun.elapsed().as_secs_f64();
-        if let Some(share) = self.share {
+        if let Some(share) = self.told.share {
             text.push_str(&format!(", {:.0} %", 100.0 * share));
             if share > 0.0 {
                 text.push_str(&format!(", {:.0} s left of this", running * (1.0 - share) / share));
@@ -82,12 +92,13 @@ impl Shown {
 
 fn draw(command: &str, told: &mpsc::Receiver<Option<Told>>, deadline: Option<Instant>) {
     let now = Instant::now();
-    let mut shown = Shown { begun: now, stage: "reads".into(), stage_begun: now, share: None, deadline };
+    let told_first = Told { what: "reads".into(), detail: String::new(), share: None };
+    let mut shown = Shown { begun: now, told: told_first, stage_begun: now, deadline };
     let bar = std::io::stderr().is_terminal().then(ProgressBar::new_spinner);
     let mut next_line = now + SILENT;
     loop {
         match told.recv_timeout(next_line.saturating_duration_since(Instant::now())) {
-            Ok(Some(next)) => shown.told(next),
+            Ok(Some(next)) => shown.hear(next),
             Ok(None) | Err(RecvTimeoutError::Disconnected) => break,
             Err(RecvTimeoutError::Timeout) => {}
         }
@@ -118,17 +129,21 @@ mod tests {
     #[test]
     fn stage_share_and_time_are_told() {
         let now = Instant::now();
+        let told = |what: &str, detail: &str, share| Told { what: what.into(), detail: detail.into(), share };
         let mut shown = Shown {
             begun: now - Duration::from_secs(12),
-            stage: String::new(),
+            told: told("", "", None),
             stage_begun: now,
-            share: None,
             deadline: Some(now + Duration::from_secs(3600)),
         };
-        shown.told(("looks for a cause".into(), Some(0.0)));
+        shown.hear(told("looks for a cause", "", Some(0.0)));
         shown.stage_begun = now - Duration::from_secs(6);
-        shown.told(("looks for a cause".into(), Some(0.25)));
+        shown.hear(told("looks for a cause", "", Some(0.25)));
         let text = shown.text();
         assert!(text.starts_with("looks for a cause, 25 %, 18 s left of this; 12 s so far, 3"), "{text}");
+        // The time of a stage goes on while what it has reached changes.
+        shown.hear(told("looks for a cause", "the best so far 7", Some(0.5)));
+        let text = shown.text();
+        assert!(text.starts_with("looks for a cause: the best so far 7, 50 %, 6 s left of this"), "{text}");
     }
 }

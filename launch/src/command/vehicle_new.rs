@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use whirlstand_ident::draft::{Choice, Names, draft};
+use whirlstand_ident::watch::Stage;
 
 use super::log::hash;
 use super::stage_line::StageLine;
@@ -28,7 +29,9 @@ pub(crate) fn vehicle_new(args: &VehicleNewArgs) -> Result<(), Failure> {
     };
     let line = StageLine::new("vehicle new", None);
     let listener = line.listener();
-    let answer = draft(&args.log, &names, (args.from, args.to), &|stage: &str| listener(stage, None));
+    let answer = draft(&args.log, &names, (args.from, args.to), &|what: &str| {
+        listener(Stage { what, detail: "", share: None });
+    });
     line.finish();
     let mut answer = answer.map_err(Failure::mend)?;
     if let Some(path) = &args.output {

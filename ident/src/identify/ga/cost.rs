@@ -1,11 +1,13 @@
 //! The cost of a set of genes.
 
+use std::ops::ControlFlow;
+
 use rayon::prelude::*;
 
-use crate::identify::Progress;
 use crate::identify::batch::{Batch, LANES};
 use crate::identify::data::Segment;
 use crate::identify::problem::Problem;
+use crate::watch::Watch;
 
 /// Least and greatest value of every unknown, SI: the bounds of the parameters, then what the record allows for initial
 /// states and offsets.
@@ -72,9 +74,9 @@ pub struct Cost<'a> {
     /// Number of simulations so far, of all runs together.
     pub evaluations: usize,
     /// Greatest number of simulations.
-    pub budget: usize,
-    /// Called after every generation.
-    pub observe: &'a (dyn Fn(Progress) + Sync),
+    pub most: usize,
+    /// Is told after every generation, and may end the search.
+    pub watch: &'a Watch,
     /// Stage of the search: an index into `batches`.
     pub stage: usize,
 }
@@ -93,10 +95,12 @@ impl Cost<'_> {
         costs.into_iter().zip(genes).map(|(cost, genes)| Member { score: score(cost), genes }).collect()
     }
 
-    /// Reports the cost of the best member of a generation to the observer.
-    pub fn report(&self, best: f64) {
-        let (evaluations, budget) = (self.evaluations, self.budget);
-        (self.observe)(Progress::Generation { evaluations, budget, cost: best.exp() });
+    /// Tells the cost of the best member of a generation, and whether another one is to follow. The share is the greatest
+    /// possible: most searches end before they have spent all simulations.
+    pub fn report(&self, best: f64) -> ControlFlow<()> {
+        let share = (self.evaluations as f64 / self.most.max(1) as f64).min(1.0);
+        let detail = || format!("best cost {:.6e}", best.exp());
+        self.watch.step("searches with a genetic algorithm", detail, Some(share))
     }
 }
 

@@ -20,7 +20,7 @@ pub struct Run {
     pub genes: Vec<f64>,
     /// Number of generations.
     pub generations: usize,
-    /// True when it stopped because nothing improved, false when the budget was spent.
+    /// True when it stopped because nothing improved, false when the simulations were spent or the search was ended.
     pub stagnated: bool,
 }
 
@@ -59,15 +59,17 @@ fn least(population: &[Member]) -> &Member {
 }
 
 /// Lets a population of that size evolve from random points until it has settled, nothing has improved for
-/// `stagnation` generations, or the budget is spent.
+/// `stagnation` generations, the simulations are spent, or the search is ended.
 pub fn evolve(cost: &mut Cost<'_>, size: usize, seed: u64, stagnation: usize) -> Run {
     let d = cost.range.len();
     let offspring = (CHILDREN * d.max(1)).next_multiple_of(LANES);
     cost.stage = 0;
     let mut population = first(cost, size, seed);
     let mut best = Best::of(&population);
-    cost.report(best.member.score);
-    let generations = (cost.budget.saturating_sub(cost.evaluations) / offspring).max(1);
+    if cost.report(best.member.score).is_break() {
+        return Run { genes: best.member.genes, generations: 0, stagnated: false };
+    }
+    let generations = (cost.most.saturating_sub(cost.evaluations) / offspring).max(1);
     let stages = Stages { last: cost.batches.len() - 1, stagnation, generations };
     let mut stream = Stream::new(seed, "recombination");
     for generation in 1..=generations {
@@ -77,7 +79,9 @@ pub fn evolve(cost: &mut Cost<'_>, size: usize, seed: u64, stagnation: usize) ->
         young.sort_by(|a, b| a.score.total_cmp(&b.score));
         population.extend(young.into_iter().take(parents.len()));
         best.update(&population);
-        cost.report(best.member.score);
+        if cost.report(best.member.score).is_break() {
+            return Run { genes: best.member.genes, generations: generation, stagnated: false };
+        }
         match stages.next(cost.stage, &population, generation, best.stale) {
             Next::Stay => {}
             Next::Advance => {
@@ -94,7 +98,7 @@ pub fn evolve(cost: &mut Cost<'_>, size: usize, seed: u64, stagnation: usize) ->
     Run { genes: best.member.genes, generations, stagnated: false }
 }
 
-/// The best of many random points.
+/// The best of many random points, of fewer when the search is ended.
 fn first(cost: &mut Cost<'_>, size: usize, seed: u64) -> Vec<Member> {
     let d = cost.range.len();
     let mut stream = Stream::new(seed, "first population");
@@ -104,6 +108,9 @@ fn first(cost: &mut Cost<'_>, size: usize, seed: u64) -> Vec<Member> {
         best.extend(cost.scored(genes));
         best.sort_by(|a, b| a.score.total_cmp(&b.score));
         best.truncate(size);
+        if cost.watch.is_stopped() {
+            break;
+        }
     }
     best
 }

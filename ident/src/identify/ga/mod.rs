@@ -15,6 +15,7 @@ mod stages;
 
 use nalgebra::DMatrix;
 
+use super::IdentifyError;
 use super::ar::Ar;
 use super::batch::{Batch, LANES};
 use super::data::Segment;
@@ -22,7 +23,7 @@ use super::options::Options;
 use super::pem::{Fit, NoiseFit};
 use super::problem::Problem;
 use super::search::Outcome;
-use super::{IdentifyError, Progress};
+use crate::watch::Watch;
 use cost::{Cost, ranges, scaled};
 use evolve::evolve;
 
@@ -39,7 +40,7 @@ pub struct SearchResult {
     pub evaluations: usize,
     /// Number of generations.
     pub generations: usize,
-    /// True when it stopped because nothing improved, false when the budget was spent.
+    /// True when it stopped because nothing improved, false when the simulations were spent or the search was ended.
     pub stagnated: bool,
 }
 
@@ -54,7 +55,7 @@ const SAME: f64 = 5e-3;
 
 /// Searches the box that the bounds span, initial states about the first measured values.
 ///
-/// A run ends when the population has settled or nothing improves any more. As long as the budget lasts, another one
+/// A run ends when the population has settled or nothing improves any more. As long as simulations are left and nobody ends the search, another one
 /// starts, until the best cost was found twice: a population that has closed in on a side valley does not know it.
 /// From the third run on the population doubles (Auger and Hansen, CEC 2005).
 ///
@@ -64,7 +65,7 @@ pub fn search(
     problem: &Problem,
     segments: &[Segment],
     options: &Options,
-    observe: &(dyn Fn(Progress) + Sync),
+    watch: &Watch,
 ) -> Result<SearchResult, IdentifyError> {
     let range = ranges(problem, segments);
     let free = Batch::new(problem, segments);
@@ -74,13 +75,14 @@ pub fn search(
         batches.extend(DIVISORS.iter().map(|d| free.with_horizon((longest / d).max(SHORTEST))));
     }
     batches.push(free.clone());
-    let (budget, stage) = (options.budget, 0);
-    let mut cost = Cost { batches, range: &range, evaluations: 0, budget, observe, stage };
+    let most = options.evaluations;
+    let mut cost = Cost { batches, range: &range, evaluations: 0, most, watch, stage: 0 };
     let mut best: Option<(f64, Vec<f64>)> = None;
     let (mut generations, mut stagnated, mut agreed) = (0, false, false);
     let mut population = (POPULATION * range.len()).max(64).next_multiple_of(LANES);
     let mut run = 0;
-    while !agreed && (run == 0 || cost.evaluations + 2 * population < options.budget) {
+    let may_go_on = |spent, population| !watch.is_stopped() && spent + 2 * population < most;
+    while !agreed && (run == 0 || may_go_on(cost.evaluations, population)) {
         let seed = options.seed.wrapping_add(0x9e37_79b9_7f4a_7c15u64.wrapping_mul(run));
         let found = evolve(&mut cost, population, seed, options.stagnation);
         generations += found.generations;

@@ -1,20 +1,23 @@
-//! Who waits for a diagnosis: is told what it is doing, and may end it with what is known by then.
+//! Who waits for a search: is told what it is doing, and may end it with what is known by then.
 
 use std::fmt;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
-/// What a diagnosis is doing.
+/// What a search is doing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stage<'a> {
     /// In words.
     pub what: &'a str,
+    /// How far it has come, in words; empty where there is nothing to say.
+    pub detail: &'a str,
     /// How much of it is done, 0 to 1, where that is known.
     pub share: Option<f64>,
 }
 
-/// Hears what a diagnosis is doing.
+/// Hears what a search is doing.
 type Listener = Arc<dyn Fn(Stage<'_>) + Send + Sync>;
 
 /// A listener, and what ends the search: a switch, or a time. The default hears nothing and never ends it.
@@ -42,26 +45,34 @@ impl Watch {
     }
 
     /// Tells the listener what comes next.
-    pub(crate) fn tell(&self, what: &str) {
-        self.hear(what, None);
+    pub fn tell(&self, what: &str) {
+        self.hear(what, "", None);
     }
 
     /// Tells the listener what comes next, in so many steps.
-    pub(crate) fn count(&self, what: String, steps: usize) -> Counter<'_> {
-        self.hear(&what, Some(0.0));
+    pub fn count(&self, what: String, steps: usize) -> Counter<'_> {
+        self.hear(&what, "", Some(0.0));
         Counter { watch: self, what, steps, done: AtomicUsize::new(0) }
     }
 
-    fn hear(&self, what: &str, share: Option<f64>) {
+    /// Tells the listener how far a search has come, as `detail` has it, and whether it is to go on.
+    pub fn step(&self, what: &str, detail: impl FnOnce() -> String, share: Option<f64>) -> ControlFlow<()> {
+        if self.listener.is_some() {
+            self.hear(what, &detail(), share);
+        }
+        if self.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn hear(&self, what: &str, detail: &str, share: Option<f64>) {
         if let Some(listener) = &self.listener {
-            listener(Stage { what, share });
+            listener(Stage { what, detail, share });
         }
     }
 }
 
 /// Counts the steps of a stage, from any thread.
 #[derive(Debug)]
-pub(crate) struct Counter<'w> {
+pub struct Counter<'w> {
     /// Whom it tells.
     pub watch: &'w Watch,
     what: String,
@@ -73,7 +84,7 @@ impl Counter<'_> {
     /// One step is done.
     pub fn step(&self) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
-        self.watch.hear(&self.what, Some(done as f64 / self.steps.max(1) as f64));
+        self.watch.hear(&self.what, "", Some(done as f64 / self.steps.max(1) as f64));
     }
 }
 
