@@ -209,6 +209,10 @@ fn files_that_are_not_there_are_named() {
     refused(&["log", "diff", "/nowhere/a", "/nowhere/b"], &["/nowhere/a"]);
     refused(&["compare", "/nowhere/x.csv", "--vehicle", "quadrotor"], &["/nowhere/x.csv"]);
     refused(&["node", "plnt"], &["'plant'"]);
+    refused(
+        &["bridge", "check", "plnt", "--launch", "quadrotor-mavlink"],
+        &["'plnt' is no bridge (did you mean 'plant'?)"],
+    );
     refused(&["soak", "--rounds", "0"], &["--rounds"]);
 }
 

@@ -56,3 +56,30 @@ fn a_run_that_controls_holds_the_limits_that_nobody_stated() {
     let expect = json(out.join("summary.json"))["runs"][0]["expect"].clone();
     assert!(expect.as_array().unwrap().iter().all(|e| e["limit"] == 0.0 && e["found"] == 0.0), "{expect}");
 }
+
+#[test]
+fn the_rows_of_a_verdict_are_in_the_order_of_their_names() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("two.toml");
+    let gust = |place: &str, size: &str| {
+        format!(
+            "[[effects]]\neffect = 'pulse_disturbance'\nwhere = '{place}'\nat_s = 1.0\nduration_s = 0.2\nmagnitude = '{size}'\n"
+        )
+    };
+    // The order of the file is another one, and so is that of the sizes.
+    let limits = "[expect]\nu_roll.rms = 0.0\nroll_rate.peak = '0.001 deg/s'\nroll.peak = '0.001 deg'\npitch.peak = '0.001 deg'\n";
+    let flight = "vehicle = 'quadrotor'\nmode = 'lockstep'\nduration_s = 3.0\ncontroller.law = 'lqr'\n";
+    let gusts = gust("roll_rate", "100 deg/s^2") + &gust("pitch_rate", "50 deg/s^2");
+    std::fs::write(&file, format!("{flight}{gusts}{limits}")).unwrap();
+    let out = dir.path().join("out");
+    let end = run(["run", file.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    assert_eq!(end.code(), 1, "{}\n{}", end.stdout, end.stderr);
+    let lines: Vec<&str> = end.stdout.lines().map(str::trim).collect();
+    let first = lines.iter().position(|l| l.starts_with("expected")).expect("a row of expectations");
+    let names: Vec<&str> = lines[first + 1..first + 5].iter().filter_map(|l| l.split(' ').next()).collect();
+    assert_eq!(names, ["pitch.peak", "roll.peak", "roll_rate.peak", "u_roll.rms"], "{}", end.stdout);
+    let moved = lines.iter().find(|l| l.starts_with("disturbance")).expect("a row of the disturbances");
+    assert!(moved.contains(": pitch by ") && moved.contains("; roll by "), "{moved}");
+    let sentence = json(out.join("summary.json"))["verdict"].to_string();
+    assert!(sentence.contains("(pitch.peak, roll.peak, roll_rate.peak, u_roll.rms)"), "{sentence}");
+}

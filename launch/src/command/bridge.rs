@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
+use whirlstand_msgs::names::did_you_mean;
 use whirlstand_nodes::bridge::check::{CheckOptions, Finding, check_autopilot, check_vehicle};
 
 use super::node::is_mendable;
@@ -36,8 +37,11 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
     let place = if bridge.kind.is_vehicle() { "plant" } else { "controller" };
     if args.node != place {
         return Err(Failure::Mend(format!(
-            "node '{}' is no bridge: in {} the {place} is ({})",
-            args.node, args.launch, bridge.kind
+            "node '{}' is no bridge{}: in {} the {place} is ({})",
+            args.node,
+            did_you_mean(&args.node, [place]),
+            args.launch,
+            bridge.kind
         )));
     }
     let options = CheckOptions {

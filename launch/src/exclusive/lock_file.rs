@@ -147,23 +147,39 @@ impl Drop for LockFile {
     }
 }
 
+/// What a lock file tells those who do not take the lock.
+enum Lock {
+    /// Nobody holds it; who held it last, if the file says so.
+    Free(Option<Holder>),
+    /// Somebody holds it; who, if the file says so.
+    Held(Option<Holder>),
+}
+
+impl Lock {
+    /// Looks at a lock file; `None` when it is not there or cannot be asked.
+    fn of(path: &Path) -> Option<Self> {
+        let mut file = OpenOptions::new().read(true).write(true).open(path).ok()?;
+        match file.try_lock() {
+            Ok(()) => Some(Self::Free(Holder::read(&mut file))),
+            Err(TryLockError::WouldBlock) => Some(Self::Held(Holder::read(&mut file))),
+            Err(TryLockError::Error(_)) => None,
+        }
+    }
+}
+
 /// Who held the lock last; `None` when the file is not there or somebody holds it.
 pub(crate) fn last_holder(path: &Path) -> Option<Option<Holder>> {
-    let mut file = OpenOptions::new().read(true).write(true).open(path).ok()?;
-    file.try_lock().ok()?;
-    Some(Holder::read(&mut file))
+    if let Lock::Free(last) = Lock::of(path)? { Some(last) } else { None }
 }
 
 /// Who holds the lock now; `None` when nobody does, or nothing says who.
 pub(crate) fn holder(path: &Path) -> Option<Holder> {
-    let mut file = OpenOptions::new().read(true).write(true).open(path).ok()?;
-    matches!(file.try_lock(), Err(TryLockError::WouldBlock)).then(|| Holder::read(&mut file)).flatten()
+    if let Lock::Held(now) = Lock::of(path)? { now } else { None }
 }
 
 /// Whether somebody holds the lock.
 pub(crate) fn is_held(path: &Path) -> bool {
-    let file = OpenOptions::new().read(true).write(true).open(path);
-    file.is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
+    matches!(Lock::of(path), Some(Lock::Held(_)))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use whirlstand_bus::{BusConfig, zenoh_configuration};
+use whirlstand_msgs::names::did_you_mean;
 
 use crate::error::Failure;
 use crate::exclusive::{benches_with_keys, keys_of, own_folder};
@@ -66,9 +67,11 @@ impl Drop for BenchFolder {
 /// When no such bench runs, or it has no such name.
 pub(crate) fn configuration(bench: &str, name: &str) -> Result<PathBuf, Failure> {
     let Some(folder) = keys_of(bench)?.filter(|folder| folder.is_dir()) else {
-        let running = listed(benches_with_keys()?);
+        let running = benches_with_keys()?;
+        let hint = did_you_mean(bench, running.iter().map(String::as_str));
         return Err(Failure::Mend(format!(
-            "no bench \"{bench}\" of yours runs over zenoh on this host: running are {running}"
+            "no bench \"{bench}\" of yours runs over zenoh on this host{hint}: running are {}",
+            listed(running)
         )));
     };
     let path = folder.join(file_name(name));
@@ -77,8 +80,10 @@ pub(crate) fn configuration(bench: &str, name: &str) -> Result<PathBuf, Failure>
     }
     let files = std::fs::read_dir(&folder).into_iter().flatten().flatten();
     let names = files.filter_map(|e| Some(e.file_name().to_str()?.strip_suffix(EXTENSION)?.to_string()));
-    let names = listed(names.collect());
-    Err(Failure::Mend(format!("bench \"{bench}\" has no configuration for '{name}': it has {names}")))
+    let names: Vec<String> = names.collect();
+    let hint = did_you_mean(name, names.iter().map(String::as_str));
+    let names = listed(names);
+    Err(Failure::Mend(format!("bench \"{bench}\" has no configuration for '{name}'{hint}: it has {names}")))
 }
 
 /// As [`configuration`], for a bench that may be about to begin.
@@ -159,7 +164,13 @@ mod tests {
         own_folder(claim.keys()).unwrap();
         std::fs::write(claim.keys().join("observer.json5"), "old").unwrap();
         let folder = BenchFolder::create(claim.keys(), Vec::new()).unwrap();
-        assert!(configuration(&bench, "observer").unwrap_err().to_string().contains("it has none"));
+        let said = |bench: &str, name: &str| configuration(bench, name).unwrap_err().to_string();
+        assert!(said(&bench, "observer").contains("it has none"));
+        std::fs::write(claim.keys().join("observer.json5"), "new").unwrap();
+        assert!(said(&bench, "obsrver").contains("(did you mean 'observer'?): it has observer"));
+        assert!(
+            said(&bench.replace("left", "lfet"), "observer").contains(&format!("(did you mean '{bench}'?)"))
+        );
         drop(folder);
         assert!(!claim.keys().exists());
         drop(claim);

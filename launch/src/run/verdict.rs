@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use whirlstand_evaluate::RunSummary;
+use whirlstand_evaluate::expectation::CheckedExpectation;
 use whirlstand_logs::shown::shown;
 use whirlstand_nodes::config::Mode;
 
@@ -75,10 +76,8 @@ fn of_run(run: &Summarised) -> String {
     if !run.expect.is_empty() {
         let holding = run.expect.iter().filter(|v| v.holds).count();
         row("expected", format!("{holding} of {} met", run.expect.len()));
-        let mut broken: Vec<_> = run.expect.iter().filter_map(|v| Some((&v.key, v.why.as_ref()?))).collect();
-        broken.sort();
-        for (_, why) in broken {
-            row("", style::bad(why));
+        for broken in broken(run) {
+            row("", style::bad(broken.why.as_deref().unwrap_or_default()));
         }
     }
     if run.plan.config.mode == Mode::Lockstep && !run.not_reproducible.is_empty() {
@@ -92,6 +91,13 @@ fn of_run(run: &Summarised) -> String {
         row("log", from_here(log));
     }
     text
+}
+
+/// The expectations that do not hold, in the order of their names.
+fn broken(run: &Summarised) -> Vec<&CheckedExpectation> {
+    let mut broken: Vec<_> = run.expect.iter().filter(|v| !v.holds).collect();
+    broken.sort_by_key(|v| v.key.as_str());
+    broken
 }
 
 /// What a disturbance did to the outputs that it moved most, in multiples of what their sensors can see.
@@ -137,8 +143,8 @@ pub(super) fn sentence(runs: &[Summarised]) -> String {
         let end = match &run.ending {
             Ending::Complete if run.holds() => "completed".to_string(),
             Ending::Complete => {
-                let broken: Vec<_> = run.expect.iter().filter(|v| !v.holds).map(|v| v.key.as_str()).collect();
-                let all: Vec<_> = broken.into_iter().chain(run.problems.iter().map(String::as_str)).collect();
+                let broken = broken(run).into_iter().map(|v| v.key.as_str());
+                let all: Vec<_> = broken.chain(run.problems.iter().map(String::as_str)).collect();
                 format!("completed, but not as expected ({})", all.join(", "))
             }
             Ending::Interrupted(_) => "was ended early".to_string(),
