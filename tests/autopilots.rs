@@ -6,6 +6,7 @@ mod support;
 use std::path::Path;
 use std::process::Command;
 
+use serde_json::Value;
 use support::flight::{Flight, betaflight, fly, free_tcp, free_udp};
 use support::{json, run, spawn};
 use whirlstand_test_harness::{Missing, Outcome, python};
@@ -213,6 +214,55 @@ fn betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm() -> Ou
     Ok(())
 }
 
+/// Soaks a bench under a stand-in; the result, and what the stand-in saw.
+fn soaked(
+    fault: &str,
+    bridge: &str,
+    program: &str,
+    arguments: &[String],
+    options: &[String],
+) -> Result<(Value, Value), Missing> {
+    let dir = tempfile::tempdir().unwrap();
+    let (report, result) = (dir.path().join("report.json"), dir.path().join("soak.json"));
+    let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots").join(program);
+    let mut exec = vec![python()?.display().to_string(), program.display().to_string()];
+    let report_path = report.display().to_string();
+    exec.extend(arguments.iter().map(|a| if a == "REPORT" { report_path.clone() } else { a.clone() }));
+    let head = ["soak", "quadrotor", "--fault", fault, "--rounds", "2", "--lasting", "1", "--json"];
+    let mut args: Vec<String> = head.map(Into::into).to_vec();
+    args.push(result.display().to_string());
+    let node = [format!("nodes.controller.bridge={bridge}"), format!("nodes.autopilot.exec={exec:?}")];
+    let more = ["nodes.autopilot.ready=start".to_string(), "setpoint=[]".to_string()];
+    for set in node.iter().chain(&more).chain(options) {
+        args.extend(["--set".into(), set.clone()]);
+    }
+    let end = run(args);
+    assert_eq!(end.code(), 0, "{}\n{}", end.stdout, end.stderr);
+    assert!(end.stderr.contains("sends too, and is refused"), "{}", end.stderr);
+    Ok((json(result), json(report)))
+}
+
+/// Valid outputs of a second sender and nonsense, at 10 kHz: neither is believed, and neither costs a step.
+fn strangers_at_an_autopilots_port_are_refused_while_it_flies() -> Outcome {
+    let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
+    let (arguments, options) = betaflight(ports);
+    let port = free_udp();
+    let link = [format!("bridge.ardupilot.link=udpin://127.0.0.1:{port}"), "mode=lockstep".into()];
+    let ardupilot = [port.to_string(), "REPORT".into()];
+    for fault in ["forge", "flood"] {
+        for (result, seen) in [
+            soaked(fault, "ardupilot-json", "ardupilot.py", &ardupilot, &link)?,
+            soaked(fault, "betaflight-sitl", "betaflight.py", &arguments, &options)?,
+        ] {
+            assert_eq!((&result["ok"], &result["survived"]), (&true.into(), &2.into()), "{result}");
+            let dealt = result["faults"].as_array().unwrap().iter().map(|f| f["dealt"].as_u64().unwrap());
+            assert!(dealt.min() > Some(500), "{result}");
+            assert_eq!(seen["faults"], serde_json::json!([]), "{fault}: {seen}");
+        }
+    }
+    Ok(())
+}
+
 fn an_autopilot_that_is_not_armed_never_begins() {
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
     let dir = tempfile::tempdir().unwrap();
@@ -267,6 +317,7 @@ whirlstand_test_harness::tests!(
     ardupilots_side_of_its_json_interface_flies_in_lockstep,
     ardupilot_with_32_channels_flies_in_realtime_and_may_start_again,
     betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm,
+    strangers_at_an_autopilots_port_are_refused_while_it_flies,
     an_autopilot_that_is_not_armed_never_begins,
     what_an_autopilots_bridge_cannot_be_is_refused_with_its_place
 );

@@ -3,6 +3,7 @@
 
 mod support;
 
+use std::os::unix::process::CommandExt;
 use std::time::Duration;
 
 use serde_json::Value;
@@ -110,6 +111,52 @@ fn a_full_disk_costs_only_what_the_log_tells_of() {
     });
 }
 
+/// Where no file system can be made, as without the right to mount: the recorder may write no byte more.
+#[test]
+fn without_a_disk_of_its_own_the_recorder_is_not_allowed_to_write() {
+    undisturbed(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("soak.json");
+        let args = ["soak", "--fault", "disk", "--seed", "20", "--lasting", "1", "--rounds", "2", "--json"];
+        let mut command = whirlstand(args.iter().copied().chain([path.to_str().unwrap()]));
+        without_namespaces(&mut command);
+        let end = spawn(command).finish_within(LIMIT);
+        assert_eq!(end.code(), 0, "{}\n{}", end.stdout, end.stderr);
+        assert!(end.stderr.contains("allows no file system of the soak's own"), "{}", end.stderr);
+        let result = json(&path);
+        assert_all_survived(&result, 2);
+        assert!(result["lost"].as_u64().unwrap() > 100, "nothing could be written: {result}");
+    });
+}
+
+/// Refuses unshare(2) to a command and its children (seccomp(2)), as a system does that gives its users no namespaces.
+fn without_namespaces(command: &mut std::process::Command) {
+    let step = |code: u32, jump: (u8, u8), k: u32| libc::sock_filter {
+        code: code as u16,
+        jt: jump.0,
+        jf: jump.1,
+        k,
+    };
+    let refusal = libc::SECCOMP_RET_ERRNO | libc::EPERM as u32;
+    // The number of the call comes first in seccomp_data.
+    let filter = [
+        step(libc::BPF_LD | libc::BPF_W | libc::BPF_ABS, (0, 0), 0),
+        step(libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K, (0, 1), libc::SYS_unshare as u32),
+        step(libc::BPF_RET | libc::BPF_K, (0, 0), refusal),
+        step(libc::BPF_RET | libc::BPF_K, (0, 0), libc::SECCOMP_RET_ALLOW),
+    ];
+    // SAFETY: between fork and exec only prctl(2) is called; it reads the program, which the closure owns.
+    unsafe {
+        command.pre_exec(move || {
+            let mut steps = filter;
+            let program = libc::sock_fprog { len: steps.len() as u16, filter: steps.as_mut_ptr() };
+            let failed = libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0
+                || libc::prctl(libc::PR_SET_SECCOMP, libc::SECCOMP_MODE_FILTER, &raw const program) != 0;
+            if failed { Err(std::io::Error::last_os_error()) } else { Ok(()) }
+        });
+    }
+}
+
 #[test]
 fn nobody_without_a_key_is_believed() {
     undisturbed(|| {
@@ -146,6 +193,22 @@ fn a_flood_of_disturbances_costs_no_message() {
             assert_all_survived(&result, 2);
             assert!(dealt(&result) > 500, "{result}");
         }
+    });
+}
+
+/// In real time a network that does not keep up drops messages, and a busy machine does not: the loop flies on, and what the log
+/// lacks is told.
+#[test]
+fn a_flood_in_real_time_over_zenoh_is_survived_and_its_losses_are_told() {
+    undisturbed(|| {
+        let more =
+            ["--seed", "21", "--lasting", "1", "--rounds", "2", "--transport", "zenoh", "--mode", "realtime"];
+        let (end, result) = soaked("flood", &more);
+        assert_eq!((&result["given"], &result["survived"]), (&2.into(), &2.into()), "{result}");
+        assert!(dealt(&result) > 500, "{result}");
+        let problems = result["problems"].as_array().unwrap();
+        assert!(problems.iter().all(|p| p.as_str().unwrap().starts_with("recorder lost ")), "{result}");
+        assert_eq!(end.code(), i32::from(!problems.is_empty()), "{}", end.stderr);
     });
 }
 

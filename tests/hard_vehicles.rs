@@ -6,7 +6,7 @@ mod support;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use support::{Finished, spawn, whirlstand};
+use support::{Finished, json, spawn, whirlstand};
 
 /// Far beyond what any of these should take: what does not end is killed.
 const ANSWER: Duration = Duration::from_secs(60);
@@ -86,4 +86,28 @@ fn every_vehicle_is_checked_and_designed_for_within_seconds() {
         }
     }
     assert!(answered >= 9, "{answered} designs");
+}
+
+/// A state that follows another within a microsecond, flown by a loop of 5 ms: whatever the ratio, it is a thousandth of it at
+/// every step, and the loop brings the slow ones to rest.
+#[test]
+fn a_stiff_vehicle_flies_as_processes() {
+    let dir = tempfile::tempdir().unwrap();
+    let a = vec![vec![-1e6, 1e3, 0.0], vec![0.0, 0.0, 1.0], vec![0.0, 0.0, -0.5]];
+    vehicle(dir.path(), "stiff", &a);
+    let launch = dir.path().join("launch.toml");
+    let text = "vehicle = 'stiff.toml'\nmode = 'lockstep'\nrate_hz = 200.0\nduration_s = 8.0\ncontroller.law = 'lqr'\n\
+                [plant]\ninitial = { x1 = 0.0005, x2 = 0.5 }\n";
+    std::fs::write(&launch, text).unwrap();
+    let out = dir.path().join("out");
+    let end = ask(&["run", launch.to_str().unwrap(), "--out", out.to_str().unwrap()]).success();
+    let summary = json(out.join("summary.json"));
+    let run = &summary["runs"][0];
+    assert_eq!((&run["ended"]["how"], &run["steps"]), (&"complete".into(), &1600.into()), "{}", end.stdout);
+    assert_eq!((&run["timing"]["failsafe_steps"], &run["timing"]["lost"]), (&0.into(), &0.into()), "{run}");
+    let figure = |output: &str, key: &str| run["outputs"][output][key].as_f64().unwrap();
+    let ratio = figure("x1", "rms_error") / figure("x2", "rms_error");
+    assert!((ratio / 1e-3 - 1.0).abs() < 1e-3, "{ratio}");
+    // Left alone it would stay at 0.5 for 8 s.
+    assert!(figure("x2", "iae") < 1.0, "{run}");
 }
