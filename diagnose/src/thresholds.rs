@@ -222,6 +222,8 @@ pub(crate) const TESTED_STATES: usize = 3;
 pub(crate) const PRODUCT_STATES: usize = 4;
 /// Samples of all channels that are looked at, at most. Cost.
 pub(crate) const TESTED_SAMPLES: usize = 100_000;
+/// Values of all columns that are held together, at most. Memory: 40 MB.
+pub(crate) const TESTED_TOGETHER: usize = 5_000_000;
 /// Rows of a block. Cost.
 pub(crate) const GRAM_BLOCK_ROWS: usize = 2048;
 /// All functions together tell beyond so many standard deviations of chance. One-sided Gaussian tail of 3e-7.
@@ -262,8 +264,6 @@ pub(crate) const RELAY_PARAMETERS: usize = 2;
 pub(crate) const BASES_REFITTED: usize = 6;
 /// Bases that are looked at in all score tests. Cost.
 pub(crate) const BASES_SORTED: usize = 16;
-/// Bases that are simulated together. Cost.
-pub(crate) const BASES_TOGETHER: usize = 24;
 /// A force that follows a signal tells below this probability of chance, of all looks together. Calibrated.
 pub(crate) const FORCE_P_VALUE: f64 = 1e-5;
 /// A channel is louder than its sensor from this many times the declared noise on. Calibrated.

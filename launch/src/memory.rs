@@ -24,6 +24,19 @@ impl OrSaySo {
     }
 }
 
+/// What takes more than this is given back to the system as soon as it is free, bytes.
+const LARGE: libc::c_int = 512 << 10;
+
+/// Gives what is large and no longer held back to the system at once. By itself the system's allocator learns to keep pieces of
+/// up to 32 MB: for a long record that doubles what a process has, and its nodes have no such pieces.
+pub(crate) fn give_large_pieces_back() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: mallopt(3) sets a number of the allocator, under its own lock; one that it does not take changes nothing.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE);
+    }
+}
+
 // SAFETY: every call is the system allocator's with the arguments as they came; a null pointer is never returned, because
 // the process then ends.
 unsafe impl GlobalAlloc for OrSaySo {

@@ -130,9 +130,9 @@ fn rejected(findings: &Findings<'_>, causes: &[Cause]) -> Vec<Rejected> {
         delta_bic,
         why,
     };
-    let refused = selection.refused.iter().filter(|(t, _)| t.fit.is_some()).take(REJECTED_TOLD);
+    let refused = selection.refused.iter().filter(|t| t.values.is_some()).take(REJECTED_TOLD);
     let mut all: Vec<Rejected> =
-        refused.map(|(t, why)| rejection(&t.candidate, t.delta_bic, why.clone())).collect();
+        refused.map(|t| rejection(&t.candidate, t.delta_bic, t.why.clone())).collect();
     let rival =
         findings.residual.out_of_library.as_ref().map(|by| format!("{} explains as much", by.description));
     let why = rival.unwrap_or_else(|| {

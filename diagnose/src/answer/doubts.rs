@@ -49,3 +49,41 @@ fn unit(cause: &Cause) -> Option<String> {
         )
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::answer::schema::{Estimate, Evidence};
+
+    fn cause(effect: &str, low: f64, high: f64) -> Cause {
+        let factor = Estimate { value: 0.5 * (low + high), low, high, unit: String::new() };
+        Cause {
+            effect: effect.into(),
+            place: "u_roll".into(),
+            parameters: [("factor".to_string(), factor)].into(),
+            text: None,
+            evidence: Evidence {
+                delta_bic: 900.0,
+                heldout_gain_sigma: 9.0,
+                share_of_residual: 0.9,
+                p_value: 0.0,
+                detectability: 900.0,
+            },
+            indistinguishable: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_factor_that_no_part_has_and_a_pair_of_units_has_is_doubted() {
+        let doubted = |effect: &str, low, high| unit(&cause(effect, low, high));
+        let told = doubted("input_gain", 57.0, 57.6).unwrap();
+        assert!(told.contains("input_gain on u_roll is the ratio of two units, 57.3"), "{told}");
+        assert!(doubted("sensor_scale", 0.0174, 0.0175).is_some(), "a radian in degrees");
+        // 1 / 3.6 is also what a weak actuator may have: only an estimate that chance would hardly lead there is doubted.
+        assert!(doubted("input_gain", 0.27, 0.29).is_some());
+        assert!(doubted("input_gain", 0.2, 0.35).is_none());
+        assert!(doubted("input_gain", 57.4, 58.0).is_none() && doubted("input_gain", 1.9, 2.1).is_none());
+        assert!(doubted("actuator_lag", 57.0, 57.6).is_none(), "a factor of something else");
+    }
+}

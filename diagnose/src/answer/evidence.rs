@@ -142,22 +142,15 @@ fn drawn(case: &Case<'_>, data: &Data, vehicle: &Vehicle, noise: &[f64]) -> Opti
 
 /// The nearest causes that were refused, each beside the terms that it was fitted with.
 fn rejected<'c>(selection: &'c Selection<'_, '_>) -> impl Iterator<Item = Case<'c>> {
-    let tried = selection.refused.iter().filter_map(|(t, _)| Some((t, t.fit.as_ref()?)));
-    tried.take(REJECTED_SHOWN).filter_map(|(alternative, fit)| {
-        let candidate = &alternative.candidate;
+    let tried = selection.refused.iter().filter_map(|t| Some((t, t.values.as_ref()?)));
+    tried.take(REJECTED_SHOWN).filter_map(|(refused, values)| {
+        let candidate = &refused.candidate;
         let mut model = selection.model.clone();
-        model.terms.clone_from(&alternative.beside);
-        let without = model.predict(&fit.values[..fit.values.len() - candidate.tunables.len()]).ok()?;
+        model.terms.clone_from(&refused.beside);
+        let without = model.predict(&values[..values.len() - candidate.tunables.len()]).ok()?;
         model.terms.push(candidate.clone());
-        Some(Case {
-            candidate,
-            model,
-            values: fit.values.clone(),
-            without,
-            with: fit.predicted.clone(),
-            rival: None,
-            accepted: false,
-        })
+        let with = model.predict(values).ok()?;
+        Some(Case { candidate, model, values: values.clone(), without, with, rival: None, accepted: false })
     })
 }
 
@@ -232,7 +225,7 @@ mod tests {
             watch: &crate::Watch::default(),
         };
         let mut selection = select(model, &space, None, &[]).unwrap();
-        assert!(selection.refused.iter().any(|(t, _)| t.fit.is_some()), "{:?}", selection.accepted);
+        assert!(selection.refused.iter().any(|t| t.values.is_some()), "{:?}", selection.accepted);
         let before: Vec<Vec<f64>> = rejected(&selection).map(|case| case.without).collect();
         let other = library.iter().find(|c| c.kind == Kind::UnmodelledMode).unwrap();
         selection.model.terms.extend([other.clone(), other.clone()]);

@@ -76,8 +76,7 @@ pub(crate) fn not_testable(findings: &Findings<'_>, data: &Data, vehicle: &Vehic
     let zero = vec![0.0; selection.fit.residual.len()];
     let score_test = ScoreTest::new(data, &selection.fit.profile.noise, &zero, &selection.fit.columns);
     let mut by_effect: BTreeMap<(&str, String), f64> = BTreeMap::new();
-    for alternative in selection.refused.iter().map(|(t, _)| t) {
-        let candidate = &alternative.candidate;
+    for candidate in selection.refused.iter().map(|t| &t.candidate) {
         // The largest size is the last start; a proportional response may be ten times that and still be of this world.
         let Some(start) = candidate.starts.last() else { continue };
         let Some(effect) = candidate.effect(start) else { continue };

@@ -113,9 +113,9 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     let near: Vec<String> = selection
         .refused
         .iter()
-        .filter(|(t, _)| t.fit.is_some() && t.delta_bic > 0.0)
+        .filter(|t| t.values.is_some() && t.delta_bic > 0.0)
         .take(3)
-        .map(|(t, _)| t.candidate.name())
+        .map(|t| t.candidate.name())
         .collect();
     if !near.is_empty() {
         parts.push(format!("nearest names, rejected: {}", near.join(", ")));

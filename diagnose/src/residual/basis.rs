@@ -16,6 +16,13 @@ pub struct Basis {
     pub functions: Vec<Vec<f64>>,
 }
 
+/// Makes a basis when it is looked at: all of those of a long record together would fill the memory.
+pub type Recipe<'s> = Box<dyn Fn() -> Basis + Send + Sync + 's>;
+
+fn recipe<'s>(make: impl Fn() -> Basis + Send + Sync + 's) -> Recipe<'s> {
+    Box::new(make)
+}
+
 impl Basis {
     fn new(description: String, functions: Vec<Vec<f64>>) -> Self {
         Self { description, functions }
@@ -59,39 +66,41 @@ impl Signals {
     }
 
     /// Of inputs and states: smooth, swinging, switched or in waves, and products.
-    pub fn all(&self) -> Vec<Basis> {
-        let mut all: Vec<Basis> = Vec::new();
-        for signal in self.inputs.iter().chain(&self.states) {
-            all.extend([smooth(signal), slowly(signal), switched(signal)]);
-            all.extend((SLOW_TURNS + 1..=self.turns).map(|turns| self.swung(signal, turns)));
+    pub fn all(&self) -> Vec<Recipe<'_>> {
+        let mut all: Vec<Recipe<'_>> = Vec::new();
+        for x in self.inputs.iter().chain(&self.states) {
+            all.extend([recipe(|| smooth(x)), recipe(|| slowly(x)), recipe(|| switched(x))]);
+            all.extend((SLOW_TURNS + 1..=self.turns).map(|turns| recipe(move || self.swung(x, turns))));
         }
-        all.extend(self.states.iter().map(waves));
+        all.extend(self.states.iter().map(|x| recipe(|| waves(x))));
         all.extend(self.products());
         all
     }
 
     /// Of states alone, and their products with inputs.
-    pub fn of_states(&self) -> Vec<Basis> {
-        let mut all: Vec<Basis> = self.states.iter().flat_map(|x| [smooth(x), waves(x)]).collect();
-        let turns = || 1..=self.turns;
-        all.extend(self.states.iter().flat_map(|x| turns().map(|turns| self.swung(x, turns))));
+    pub fn of_states(&self) -> Vec<Recipe<'_>> {
+        let mut all: Vec<Recipe<'_>> =
+            self.states.iter().flat_map(|x| [recipe(|| smooth(x)), recipe(|| waves(x))]).collect();
+        let swung = |x| (1..=self.turns).map(move |turns| recipe(move || self.swung(x, turns)));
+        all.extend(self.states.iter().flat_map(swung));
         all.extend(self.products());
         all
     }
 
     /// Of one input: all shapes, and each shape for itself beside the input's own gain.
-    pub fn of_input(&self, j: usize) -> Vec<Basis> {
+    pub fn of_input(&self, j: usize) -> Vec<Recipe<'_>> {
         let u = &self.inputs[j];
-        let mut all = vec![smooth(u)];
-        let beside = |basis: Basis| {
-            let description = basis.description;
-            let shapes = basis.functions.into_iter();
-            shapes.map(move |shape| Basis::new(description.clone(), vec![u.values.clone(), shape]))
+        let beside = |make: fn(&Signal) -> Basis, shape: usize| {
+            recipe(move || {
+                let Basis { description, mut functions } = make(u);
+                Basis::new(description, vec![u.values.clone(), functions.swap_remove(shape)])
+            })
         };
-        let mut bent = smooth(u);
-        bent.functions.remove(0);
-        all.extend(beside(bent).chain(beside(switched(u))));
-        all.push(slowly(u));
+        let mut all = vec![recipe(|| smooth(u))];
+        // The first shape is the input itself.
+        all.extend((1..SHAPES.len()).map(|shape| beside(smooth, shape)));
+        all.extend((0..RELAY_THRESHOLDS.len()).map(|shape| beside(switched, shape)));
+        all.push(recipe(|| slowly(u)));
         all
     }
 
@@ -104,11 +113,13 @@ impl Signals {
         self.states.iter().flat_map(of).collect()
     }
 
-    fn products(&self) -> impl Iterator<Item = Basis> {
+    fn products(&self) -> impl Iterator<Item = Recipe<'_>> {
         self.states.iter().enumerate().flat_map(|(i, x)| {
             let others = self.states[i + 1..].iter().chain(&self.inputs);
-            others
-                .map(move |y| Basis::new(format!("follows {} times {}", x.name, y.name), vec![product(x, y)]))
+            let of = |x: &Signal, y: &Signal| {
+                Basis::new(format!("follows {} times {}", x.name, y.name), vec![product(x, y)])
+            };
+            others.map(move |y| recipe(move || of(x, y)))
         })
     }
 
@@ -123,11 +134,13 @@ fn map(v: &[f64], f: &dyn Fn(f64) -> f64) -> Vec<f64> {
     v.iter().map(|v| f(*v)).collect()
 }
 
+/// The signal itself, its powers and sides, and a switch.
+pub const SHAPES: [fn(f64) -> f64; 6] =
+    [|v| v, f64::abs, |v| v * v, |v| v * v.abs(), |v| v * v * v, |v| (v / SWITCH_SHARE).tanh()];
+
 /// Powers, sides and a switch of a signal: what a static curve is made of.
 pub fn smooth(x: &Signal) -> Basis {
-    let shapes: [&dyn Fn(f64) -> f64; 6] =
-        [&|v| v, &f64::abs, &|v| v * v, &|v| v * v.abs(), &|v| v * v * v, &|v| (v / SWITCH_SHARE).tanh()];
-    Basis::new(format!("follows {}", x.name), shapes.iter().map(|f| map(&x.values, f)).collect())
+    Basis::new(format!("follows {}", x.name), SHAPES.iter().map(|f| map(&x.values, f)).collect())
 }
 
 /// A signal behind hysteresis relays of several widths.

@@ -6,12 +6,15 @@
 
 use crate::thresholds::{
     GRAM_BLOCK_ROWS, LACK_CERTAIN_P_VALUE, LACK_ENERGY, LACK_P_VALUE, LACK_SIGMAS, PRODUCT_STATES,
-    TESTED_SAMPLES, TESTED_STATES,
+    RELAY_THRESHOLDS, SLOW_TURNS, TESTED_SAMPLES, TESTED_STATES, TESTED_TOGETHER,
 };
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 use whirlstand_linalg::symmetric_eigen;
+use whirlstand_vehicle::Vehicle;
 
-use super::basis::{Signals, product, scale, slowly, smooth, switched};
+use super::basis::{SHAPES, Signal, Signals, product, scale, slowly, smooth, switched};
 use crate::candidates::library::Sizes;
 use crate::model::fit::{Fit, Model, dot};
 use crate::model::forced_response::Forces;
@@ -74,57 +77,37 @@ impl LackOfFit {
 /// could be tried.
 pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) -> Option<LackOfFit> {
     let data = model.free_run.data;
-    let score_test = ScoreTest::new(data, &fit.profile.noise, &fit.residual, &fit.columns);
-    let ranges = data.ranges();
-    // Of a long record the beginning is enough; all of it would fill the memory.
-    let rows = TESTED_SAMPLES / ranges.len().max(1);
-    let counted = |samples: &[f64]| -> Vec<f64> {
-        let channels = ranges.iter().enumerate().filter(|(c, _)| !known.contains(c));
-        channels.flat_map(|(_, r)| samples[r.clone()].iter().take(rows).copied()).collect()
-    };
     let vehicle = model.vehicle(&fit.values).ok()?;
     let states = model.free_run.run_states(&vehicle, &fit.values[..model.states()]).ok()?;
-    let functions = functions(&Signals::new(model, states));
-    let forced: Vec<usize> = {
-        let dynamic = |i: &usize| vehicle.kinematic_row(*i).is_none();
-        let mut all: Vec<usize> = (0..vehicle.states.len()).filter(dynamic).collect();
-        let driven = |i: usize| vehicle.b.row(i).iter().any(|v| *v != 0.0);
-        all.sort_by_key(|i| !driven(*i));
-        all.truncate(TESTED_STATES);
-        all
+    let signals = Signals::new(model, states);
+    let forced = forced(&vehicle).into_iter().map(|s| (s, sizes.slopes[s])).collect::<Vec<_>>();
+    let columns = Columns {
+        score_test: ScoreTest::new(data, &fit.profile.noise, &fit.residual, &fit.columns),
+        forces: Forces::new(model, fit, &vehicle, &forced, &signals.inputs.first()?.values),
+        groups: groups(&signals),
+        sensors: vehicle.states.len(),
+        fit,
     };
-    let values: Vec<&[f64]> = functions.iter().map(|f| f.values.as_slice()).collect();
-    let forced: Vec<(usize, f64)> = forced.into_iter().map(|s| (s, sizes.slopes[s])).collect();
-    let forces = Forces::new(model, fit, &vehicle, &forced, values[0]);
-    // Of each column, which state it forces and which signal it follows; sensors come behind.
-    let mut columns: Vec<(usize, usize, Vec<f64>)> = forces.each(&values, |state, function, response| {
-        (state, functions[function].of, counted(&score_test.signature(&response)))
-    });
-    let n = vehicle.states.len();
-    columns.extend(sensors(model, fit).iter().map(|(c, s)| (n, *c, counted(&score_test.signature(s)))));
-    columns.retain_mut(|(_, _, c)| {
-        let norm = dot(c, c).sqrt();
-        // What nuisances explain tells nothing.
-        let known = norm > 1e-6 && norm.is_finite();
-        if known {
-            c.iter_mut().for_each(|v| *v /= norm);
-        }
-        known
-    });
-    if columns.is_empty() {
-        return None;
+    // Of a long record the beginning is enough; all of it would take long.
+    let rows = TESTED_SAMPLES / data.channels.len().max(1);
+    let parts: Vec<Range<usize>> =
+        data.ranges().into_iter().map(|r| r.start..r.end.min(r.start + rows)).collect();
+    let tested: Vec<&Range<usize>> =
+        parts.iter().enumerate().filter(|(c, _)| !known.contains(c)).map(|(_, part)| part).collect();
+    // The products of all columns are sums over the channels: as many channels at a time as may be held.
+    let longest = parts.iter().map(Range::len).max().unwrap_or(0);
+    let together = TESTED_TOGETHER / (columns.count(forced.len()) * longest).max(1);
+    let mut all = Products::default();
+    for parts in tested.chunks(together.max(1)) {
+        all.add(&columns, parts);
     }
-    let n = columns.len();
-    let residual = counted(score_test.residual());
-    let right = DVector::from_iterator(n, columns.iter().map(|(_, _, c)| dot(c, &residual)));
-    let of: Vec<(usize, usize)> = columns.iter().map(|(s, f, _)| (*s, *f)).collect();
-    let gram = gram(&columns.into_iter().map(|(_, _, c)| c).collect::<Vec<_>>());
+    let (gram, right, of) = all.normalised()?;
     let mut groups = of.clone();
     groups.sort_unstable();
     groups.dedup();
     let looks = groups.len() as f64;
     let one = groups.into_iter().filter_map(|group| {
-        let own: Vec<usize> = (0..n).filter(|i| of[*i] == group).collect();
+        let own: Vec<usize> = (0..of.len()).filter(|i| of[*i] == group).collect();
         explained(gram.select_rows(&own).select_columns(&own), &right.select_rows(&own))
     });
     let one = one.min_by(|a, b| a.chance.total_cmp(&b.chance))?;
@@ -132,6 +115,107 @@ pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usi
         all: explained(gram, &right)?,
         one: Excess { chance: (looks * one.chance).min(1.0), ..one },
     })
+}
+
+/// States that are moved by more than the integral of another, those first that an input drives.
+fn forced(vehicle: &Vehicle) -> Vec<usize> {
+    let dynamic = |i: &usize| vehicle.kinematic_row(*i).is_none();
+    let mut all: Vec<usize> = (0..vehicle.states.len()).filter(dynamic).collect();
+    let driven = |i: usize| vehicle.b.row(i).iter().any(|v| *v != 0.0);
+    all.sort_by_key(|i| !driven(*i));
+    all.truncate(TESTED_STATES);
+    all
+}
+
+/// What a column is: the state that it forces and the group of functions that it is one of; errors of sensors come behind
+/// the states, by channel.
+type Of = (usize, usize);
+
+/// Whitened signatures of all functions, as forces and as errors of the sensors.
+struct Columns<'a> {
+    score_test: ScoreTest<'a>,
+    forces: Forces<'a>,
+    groups: Vec<Group<'a>>,
+    /// The number that stands for the sensors in place of a state.
+    sensors: usize,
+    fit: &'a Fit,
+}
+
+impl Columns<'_> {
+    /// Their number, at most.
+    fn count(&self, forced: usize) -> usize {
+        let functions: usize = self.groups.iter().map(|group| group.count).sum();
+        functions * forced + self.score_test.data().channels.len() * SENSOR_ERRORS.len()
+    }
+
+    /// Those samples of each column that lie in `parts`.
+    fn over(&self, parts: &[&Range<usize>]) -> Vec<(Of, Vec<f64>)> {
+        let counted = |samples: &[f64]| -> Vec<f64> {
+            let white = self.score_test.signature(samples);
+            parts.iter().flat_map(|part| &white[(*part).clone()]).copied().collect()
+        };
+        let mut columns: Vec<(Of, Vec<f64>)> = Vec::new();
+        for (of, group) in self.groups.iter().enumerate() {
+            let functions = (group.make)();
+            let values: Vec<&[f64]> = functions.iter().map(Vec::as_slice).collect();
+            columns.extend(self.forces.each(&values, |state, _, response| ((state, of), counted(&response))));
+        }
+        let predicted = &self.fit.predicted;
+        for (c, range) in self.score_test.data().ranges().into_iter().enumerate() {
+            let mut own = predicted[range.clone()].to_vec();
+            scale(&mut own);
+            for error in SENSOR_ERRORS {
+                let mut column = vec![0.0; predicted.len()];
+                column[range.clone()].iter_mut().zip(&own).for_each(|(c, v)| *c = error(*v));
+                columns.push(((self.sensors, c), counted(&column)));
+            }
+        }
+        columns
+    }
+}
+
+/// Errors of a sensor that follow what it measures.
+const SENSOR_ERRORS: [fn(f64) -> f64; 4] = [|v| v, |v| v * v, |v| v * v.abs(), |v| v * v * v];
+
+/// Products of all columns with each other and with the residual.
+#[derive(Default)]
+struct Products {
+    gram: DMatrix<f64>,
+    right: DVector<f64>,
+    of: Vec<Of>,
+}
+
+impl Products {
+    /// Adds those over some parts of the samples.
+    fn add(&mut self, columns: &Columns<'_>, parts: &[&Range<usize>]) {
+        let residual: Vec<f64> =
+            parts.iter().flat_map(|part| &columns.score_test.residual()[(*part).clone()]).copied().collect();
+        let (of, columns): (Vec<Of>, Vec<Vec<f64>>) = columns.over(parts).into_iter().unzip();
+        let n = columns.len();
+        if self.of.is_empty() {
+            *self = Self { gram: DMatrix::zeros(n, n), right: DVector::zeros(n), of };
+        }
+        for (right, column) in self.right.iter_mut().zip(&columns) {
+            *right += dot(column, &residual);
+        }
+        add_gram(&mut self.gram, &columns);
+    }
+
+    /// The same of columns of unit length, without those that nuisances explain, or that are not finite; `None` when none is
+    /// left.
+    fn normalised(self) -> Option<(DMatrix<f64>, DVector<f64>, Vec<Of>)> {
+        let norms: Vec<f64> = self.gram.diagonal().iter().map(|d| d.sqrt()).collect();
+        let left: Vec<usize> =
+            (0..norms.len()).filter(|i| norms[*i] > 1e-6 && norms[*i].is_finite()).collect();
+        if left.is_empty() {
+            return None;
+        }
+        let n = left.len();
+        let gram =
+            DMatrix::from_fn(n, n, |i, j| self.gram[(left[i], left[j])] / (norms[left[i]] * norms[left[j]]));
+        let right = DVector::from_fn(n, |i, _| self.right[left[i]] / norms[left[i]]);
+        Some((gram, right, left.into_iter().map(|i| self.of[i]).collect()))
+    }
 }
 
 /// What columns explain, given by their products with each other and with the residual; none when those are not finite.
@@ -153,59 +237,45 @@ fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Option<Excess> {
     })
 }
 
-/// What a force could follow.
-struct Function {
-    /// Which signal it is made from, and in which way: functions of one number are tested together.
-    of: usize,
-    values: Vec<f64>,
+/// Functions of time that a force could follow, made from one signal in one way: they are tested together.
+struct Group<'s> {
+    count: usize,
+    /// Makes them when they are looked at.
+    make: Box<dyn Fn() -> Vec<Vec<f64>> + Sync + 's>,
 }
 
-/// Functions of time that a force could follow.
-fn functions(signals: &Signals) -> Vec<Function> {
-    let mut groups: Vec<Vec<Vec<f64>>> = Vec::new();
+/// All functions that a force could follow.
+fn groups(signals: &Signals) -> Vec<Group<'_>> {
+    let mut all: Vec<Group<'_>> = Vec::new();
     for u in &signals.inputs {
-        groups.push([smooth(u), switched(u)].into_iter().flat_map(|b| b.functions).collect());
-        groups.push(slowly(u).functions);
+        let bent = move || [smooth(u), switched(u)].into_iter().flat_map(|b| b.functions).collect();
+        all.push(Group { count: SHAPES.len() + RELAY_THRESHOLDS.len(), make: Box::new(bent) });
+        all.push(Group { count: 2 * SLOW_TURNS, make: Box::new(move || slowly(u).functions) });
     }
     for (i, x) in signals.states.iter().enumerate() {
-        let mut own = smooth(x).functions;
-        if signals.states.len() <= PRODUCT_STATES {
-            let others = signals.states[i + 1..].iter().chain(&signals.inputs);
-            own.extend(others.map(|y| product(x, y)));
-        }
-        groups.push(own);
+        let others: Vec<&Signal> = if signals.states.len() <= PRODUCT_STATES {
+            signals.states[i + 1..].iter().chain(&signals.inputs).collect()
+        } else {
+            Vec::new()
+        };
+        all.push(Group {
+            count: SHAPES.len() + others.len(),
+            make: Box::new(move || {
+                smooth(x).functions.into_iter().chain(others.iter().map(|y| product(x, y))).collect()
+            }),
+        });
     }
-    let numbered = groups.into_iter().enumerate();
-    numbered.flat_map(|(of, own)| own.into_iter().map(move |values| Function { of, values })).collect()
+    all
 }
 
-/// Products of all columns with each other, a block of rows at a time.
-fn gram(columns: &[Vec<f64>]) -> DMatrix<f64> {
+/// Adds the products of all columns with each other, a block of rows at a time.
+fn add_gram(gram: &mut DMatrix<f64>, columns: &[Vec<f64>]) {
     let n = columns.len();
     let rows = columns.first().map_or(0, Vec::len);
-    let mut gram = DMatrix::zeros(n, n);
     for from in (0..rows).step_by(GRAM_BLOCK_ROWS) {
         let until = (from + GRAM_BLOCK_ROWS).min(rows);
         let flat: Vec<f64> = columns.iter().flat_map(|c| &c[from..until]).copied().collect();
         let block = DMatrix::from_vec(until - from, n, flat);
         gram.gemm(1.0, &block.transpose(), &block, 1.0);
     }
-    gram
-}
-
-/// By channel, errors of a sensor that follow what it measures, or what another measures.
-fn sensors(model: &Model<'_, '_>, fit: &Fit) -> Vec<(usize, Vec<f64>)> {
-    let data = model.free_run.data;
-    let ranges = data.ranges();
-    let mut all = Vec::new();
-    for (c, range) in ranges.iter().enumerate() {
-        let mut own = fit.predicted[range.clone()].to_vec();
-        scale(&mut own);
-        for f in [|v: f64| v, |v: f64| v * v, |v: f64| v * v.abs(), |v: f64| v * v * v] {
-            let mut column = vec![0.0; fit.predicted.len()];
-            column[range.clone()].iter_mut().zip(&own).for_each(|(c, v)| *c = f(*v));
-            all.push((c, column));
-        }
-    }
-    all
 }

@@ -5,10 +5,9 @@
 //! of them. A force that follows a signal needs a few numbers only: where these few explain as much, in BIC, the causes
 //! are not believed.
 
-use crate::thresholds::{BASES_REFITTED, BASES_SORTED, BASES_TOGETHER, FORCE_P_VALUE, RELAY_PARAMETERS};
+use crate::thresholds::{BASES_REFITTED, BASES_SORTED, FORCE_P_VALUE, RELAY_PARAMETERS};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::sync::Arc;
 use whirlstand_vehicle::Vehicle;
 
 use crate::model::fit::{Fit, Model, dot};
@@ -16,7 +15,7 @@ use crate::model::forced_response::Forces;
 use crate::model::input_reconstruction::Entry;
 use crate::model::noise::{Noise, Profile};
 use crate::model::score_test::ScoreTest;
-use crate::residual::basis::{Basis, Signal, Signals};
+use crate::residual::basis::{Basis, Recipe, Signal, Signals};
 use crate::residual::hysteresis_relay;
 use crate::search::alternative::SearchSpace;
 use whirlstand_ident::identify::normal::pseudo_inverse;
@@ -127,13 +126,6 @@ pub fn rival(
     forces.chain(inputs).max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
 
-/// What the functions of a basis do to the samples.
-#[derive(Clone)]
-struct Columns {
-    description: Arc<str>,
-    samples: Arc<Vec<Vec<f64>>>,
-}
-
 /// A fit that bases of forces are weighed against.
 struct Comparison<'a, 'd> {
     model: &'a Model<'a, 'd>,
@@ -145,11 +137,13 @@ struct Comparison<'a, 'd> {
     slopes: &'a [f64],
 }
 
-/// A basis in a score test: what it explains there, by how much of each, and its columns.
+/// A basis in a score test: what it explains there, and by how much of each function.
 struct Contribution {
     energy: f64,
     by: DVector<f64>,
-    columns: Columns,
+    /// Which of the bases.
+    basis: usize,
+    description: String,
 }
 
 impl<'a, 'd> Comparison<'a, 'd> {
@@ -169,7 +163,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
     }
 
     /// The likeliest basis.
-    fn best(&self, entry: Entry, bases: &[Basis]) -> Option<ForceOnSignal> {
+    fn best(&self, entry: Entry, bases: &[Recipe<'_>]) -> Option<ForceOnSignal> {
         let data = self.model.free_run.data;
         // A force into an input pushes all states that the input does.
         let pushed: Vec<(usize, f64)> = match entry {
@@ -179,33 +173,30 @@ impl<'a, 'd> Comparison<'a, 'd> {
                 column.iter().copied().enumerate().filter(|(_, b)| *b != 0.0).collect()
             }
         };
-        let probe = bases.first()?.functions.first()?;
+        let first = bases.first()?();
         let states: Vec<(usize, f64)> = pushed.iter().map(|(i, _)| (*i, self.slopes[*i])).collect();
-        let forces = Forces::new(self.model, self.fit, self.vehicle, &states, probe);
+        let forces = Forces::new(self.model, self.fit, self.vehicle, &states, first.functions.first()?);
+        let columns = |basis: usize| self.columns(&forces, &pushed, bases[basis]());
         // The quickest score test sorts out, the others look at what is left.
         let [rest @ .., quick] = self.score_tests.as_slice() else { return None };
-        let mut sorted: Vec<Contribution> = Vec::new();
-        for some in bases.chunks(BASES_TOGETHER) {
-            sorted.extend(self.weights(quick, &self.columns(&forces, &pushed, some)));
-            self.keep(&mut sorted, BASES_SORTED);
-        }
-        let columns: Vec<Columns> = sorted.iter().map(|w| w.columns.clone()).collect();
+        let mut sorted = weights(quick, 0..bases.len(), &columns);
+        self.keep(&mut sorted, BASES_SORTED);
         let mut weighed: Vec<(&ScoreTest<'_>, Contribution)> = Vec::new();
         for score_test in rest {
-            let mut own = self.weights(score_test, &columns);
+            let mut own = weights(score_test, sorted.iter().map(|w| w.basis), &columns);
             self.keep(&mut own, BASES_REFITTED);
             weighed.extend(own.into_iter().map(|w| (score_test, w)));
         }
         self.keep(&mut sorted, BASES_REFITTED);
         weighed.extend(sorted.into_iter().map(|w| (quick, w)));
         let looks = 2.0 * (bases.len() as f64).ln();
-        let bics = weighed.into_par_iter().map(|(score_test, weight)| {
+        let bics = weighed.into_par_iter().filter_map(|(score_test, weight)| {
             let mut rest = self.fit.residual.clone();
-            for (column, by) in weight.columns.samples.iter().zip(weight.by.iter()) {
+            for (column, by) in columns(weight.basis)?.1.iter().zip(weight.by.iter()) {
                 rest.iter_mut().zip(column).for_each(|(r, c)| *r -= by * c);
             }
             let bic = Noise::fit(data, &score_test.without_nuisances(&rest)).bic(weight.by.len());
-            (bic, weight.columns.description)
+            Some((bic, weight.description))
         });
         let (bic, description) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
         Some(ForceOnSignal {
@@ -232,15 +223,6 @@ impl<'a, 'd> Comparison<'a, 'd> {
         Some(ForceOnSignal { gain: self.plain.bic(0) - bic - looks, description })
     }
 
-    /// What bases explain in a score test.
-    fn weights(&self, score_test: &ScoreTest<'_>, bases: &[Columns]) -> Vec<Contribution> {
-        let weights = bases.par_iter().filter_map(|columns| {
-            let (energy, by) = explained(score_test, &columns.samples)?;
-            Some(Contribution { energy, by, columns: columns.clone() })
-        });
-        weights.collect()
-    }
-
     /// Keeps those that explain most; each number costs.
     fn keep(&self, weights: &mut Vec<Contribution>, most: usize) {
         let worth = |w: &Contribution| w.energy - w.by.len() as f64 * (self.plain.rows as f64).ln();
@@ -248,35 +230,51 @@ impl<'a, 'd> Comparison<'a, 'd> {
         weights.truncate(most);
     }
 
-    /// What the functions of each basis do to the samples; a basis of which one could not be simulated is left out.
-    fn columns(&self, forces: &Forces<'_>, pushed: &[(usize, f64)], bases: &[Basis]) -> Vec<Columns> {
-        let data = self.model.free_run.data;
-        let functions: Vec<&[f64]> = bases.iter().flat_map(|f| &f.functions).map(Vec::as_slice).collect();
-        let mut sums: Vec<Option<Vec<f64>>> = vec![Some(vec![0.0; data.samples()]); functions.len()];
-        let mut told = vec![0; functions.len()];
-        for (state, index, response) in
-            forces.each(&functions, |state, index, response| (state, index, response))
+    /// The description of a basis, and what its functions do to the samples; `None` where one could not be simulated.
+    fn columns(
+        &self,
+        forces: &Forces<'_>,
+        pushed: &[(usize, f64)],
+        Basis { description, functions }: Basis,
+    ) -> Option<(String, Vec<Vec<f64>>)> {
+        let values: Vec<&[f64]> = functions.iter().map(Vec::as_slice).collect();
+        let mut sums: Vec<(usize, Vec<f64>)> = vec![(0, Vec::new()); values.len()];
+        for (state, index, mut response) in
+            forces.each(&values, |state, index, response| (state, index, response))
         {
             let by = pushed.iter().find(|(i, _)| *i == state).map_or(0.0, |(_, by)| *by);
-            if let Some(sum) = &mut sums[index] {
-                sum.iter_mut().zip(&response).for_each(|(s, r)| *s += by * r);
+            response.iter_mut().for_each(|r| *r *= by);
+            let (told, sum) = &mut sums[index];
+            if *told == 0 {
+                *sum = response;
+            } else {
+                sum.iter_mut().zip(&response).for_each(|(s, r)| *s += r);
             }
-            told[index] += 1;
+            *told += 1;
         }
-        let whole = sums.into_iter().zip(told).map(|(sum, told)| sum.filter(|_| told == pushed.len()));
-        let mut whole = whole.map(|sum| {
-            sum.map(|mut sum| {
-                data.fill(&mut sum);
+        let whole = sums.into_iter().map(|(told, mut sum)| {
+            (told == pushed.len()).then(|| {
+                self.model.free_run.data.fill(&mut sum);
                 sum
             })
         });
-        let bases = bases.iter().filter_map(|f| {
-            let own: Vec<Option<Vec<f64>>> = whole.by_ref().take(f.functions.len()).collect();
-            let samples = own.into_iter().collect::<Option<Vec<_>>>().map(Arc::new)?;
-            Some(Columns { description: f.description.as_str().into(), samples })
-        });
-        bases.collect()
+        Some((description, whole.collect::<Option<_>>()?))
     }
+}
+
+/// What bases explain in a score test, by the `columns` of each. These are made for one after the other: those of all bases
+/// together would fill the memory.
+fn weights(
+    score_test: &ScoreTest<'_>,
+    bases: impl Iterator<Item = usize>,
+    columns: &(impl Fn(usize) -> Option<(String, Vec<Vec<f64>>)> + Sync),
+) -> Vec<Contribution> {
+    let weight = |basis| {
+        let (description, columns) = columns(basis)?;
+        let (energy, by) = explained(score_test, &columns)?;
+        Some(Contribution { energy, by, basis, description })
+    };
+    bases.collect::<Vec<_>>().into_par_iter().filter_map(weight).collect()
 }
 
 /// What columns explain of a score test's residual together, and by how much of each.

@@ -21,25 +21,25 @@ use crate::search::select::select;
 use crate::search::selection::Selection;
 use whirlstand_logs::stats::{mean, rms};
 
-/// Causes with turbulence beside them, where that explains more than `selection` alone. And a force that follows a signal,
+/// Causes with turbulence beside them, where that explains more than `selection` alone, which else stands. And a force that follows a signal,
 /// where that is likelier than turbulence, with what it gains over the causes.
 pub(crate) fn with_turbulence<'r, 'd>(
-    selection: Selection<'r, 'd>,
+    selection: &Selection<'r, 'd>,
     model: &Model<'r, 'd>,
     space: &SearchSpace<'_>,
-) -> (Selection<'r, 'd>, Option<Turbulence>, Option<ForceOnSignal>) {
+) -> (Option<Selection<'r, 'd>>, Option<Turbulence>, Option<ForceOnSignal>) {
     let data = model.free_run.data;
     let look = |s: &Selection<'r, 'd>| {
         turbulence(&s.model, &s.fit.values, &s.fit.residual).filter(|t| t.delta_bic > MIN_TURBULENCE_BIC)
     };
-    let alone = plain_bic(&selection, data);
+    let alone = plain_bic(selection, data);
     // Gusts that were taken for single events hide what is left of the turbulence.
-    let calm = without_gusts(&selection, None);
-    let first = look(&selection).or_else(|| calm.as_ref().and_then(look));
-    let Some(mut found) = first else { return (selection, None, None) };
+    let calm = without_gusts(selection, None);
+    let first = look(selection).or_else(|| calm.as_ref().and_then(look));
+    let Some(mut found) = first else { return (None, None, None) };
     let mut chosen: Option<Selection<'r, 'd>> = None;
     for _ in 0..TURBULENCE_PASSES {
-        let last = chosen.as_ref().or(calm.as_ref()).unwrap_or(&selection);
+        let last = chosen.as_ref().or(calm.as_ref()).unwrap_or(selection);
         let noise =
             last.model.vehicle(&last.fit.values).ok().and_then(|v| found.noise(data, &v, &last.fit.residual));
         let Some(noise) = noise else { break };
@@ -58,10 +58,10 @@ pub(crate) fn with_turbulence<'r, 'd>(
     let Some(mut chosen) = chosen else {
         // Only an approximate likelihood could be had: the causes are those without it.
         let known = found.is_known(data);
-        return (selection, known.then_some(found), None);
+        return (None, known.then_some(found), None);
     };
     if !found.is_known(data) || plain_bic(&chosen, data) - found.delta_bic > alone - MIN_TURBULENCE_BIC {
-        return (selection, None, None);
+        return (None, None, None);
     }
     let Some(noise) = chosen
         .model
@@ -69,26 +69,26 @@ pub(crate) fn with_turbulence<'r, 'd>(
         .ok()
         .and_then(|v| found.noise(data, &v, &chosen.fit.residual))
     else {
-        return (selection, None, None);
+        return (None, None, None);
     };
     let more = |by: ForceOnSignal| ForceOnSignal { gain: by.gain + alone - plain_bic(&chosen, data), ..by };
     let forced = out_of_library::on_state(&chosen.model, &chosen.fit, found.state, space);
     if let Some(by) = forced.filter(|by| by.gain > FORCE_SHARE_OF_TURBULENCE * found.delta_bic) {
-        return (selection, None, Some(more(by)).filter(|by| by.gain > MIN_TURBULENCE_BIC));
+        return (None, None, Some(more(by)).filter(|by| by.gain > MIN_TURBULENCE_BIC));
     }
     if let Some(by) =
         out_of_library::beyond_turbulence((&chosen.model, &chosen.fit), found.state, &noise, space)
     {
         let gain = by.gain + found.delta_bic;
-        return (selection, None, Some(more(ForceOnSignal { gain, ..by })));
+        return (None, None, Some(more(ForceOnSignal { gain, ..by })));
     }
     if related(data, &noise, &chosen) {
-        return (selection, None, None);
+        return (None, None, None);
     }
     if let Ok(fit) = chosen.model.fit(chosen.fit.values.clone(), Some(&noise), None) {
         chosen.fit = fit;
     }
-    (chosen, Some(found), None)
+    (Some(chosen), Some(found), None)
 }
 
 /// The same causes without disturbances, on one state or on all, fitted anew; `None` when there are none. A gust is part
@@ -106,20 +106,19 @@ fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) ->
     Some(calm)
 }
 
-/// The turbulence was the trace of causes that were found only when it was taken for noise.
+/// The turbulence was the trace of causes that were found only when it was taken for noise: these, where they are likelier than
+/// `selection`.
 fn single<'r, 'd>(
-    selection: Selection<'r, 'd>,
+    selection: &Selection<'r, 'd>,
     chosen: Option<Selection<'r, 'd>>,
     alone: f64,
-) -> Selection<'r, 'd> {
-    let better = chosen.and_then(|mut chosen| {
-        let fit = chosen.model.fit(chosen.fit.values.clone(), None, None).ok()?;
-        let bic = fit.profile.bic(chosen.model.parameters());
-        chosen.fit = fit;
-        chosen.null = selection.null.clone();
-        (bic < alone - MIN_TURBULENCE_BIC && !chosen.model.terms.is_empty()).then_some(chosen)
-    });
-    better.unwrap_or(selection)
+) -> Option<Selection<'r, 'd>> {
+    let mut chosen = chosen?;
+    let fit = chosen.model.fit(chosen.fit.values.clone(), None, None).ok()?;
+    let bic = fit.profile.bic(chosen.model.parameters());
+    chosen.fit = fit;
+    chosen.null = selection.null.clone();
+    (bic < alone - MIN_TURBULENCE_BIC && !chosen.model.terms.is_empty()).then_some(chosen)
 }
 
 /// BIC with noise models of single channels.

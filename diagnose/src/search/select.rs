@@ -11,7 +11,7 @@ use crate::model::noise::Noise;
 use crate::search::acceptance::{Decision, Rival, decide, rivals};
 use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
 use crate::search::equivalence::{lead, yields};
-use crate::search::selection::{Accepted, Selection};
+use crate::search::selection::{Accepted, Refused, Selection};
 use crate::search::survey::survey;
 use crate::search::survey_cache::SurveyCache;
 
@@ -52,7 +52,7 @@ struct Search<'r, 'd, 's> {
     surveys: SurveyCache,
     /// Candidates that were weighed at once, at most: what a probability by chance is corrected for.
     hypotheses: usize,
-    refused: Vec<(Alternative, String)>,
+    refused: Vec<Refused>,
 }
 
 impl Search<'_, '_, '_> {
@@ -123,10 +123,10 @@ impl Search<'_, '_, '_> {
     /// Remembers why an alternative was refused, each once.
     fn refuse(&mut self, alternative: Alternative, why: String) {
         let name = alternative.candidate.name();
-        if let Some(at) = self.refused.iter().position(|(t, _)| t.candidate.name() == name) {
+        if let Some(at) = self.refused.iter().position(|t| t.candidate.name() == name) {
             self.refused.remove(at);
         }
-        self.refused.push((alternative, why));
+        self.refused.push(Refused::new(alternative, why));
     }
 
     /// Tests every term beside all others, exchanges it where a rival is better, and drops it where the others do
@@ -177,7 +177,7 @@ impl Search<'_, '_, '_> {
                     rival.gap.abs(),
                     rival.kappa
                 );
-                self.refused.insert(0, (own, why));
+                self.refused.insert(0, Refused::new(own, why));
                 (self.model, self.fit) = (reduced, without);
                 accepted.clear();
                 continue;

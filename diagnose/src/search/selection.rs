@@ -17,6 +17,29 @@ pub struct Accepted {
     pub rivals: Vec<Rival>,
 }
 
+/// A candidate that was not accepted. Of its fit only the values are kept: all of it would be as large as the record, several
+/// times for each candidate.
+#[derive(Debug, Clone)]
+pub struct Refused {
+    /// The candidate.
+    pub candidate: Candidate,
+    /// The values of the model with it, its own last; `None` when it was not worth a fit.
+    pub values: Option<Vec<f64>>,
+    /// The model's terms beside it.
+    pub beside: Vec<Candidate>,
+    /// Gain in BIC over the model without it: by the fit, or estimated from the score.
+    pub delta_bic: f64,
+    /// Why it was not accepted.
+    pub why: String,
+}
+
+impl Refused {
+    /// An alternative that is not accepted, and why.
+    pub fn new(Alternative { candidate, fit, beside, delta_bic, .. }: Alternative, why: String) -> Self {
+        Self { candidate, values: fit.map(|fit| fit.values), beside, delta_bic, why }
+    }
+}
+
 /// What the search came to.
 #[derive(Debug, Clone)]
 pub struct Selection<'r, 'd> {
@@ -28,8 +51,8 @@ pub struct Selection<'r, 'd> {
     pub null: Fit,
     /// Evidence of each term.
     pub accepted: Vec<Accepted>,
-    /// Candidates beside the accepted ones that were not accepted, with reasons; nearest first.
-    pub refused: Vec<(Alternative, String)>,
+    /// Candidates beside the accepted ones that were not accepted; nearest first.
+    pub refused: Vec<Refused>,
 }
 
 impl<'r, 'd> Selection<'r, 'd> {

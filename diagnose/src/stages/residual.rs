@@ -40,20 +40,22 @@ impl<'r> Residual<'r> {
     pub fn new(selected: Selected<'r>) -> Self {
         let Selected { baseline, model, selection: alone } = selected;
         let space = baseline.space();
-        let (mut selection, mut turbulence, mut force) = (alone.clone(), None, None);
+        let (mut beside, mut turbulence, mut force) = (None, None, None);
         // A predictor that follows the record has noise on the states already.
         let follows = baseline.data().memory_s.is_some();
         let watch = space.watch;
         if !baseline.blocked && !follows && !watch.is_stopped() {
             watch.tell("looks for turbulence");
-            (selection, turbulence, force) = with_turbulence(selection, &model, &space);
+            (beside, turbulence, force) = with_turbulence(&alone, &model, &space);
         }
-        let (mut noise, mut lack) = tested(baseline, &selection, turbulence.is_some());
+        let chosen = beside.as_ref().unwrap_or(&alone);
+        let (mut noise, mut lack) = tested(baseline, chosen, turbulence.is_some());
         if turbulence.is_some() && lack.is_some_and(|lack| lack.is_certain()) {
             // The turbulence was the trace of something else, and what was chosen beside it rests on it.
-            (selection, turbulence) = (alone, None);
-            (noise, lack) = tested(baseline, &selection, false);
+            (beside, turbulence) = (None, None);
+            (noise, lack) = tested(baseline, &alone, false);
         }
+        let mut selection = beside.unwrap_or(alone);
         if let Some(force) = &force {
             lack = lack.map(|lack| lack.or_one(force.gain));
         }

@@ -17,6 +17,7 @@ use crate::error::Failure;
 /// Runs the command. SIGINT and SIGTERM end the search: what is known by then is told, with exit code 130. A second one ends
 /// the program. A budget of time ends the search in the same way, with exit code 3.
 pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
+    crate::memory::give_large_pieces_back();
     let vehicle = find(&args.vehicle)?;
     let (search, watch) = EarlyEnd::new("diagnose", args.budget)?;
     let options = options(args, &vehicle, watch)?;
