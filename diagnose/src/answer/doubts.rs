@@ -4,6 +4,7 @@ use whirlstand_logs::shown::number;
 use whirlstand_vehicle::Kind;
 
 use crate::answer::schema::Cause;
+use crate::candidates::Candidate;
 use crate::stages::findings::Findings;
 use crate::thresholds::{AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, UNIT_RATIOS};
 
@@ -12,24 +13,28 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
     let selection = &findings.residual.selection;
     let mut doubts = Vec::new();
     for (term, candidate) in selection.model.terms.iter().enumerate() {
-        let values = &selection.fit.values[selection.model.range(term)];
-        for (tunable, value) in candidate.tunables.iter().zip(values).filter(|(t, _)| t.size) {
-            let near = AT_LIMIT_SHARE * (tunable.upper - tunable.lower);
-            let end = [tunable.lower, tunable.upper].into_iter().find(|end| (value - end).abs() < near);
-            // Nothing at all is the natural end of a size: there, the effect is not named.
-            if let Some(end) = end.filter(|end| *end != candidate.null) {
-                doubts.push(format!(
-                    "{} of {} on {} ends at the limit of what it may be, {}: the record asks for more than this effect can be",
-                    tunable.name,
-                    candidate.kind.name(),
-                    candidate.place,
-                    number(end)
-                ));
-            }
-        }
+        doubts.extend(at_limits(candidate, &selection.fit.values[selection.model.range(term)]));
     }
     doubts.extend(causes.iter().filter_map(unit));
     doubts
+}
+
+/// That sizes of a cause end at the limit of what they may be.
+fn at_limits(candidate: &Candidate, values: &[f64]) -> impl Iterator<Item = String> {
+    candidate.tunables.iter().zip(values).filter(|(t, _)| t.size).filter_map(|(tunable, value)| {
+        let near = AT_LIMIT_SHARE * (tunable.upper - tunable.lower);
+        let end = [tunable.lower, tunable.upper].into_iter().find(|end| (value - end).abs() < near)?;
+        // Nothing at all is the natural end of a size: there, the effect is not named.
+        (end != candidate.null).then(|| {
+            format!(
+                "{} of {} on {} ends at the limit of what it may be, {}: the record asks for more than this effect can be",
+                tunable.name,
+                candidate.kind.name(),
+                candidate.place,
+                number(end)
+            )
+        })
+    })
 }
 
 /// That a factor is the ratio of two units.
@@ -54,6 +59,7 @@ fn unit(cause: &Cause) -> Option<String> {
 mod tests {
     use super::*;
     use crate::answer::schema::{Estimate, Evidence};
+    use crate::candidates::Tunable;
 
     fn cause(effect: &str, low: f64, high: f64) -> Cause {
         let factor = Estimate { value: 0.5 * (low + high), low, high, unit: String::new() };
@@ -72,6 +78,29 @@ mod tests {
             indistinguishable: Vec::new(),
             notes: Vec::new(),
         }
+    }
+
+    #[test]
+    fn a_size_at_an_end_of_its_range_is_doubted_unless_that_is_nothing() {
+        let tunable = |name, size| Tunable { name, lower: 0.0, upper: 2.0, scale: 0.01, size };
+        let late = Candidate {
+            kind: Kind::InputDelay,
+            place: "u_roll".into(),
+            tunables: vec![tunable("delay_s", true), tunable("at_s", false)],
+            fixed: Vec::new(),
+            text: None,
+            starts: Vec::new(),
+            linear: false,
+            null: 0.0,
+            looks: 1.0,
+        };
+        let told = |value: f64| at_limits(&late, &[value, 2.0]).collect::<Vec<_>>();
+        assert_eq!(told(1.999).len(), 1, "a time that is no size is never at a limit");
+        assert!(
+            told(2.0)[0]
+                .starts_with("delay_s of input_delay on u_roll ends at the limit of what it may be, 2.00")
+        );
+        assert!(told(1.99).is_empty() && told(0.0).is_empty());
     }
 
     #[test]
