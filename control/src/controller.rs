@@ -42,7 +42,9 @@ pub struct Outcome {
 /// ```
 #[derive(Debug, Clone)]
 pub struct Controller {
+    /// The vehicle's own states, and all of the sampled plant.
     n: usize,
+    size: usize,
     m: usize,
     period_s: f64,
     lower: Vec<f64>,
@@ -69,6 +71,15 @@ pub struct Controller {
     steady_u: Vec<f64>,
     in_force: Vec<f64>,
     integrals: Vec<f64>,
+    /// States behind the vehicle's own, which follow from the commands: lags and modes of the inputs, past commands.
+    memory: Vec<f64>,
+    memory_at_neutral: Vec<f64>,
+    /// From the steady input to the past commands: how many of each input.
+    past: Vec<usize>,
+    /// Estimate and memory.
+    state: Vec<f64>,
+    /// What is added to a command for the inputs to do nothing at zero; empty when that is nothing.
+    trim: Vec<f64>,
     predicted: Vec<Block>,
     error: Vec<f64>,
     wanted: Vec<Block>,
@@ -97,22 +108,29 @@ impl Controller {
     /// A controller at rest: neutral command in force, no integral.
     pub fn new(design: &Design) -> Self {
         let plant = &design.plant;
-        let (n, m, q) = (plant.state_count(), plant.input_count(), design.integral.len());
+        let (n, m, q) = (plant.own_count(), plant.input_count(), design.integral.len());
+        let (motion, size) = (plant.state_count(), plant.size());
         let dt = plant.period_s();
-        let lower: Vec<f64> = plant.inputs().iter().map(|i| i.lower).collect();
-        let upper: Vec<f64> = plant.inputs().iter().map(|i| i.upper).collect();
-        let neutral: Vec<f64> = lower.iter().zip(&upper).map(|(l, u)| 0f64.clamp(*l, *u)).collect();
+        let mut lower: Vec<f64> = plant.inputs().iter().map(|i| i.lower).collect();
+        let mut upper: Vec<f64> = plant.inputs().iter().map(|i| i.upper).collect();
+        let mut neutral: Vec<f64> = lower.iter().zip(&upper).map(|(l, u)| 0f64.clamp(*l, *u)).collect();
+        let trim = if plant.trim().iter().all(|t| *t == 0.0) { Vec::new() } else { plant.trim().to_vec() };
+        // Inside, commands count from the trim.
+        for values in [&mut lower, &mut upper, &mut neutral] {
+            values.iter_mut().zip(&trim).for_each(|(v, t)| *v -= t);
+        }
+        let memory_at_neutral = plant.memory_at_rest(&neutral);
         let integral_gain = design.linear.memory_gain.columns(0, q).into_owned();
         let back_rate = (dt / TRACKING_TIME_S).min(1.0);
         let back = (&design.integral_tracking * back_rate).as_slice().to_vec();
         let (gain, integral_feedback, sliding) = match &design.sliding {
             None => (design.linear.gain.clone(), integral_gain, None),
             Some(law) => (
-                law.equivalent.columns(0, n).into_owned(),
-                law.equivalent.columns(n, q).into_owned(),
+                law.equivalent.columns(0, size).into_owned(),
+                law.equivalent.columns(size, q).into_owned(),
                 Some(Sliding {
-                    surface: Packed::new(&law.surface.columns(0, n).into_owned()),
-                    surface_integral: Packed::new(&law.surface.columns(n, q).into_owned()),
+                    surface: Packed::new(&law.surface.columns(0, size).into_owned()),
+                    surface_integral: Packed::new(&law.surface.columns(size, q).into_owned()),
                     switching: law.switching.clone(),
                     s: vec![[0.0; 4]; blocks(m)],
                     twist: vec![0.0; m],
@@ -122,11 +140,12 @@ impl Controller {
         };
         let mut controller = Self {
             n,
+            size,
             m,
             period_s: dt,
             step_limit: plant.inputs().iter().map(|i| i.rate * dt).collect(),
-            phi: Packed::new(plant.phi()),
-            gamma: Packed::new(plant.gamma()),
+            phi: Packed::new(plant.transition()),
+            gamma: Packed::new(plant.drive()),
             gain: Packed::new(&gain),
             integral: design.integral.clone(),
             integral_gain: Packed::new(&integral_feedback),
@@ -135,13 +154,18 @@ impl Controller {
             anti_windup: design.anti_windup,
             sliding,
             target: Target::new(plant),
-            reference: vec![0.0; n],
-            steady_x: vec![0.0; n],
+            reference: vec![0.0; motion],
+            steady_x: vec![0.0; size],
             steady_u: vec![0.0; m],
             in_force: neutral.clone(),
             integrals: vec![0.0; q],
-            predicted: vec![[0.0; 4]; blocks(n)],
-            error: vec![0.0; n],
+            memory: memory_at_neutral.clone(),
+            memory_at_neutral,
+            past: plant.delayed().map_or_else(Vec::new, |model| model.layout.commands.clone()),
+            state: vec![0.0; size],
+            trim,
+            predicted: vec![[0.0; 4]; blocks(size)],
+            error: vec![0.0; size],
             wanted: vec![[0.0; 4]; blocks(m)],
             loop_gain: 1.0,
             added: vec![0.0; m],
@@ -158,6 +182,7 @@ impl Controller {
     /// Back to rest: neutral command in force, no integral, reference zero.
     pub fn reset(&mut self) {
         self.in_force.copy_from_slice(&self.neutral);
+        self.memory.copy_from_slice(&self.memory_at_neutral);
         self.integrals.fill(0.0);
         self.added.fill(0.0);
         self.loop_gain = 1.0;
@@ -167,13 +192,24 @@ impl Controller {
         if let Some(sliding) = &mut self.sliding {
             sliding.twist.fill(0.0);
         }
-        self.target.evaluate(&self.reference, &mut self.steady_x, &mut self.steady_u);
+        self.aim();
+    }
+
+    /// Where the reference leads: the steady states, input, and past commands.
+    fn aim(&mut self) {
+        let motion = self.reference.len();
+        let (states, past) = self.steady_x.split_at_mut(motion);
+        self.target.evaluate(&self.reference, states, &mut self.steady_u);
+        let commands =
+            self.past.iter().zip(&self.steady_u).flat_map(|(count, u)| std::iter::repeat_n(*u, *count));
+        past.iter_mut().zip(commands).for_each(|(p, u)| *p = u);
     }
 
     /// Tells what the plant really applies when it is not the last command (a failsafe, a restart).
     pub fn set_command_in_force(&mut self, u: &[f64]) {
         if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
             self.in_force.copy_from_slice(u);
+            self.in_force.iter_mut().zip(&self.trim).for_each(|(u, t)| *u -= t);
         }
     }
 
@@ -205,7 +241,7 @@ impl Controller {
 
     /// The steady state and input that the law regulates about.
     pub fn steady_state(&self) -> (&[f64], &[f64]) {
-        (&self.steady_x, &self.steady_u)
+        (&self.steady_x[..self.n], &self.steady_u)
     }
 
     /// Computes the command for the next period from the estimate of this one.
@@ -218,6 +254,7 @@ impl Controller {
             Outcome { reference_refused: !self.follow(reference, tracked), ..Outcome::default() };
         if estimate.len() != self.n || estimate.iter().any(|v| !v.is_finite()) {
             outcome.estimate_refused = true;
+            self.predict(&[]);
             self.hold();
         } else {
             self.predict(estimate);
@@ -238,7 +275,10 @@ impl Controller {
             }
         }
         self.in_force.copy_from_slice(&self.command);
+        let known = &self.predicted.as_flattened()[self.n..self.size];
+        self.memory.copy_from_slice(known);
         out.iter_mut().zip(&self.command).for_each(|(o, c)| *o = *c);
+        out.iter_mut().zip(&self.trim).for_each(|(o, t)| *o += t);
         outcome
     }
 
@@ -255,22 +295,26 @@ impl Controller {
         if reference.len() != self.n || reference.iter().any(|v| !v.is_finite()) {
             return false;
         }
-        if tracked != self.target.tracked() || reference != &self.reference[..] {
+        if tracked != self.target.tracked() || reference != &self.reference[..self.n] {
             self.target.track(tracked);
-            self.reference.copy_from_slice(reference);
-            self.target.evaluate(reference, &mut self.steady_x, &mut self.steady_u);
+            self.reference[..self.n].copy_from_slice(reference);
+            self.aim();
         }
         true
     }
 
     fn predict(&mut self, estimate: &[f64]) {
+        // Without an estimate only what follows from the commands goes on; the own states are then without meaning.
+        self.state[..self.n].fill(0.0);
+        self.state.iter_mut().zip(estimate).for_each(|(s, e)| *s = *e);
+        self.state[self.n..].copy_from_slice(&self.memory);
         self.predicted.fill([0.0; 4]);
-        self.phi.add(&mut self.predicted, estimate);
+        self.phi.add(&mut self.predicted, &self.state);
         self.gamma.add(&mut self.predicted, &self.in_force);
         let predicted = self.predicted.as_flattened();
         let (steady, freed) = (&self.steady_x, self.target.freed());
         for (i, error) in self.error.iter_mut().enumerate() {
-            *error = if freed[i] { 0.0 } else { predicted[i] - steady[i] };
+            *error = if freed.get(i).is_some_and(|f| *f) { 0.0 } else { predicted[i] - steady[i] };
         }
     }
 

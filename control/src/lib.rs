@@ -6,6 +6,8 @@
 
 mod controller;
 pub mod design;
+mod hessenberg;
+mod input_limits;
 pub mod kalman;
 mod kernel;
 pub mod lqr;
@@ -15,13 +17,17 @@ pub mod place;
 pub mod responses;
 pub mod riccati;
 mod rows;
+mod sampled_model;
 mod sampled_plant;
+mod scales;
 pub mod smc;
 mod target;
 
 pub use controller::{Controller, Outcome};
 pub use design::{Design, DesignError};
+pub use input_limits::InputLimits;
 pub use kalman::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, KalmanFilter, Sensors};
 pub use options::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selector, SmcOptions, Weights};
 pub use responses::Responses;
-pub use sampled_plant::{InputLimits, SampledPlant, SampledPlantError};
+pub use sampled_model::{Layout, SampledModel};
+pub use sampled_plant::{SampledPlant, SampledPlantError};

@@ -62,7 +62,7 @@ impl Responses {
             .iter()
             .map(|w| Ok(1.0 / ratio.smallest_difference(*w)?))
             .collect::<Result<_, _>>()?;
-        let states = 0..design.plant.state_count();
+        let states = 0..design.plant.own_count();
         Ok(Self {
             frequency_rad_s,
             loops,
@@ -75,7 +75,7 @@ impl Responses {
 /// The step of the setpoint of state `i` by its scale; `None` when the plant cannot rest there.
 fn step(design: &Design, i: usize) -> Option<Step> {
     let plant = &design.plant;
-    let (n, m) = (plant.state_count(), plant.input_count());
+    let (n, m, all) = (plant.state_count(), plant.input_count(), plant.size());
     let mut target = Target::new(plant);
     target.track(1 << i);
     if target.freed().iter().any(|freed| *freed) {
@@ -95,14 +95,17 @@ fn step(design: &Design, i: usize) -> Option<Step> {
     let closed = design.linear.closed_loop(plant);
     let mut deviation = DVector::zeros(closed.nrows());
     deviation.rows_mut(0, n).copy_from(&-&x);
-    deviation.rows_mut(n, m).copy_from(&-&u);
+    // What follows from the commands, lags and past ones, goes to where these lead; lags are in x already.
+    let known = plant.memory_at_rest(u.as_slice());
+    known.iter().skip(n - plant.own_count()).enumerate().for_each(|(k, v)| deviation[n + k] = -v);
+    deviation.rows_mut(all, m).copy_from(&-&u);
     let steps = length(design);
     let mut answer =
         Step { state: i, size, time_s: Vec::new(), value: Vec::new(), inputs: vec![Vec::new(); m] };
     for k in 0..steps {
         answer.time_s.push(k as f64 * plant.period_s());
         answer.value.push(x[i] + deviation[i]);
-        (0..m).for_each(|j| answer.inputs[j].push(u[j] + deviation[n + j]));
+        (0..m).for_each(|j| answer.inputs[j].push(u[j] + deviation[all + j]));
         deviation = &closed * deviation;
     }
     Some(answer)

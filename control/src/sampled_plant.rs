@@ -3,11 +3,17 @@
 use nalgebra::DMatrix;
 use serde::Serialize;
 use thiserror::Error;
-use whirlstand_vehicle::{discretise, kinematic_row};
+use whirlstand_vehicle::{LinearModel, discretise, kinematic_row};
+
+use crate::input_limits::InputLimits;
+use crate::sampled_model::SampledModel;
+use crate::scales::default_scales;
 
 /// A linear plant with input limits, to be controlled once a period.
 ///
-/// `x' = a x + b u`, a zero-order hold on u. Units are SI; the order of states and inputs is the vehicle's.
+/// `x' = a x + b u`, a zero-order hold on u. Units are SI; the order of states and inputs is the vehicle's. Where the inputs
+/// have lags or modes, x has their states behind the vehicle's own; where they are late, past commands are states of the
+/// sampled plant as well ([`Self::transition`]). Both follow from the commands alone, so that nobody has to estimate them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SampledPlant {
     #[serde(serialize_with = "crate::rows::serialize")]
@@ -23,29 +29,18 @@ pub struct SampledPlant {
     state_names: Vec<String>,
     input_names: Vec<String>,
     scales: Vec<f64>,
+    /// Number of the vehicle's own states, which come first.
+    own: usize,
+    delays_s: Vec<f64>,
+    trim: Vec<f64>,
+    /// Names of the past commands that are states.
+    memory_names: Vec<String>,
+    #[serde(skip)]
+    delayed: Option<SampledModel>,
 }
 
-/// What one actuator can do.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct InputLimits {
-    /// Smallest value.
-    pub lower: f64,
-    /// Largest value.
-    pub upper: f64,
-    /// Largest rate of change, 1/s; infinite when there is none.
-    pub rate: f64,
-}
-
-impl InputLimits {
-    /// No limit at all.
-    pub const NONE: Self = Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, rate: f64::INFINITY };
-
-    /// The smaller distance from neutral (zero) to a limit; one when the input is not limited.
-    pub fn authority(&self) -> f64 {
-        let reach = self.upper.min(-self.lower);
-        if reach.is_finite() && reach > 0.0 { reach } else { 1.0 }
-    }
-}
+/// Most past commands that are kept, over all inputs.
+const MOST_PAST_COMMANDS: usize = 256;
 
 /// What is wrong with a plant.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -114,7 +109,84 @@ impl SampledPlant {
             phi,
             gamma,
             period_s,
+            own: n,
+            delays_s: vec![0.0; m],
+            trim: vec![0.0; m],
+            memory_names: Vec::new(),
+            delayed: None,
         })
+    }
+
+    /// A vehicle with the linear effects on its motion, without limits.
+    ///
+    /// # Errors
+    /// [`SampledPlantError`] as [`Self::new`], and when delays are too long for the period.
+    pub fn of(model: &LinearModel, period_s: f64) -> Result<Self, SampledPlantError> {
+        let own = model.own;
+        let mut plant = Self::new(
+            model.a.view((0, 0), (own, own)).into_owned(),
+            equivalent_input(model, own)?,
+            period_s,
+        )?;
+        plant.trim.clone_from(&model.trim);
+        if model.is_prompt() {
+            return Ok(plant);
+        }
+        let (motion, inputs) = (own + model.actuators, model.b.ncols());
+        let fast = |_| SampledPlantError::Value(format!("the plant discretised at {period_s} s overflows"));
+        plant.a = model.a.view((0, 0), (motion, motion)).into_owned();
+        plant.b = model.b.rows(0, motion).into_owned();
+        (plant.phi, plant.gamma) = discretise(&plant.a, &plant.b, period_s).map_err(fast)?;
+        plant.state_names.extend(model.names.iter().take(model.actuators).cloned());
+        plant.delays_s.clone_from(&model.input_delays_s);
+        if plant.delays_s.iter().any(|d| *d > 0.0) {
+            let periods: f64 = plant.delays_s.iter().map(|d| (d / period_s).ceil()).sum();
+            if periods > MOST_PAST_COMMANDS as f64 {
+                return Err(SampledPlantError::Value(format!(
+                    "the input delays are {periods} periods of {period_s} s together; a law can look back over \
+                     {MOST_PAST_COMMANDS} at most. Choose a lower rate"
+                )));
+            }
+            plant.delayed = Some(SampledModel::motion(model, period_s).map_err(fast)?);
+        }
+        plant.set_scales(&vec![InputLimits::NONE; inputs]);
+        plant.name_memory();
+        Ok(plant)
+    }
+
+    /// Names of the past commands, from those of the inputs.
+    fn name_memory(&mut self) {
+        let Some(model) = &self.delayed else { return };
+        let counts = self.input_names.iter().zip(&model.layout.commands);
+        self.memory_names = counts
+            .flat_map(|(name, count)| (1..=*count).map(move |back| format!("{name} -{back}")))
+            .collect();
+    }
+
+    /// Default scales: those of the plant without lags and delays, and of lags and modes what full input makes of them.
+    fn set_scales(&mut self, limits: &[InputLimits]) {
+        if self.own == self.state_count() {
+            self.scales = default_scales(&self.a, &self.phi, &self.gamma, limits, self.period_s);
+            return;
+        }
+        let (a, b) = (self.own_a(), self.own_b());
+        let sampled = discretise(&a, &b, self.period_s);
+        self.scales = match sampled {
+            Ok((phi, gamma)) => default_scales(&a, &phi, &gamma, limits, self.period_s),
+            Err(_) => vec![1.0; self.own],
+        };
+        let rest = self.actuator_rest();
+        let reach = |row: usize| -> f64 {
+            limits.iter().enumerate().map(|(j, l)| rest[(row, j)].abs() * l.authority()).sum()
+        };
+        let reaches: Vec<f64> = (0..rest.nrows()).map(reach).collect();
+        let largest = reaches.iter().copied().fold(0.0, f64::max);
+        let sized = |r: f64| match r {
+            r if r > 1e-9 * largest => r,
+            _ if largest > 0.0 => largest,
+            _ => 1.0,
+        };
+        self.scales.extend(reaches.into_iter().map(sized));
     }
 
     /// Sets the limits of all m inputs, and the default scales of the states that follow from them.
@@ -133,7 +205,7 @@ impl SampledPlant {
                 )));
             }
         }
-        self.scales = default_scales(&self.a, &self.phi, &self.gamma, &inputs, self.period_s);
+        self.set_scales(&inputs);
         self.inputs = inputs;
         Ok(self)
     }
@@ -143,9 +215,11 @@ impl SampledPlant {
     /// # Errors
     /// [`SampledPlantError`] when their numbers are not n and m.
     pub fn with_names(mut self, states: Vec<String>, inputs: Vec<String>) -> Result<Self, SampledPlantError> {
-        check_count("the state names", states.len(), self.state_count())?;
+        check_count("the state names", states.len(), self.own)?;
         check_count("the input names", inputs.len(), self.input_count())?;
-        (self.state_names, self.input_names) = (states, inputs);
+        self.state_names.splice(..self.own, states);
+        self.input_names = inputs;
+        self.name_memory();
         Ok(self)
     }
 
@@ -194,6 +268,10 @@ impl SampledPlant {
     pub fn state_names(&self) -> &[String] {
         &self.state_names
     }
+    /// Names of the vehicle's own states.
+    pub fn own_names(&self) -> &[String] {
+        &self.state_names[..self.own]
+    }
     /// Names of the inputs.
     pub fn input_names(&self) -> &[String] {
         &self.input_names
@@ -206,55 +284,101 @@ impl SampledPlant {
     pub fn state_count(&self) -> usize {
         self.a.nrows()
     }
+    /// Number of the vehicle's own states: what is estimated, and what a reference is given for.
+    pub fn own_count(&self) -> usize {
+        self.own
+    }
+    /// Number of states of the sampled plant, past commands included.
+    pub fn size(&self) -> usize {
+        self.state_count() + self.memory_names.len()
+    }
+    /// Transition of the sampled plant, N x N.
+    pub fn transition(&self) -> &DMatrix<f64> {
+        self.delayed.as_ref().map_or(&self.phi, |m| &m.f)
+    }
+    /// Input matrix of the sampled plant, N x m.
+    pub fn drive(&self) -> &DMatrix<f64> {
+        self.delayed.as_ref().map_or(&self.gamma, |m| &m.g)
+    }
+    /// The plant with its delays; absent when no input is late.
+    pub fn delayed(&self) -> Option<&SampledModel> {
+        self.delayed.as_ref()
+    }
+    /// Delay of each input, s.
+    pub fn delays_s(&self) -> &[f64] {
+        &self.delays_s
+    }
+    /// Command of each input at which it does nothing.
+    pub fn trim(&self) -> &[f64] {
+        &self.trim
+    }
+    /// Names of the past commands that are states.
+    pub fn memory_names(&self) -> &[String] {
+        &self.memory_names
+    }
+    /// System matrix of the vehicle's own states.
+    pub fn own_a(&self) -> DMatrix<f64> {
+        self.a.view((0, 0), (self.own, self.own)).into_owned()
+    }
+    /// Input matrix onto the vehicle's own states once lags and modes have come to rest.
+    pub fn own_b(&self) -> DMatrix<f64> {
+        let own = self.b.rows(0, self.own).into_owned();
+        match self.state_count() - self.own {
+            0 => own,
+            count => own + self.a.view((0, self.own), (self.own, count)) * self.actuator_rest(),
+        }
+    }
+    /// Where lags and modes come to rest, by inputs.
+    pub fn actuator_rest(&self) -> DMatrix<f64> {
+        let (own, count) = (self.own, self.state_count() - self.own);
+        let a = self.a.view((own, own), (count, count)).into_owned();
+        rest_of(a, &self.b.rows(own, count).into_owned())
+    }
+    /// The state of all that follows from the commands, when these have been `u` for long.
+    pub fn memory_at_rest(&self, u: &[f64]) -> Vec<f64> {
+        let rest = self.actuator_rest() * nalgebra::DVector::from_column_slice(u);
+        let past = self.delayed.iter().flat_map(|m| m.layout.commands.iter().zip(u));
+        rest.iter().copied().chain(past.flat_map(|(count, u)| vec![*u; *count])).collect()
+    }
+    /// Sizes of all states of the sampled plant: the scales, and the authority of past commands.
+    pub fn all_scales(&self) -> Vec<f64> {
+        let past = self.delayed.iter().flat_map(|m| m.layout.commands.iter().zip(&self.inputs));
+        self.scales.iter().copied().chain(past.flat_map(|(n, l)| vec![l.authority(); *n])).collect()
+    }
     /// Number of inputs, m.
     pub fn input_count(&self) -> usize {
         self.b.ncols()
     }
 
-    /// For each state, of which other state it is the integral by definition; see [`whirlstand_vehicle::kinematic_row`].
+    /// For each of the vehicle's own states, of which other state it is the integral by definition; see [`whirlstand_vehicle::kinematic_row`].
     pub fn kinematic_rows(&self) -> Vec<Option<(usize, f64)>> {
-        (0..self.state_count()).map(|i| kinematic_row(&self.a, &self.b, i)).collect()
+        let (a, b) = (self.own_a(), self.own_b());
+        (0..self.own).map(|i| kinematic_row(&a, &b, i)).collect()
     }
+}
+
+/// The input matrix onto the own states once lags and modes have come to rest.
+fn equivalent_input(model: &LinearModel, own: usize) -> Result<DMatrix<f64>, SampledPlantError> {
+    let count = model.actuators;
+    if count == 0 {
+        return Ok(model.b.rows(0, own).into_owned());
+    }
+    let a = model.a.view((own, own), (count, count)).into_owned();
+    let b = model.b.rows(0, own)
+        + model.a.view((0, own), (own, count)) * rest_of(a, &model.b.rows(own, count).into_owned());
+    if b.iter().any(|v| !v.is_finite()) {
+        return Err(SampledPlantError::Value(
+            "a mode on an input without damping never comes to rest".into(),
+        ));
+    }
+    Ok(b)
+}
+
+/// `-a^-1 b`, where `a` has an inverse as lags and modes have.
+fn rest_of(a: DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    a.lu().solve(b).map_or_else(|| DMatrix::from_element(b.nrows(), b.ncols(), f64::NAN), |x| -x)
 }
 
 fn check_count(what: &'static str, got: usize, wanted: usize) -> Result<(), SampledPlantError> {
     if got == wanted { Ok(()) } else { Err(SampledPlantError::Size { what, got, wanted, unit: "entries" }) }
-}
-
-/// A tenth of the largest excursion that full steps on the inputs cause within two seconds; a thirtieth of that
-/// within ten for a state on which nothing depends, as a position, because an outer, slower loop holds it.
-fn default_scales(
-    a: &DMatrix<f64>,
-    phi: &DMatrix<f64>,
-    gamma: &DMatrix<f64>,
-    inputs: &[InputLimits],
-    period_s: f64,
-) -> Vec<f64> {
-    let n = phi.nrows();
-    let steps = |time: f64| (time / period_s).ceil().clamp(1.0, 20_000.0) as usize;
-    let until: Vec<usize> = (0..n)
-        .map(|j| if a.column(j).iter().all(|v| *v == 0.0) { steps(10.0) } else { steps(2.0) })
-        .collect();
-    let last = until.iter().copied().max().unwrap_or(0);
-    let mut reach = vec![0f64; n];
-    for (j, limits) in inputs.iter().enumerate() {
-        let drive = gamma.column(j) * limits.authority();
-        let mut x = nalgebra::DVector::<f64>::zeros(n);
-        for k in 0..last {
-            x = phi * x + &drive;
-            for i in (0..n).filter(|&i| k < until[i]) {
-                reach[i] = reach[i].max(x[i].abs());
-            }
-        }
-    }
-    let largest = reach.iter().copied().filter(|r| r.is_finite()).fold(0.0, f64::max);
-    // A state that no input moves is measured by those that move: weighing it by its own reach, which is nothing,
-    // would leave only rounding of the others.
-    let sized = |r: f64| match r {
-        _ if largest == 0.0 => 1.0,
-        r if r < 1e-6 * largest => largest,
-        r => r,
-    };
-    let share = |i: usize| if until[i] == last && last > steps(2.0) { 1.0 / 30.0 } else { 0.1 };
-    reach.iter().enumerate().map(|(i, r)| if r.is_finite() { share(i) * sized(*r) } else { 1.0 }).collect()
 }

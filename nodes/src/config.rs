@@ -26,6 +26,9 @@ pub struct NodeConfig {
     pub zenoh: ZenohConfig,
     /// The vehicle file, as text.
     pub vehicle: VehicleSource,
+    /// What law and filter take the vehicle for, as text; absent: the vehicle file. It has the same signals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<VehicleSource>,
     /// Effects of the launch file, appended to the vehicle's own; only the plant knows them.
     #[serde(default)]
     pub effects: Vec<Effect>,

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use whirlstand_bus::{BusConfig, WaitStrategy};
 use whirlstand_control::SampledPlant;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{LinearModel, Vehicle};
 
-use crate::config::{Mode, NodeConfig, Role, SignalChange};
+use crate::config::{Mode, NodeConfig, Role, SignalChange, VehicleSource};
 use crate::error::NodeError;
 use crate::gate::InputLimits;
 use crate::signals::{OutputMap, input_limits};
@@ -16,6 +16,8 @@ use crate::signals::{OutputMap, input_limits};
 pub struct Setup {
     /// The vehicle file's vehicle, without the effects of the launch file.
     pub vehicle: Vehicle,
+    /// What law and filter take it for.
+    pub model: Vehicle,
     /// Where its outputs travel.
     pub map: OutputMap,
     /// Limits of its inputs.
@@ -35,7 +37,23 @@ impl Setup {
         check(config)?;
         let map = OutputMap::new(&vehicle)?;
         let limits = input_limits(&vehicle)?;
-        Ok(Self { vehicle, map, limits })
+        let model = match &config.model {
+            None => vehicle.clone(),
+            Some(source) => Self::model_of(source, &vehicle)?,
+        };
+        Ok(Self { vehicle, model, map, limits })
+    }
+
+    /// The vehicle that law and filter believe in, which must have the signals of the one that flies.
+    fn model_of(source: &VehicleSource, vehicle: &Vehicle) -> Result<Vehicle, NodeError> {
+        let origin = source.origin.clone();
+        let refuse = |reason: String| NodeError::Vehicle { origin: origin.clone(), reason };
+        let mut model = Vehicle::parse(&source.text, &origin).map_err(|e| refuse(e.to_string()))?;
+        model.folder = Path::new(&origin).parent().map(Into::into);
+        if let Some(what) = model.signals_differ(vehicle) {
+            return Err(refuse(format!("its {what} are not those of {}, which flies", vehicle.name)));
+        }
+        Ok(model)
     }
 
     /// The vehicle as laws and filters see it.
@@ -43,7 +61,7 @@ impl Setup {
     /// # Errors
     /// [`NodeError::Design`] for a vehicle that cannot be controlled at this period.
     pub fn control_plant(&self, config: &NodeConfig) -> Result<SampledPlant, NodeError> {
-        Self::plant_of(&self.vehicle, Self::period_s(config))
+        Self::plant_of(&self.model, Self::period_s(config))
     }
 
     /// Any vehicle as laws and filters see it, whether or not the bus carries its outputs.
@@ -58,14 +76,16 @@ impl Setup {
             .collect();
         let states = v.states.iter().map(|s| s.name.clone()).collect();
         let inputs = v.inputs.iter().map(|i| i.name.clone()).collect();
-        SampledPlant::new(v.a.clone(), v.b.clone(), period_s)
+        let refuse = |reason: String| NodeError::Design {
+            what: "a control loop".into(),
+            vehicle: v.name.clone(),
+            reason,
+        };
+        let linear = LinearModel::new(v).map_err(|e| refuse(e.to_string()))?;
+        SampledPlant::of(&linear, period_s)
             .and_then(|p| p.with_limits(limits))
             .and_then(|p| p.with_names(states, inputs))
-            .map_err(|e| NodeError::Design {
-                what: "a control loop".into(),
-                vehicle: v.name.clone(),
-                reason: e.to_string(),
-            })
+            .map_err(|e| refuse(e.to_string()))
     }
 
     /// A design that failed.

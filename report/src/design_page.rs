@@ -230,11 +230,16 @@ fn gains(design: &Design) -> Section {
     let rows = inputs.iter().enumerate().map(|(i, name)| Row {
         label: name.clone(),
         group: false,
-        cells: gain.row(i).iter().map(|v| Cell::new(number(*v))).collect(),
+        cells: gain.row(i).iter().take(states.len()).map(|v| Cell::new(number(*v))).collect(),
     });
     Section {
         title: "Gain".into(),
-        text: "K in u = -K x, SI.".into(),
+        text: match design.plant.memory_names().len() {
+            0 => "K in u = -K x, SI.".into(),
+            past => {
+                format!("K in u = -K x, SI. The law also feeds back {past} past commands of the late inputs.")
+            }
+        },
         tables: vec![Table {
             head: std::iter::once(String::new()).chain(states.iter().cloned()).collect(),
             rows: rows.collect(),

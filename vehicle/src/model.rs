@@ -167,6 +167,26 @@ impl Vehicle {
         self.outputs.iter().position(|s| s.name == name)
     }
 
+    /// Which signals differ in name or number from those of another vehicle: `states`, `inputs` or `outputs`.
+    pub fn signals_differ(&self, other: &Self) -> Option<&'static str> {
+        let same = |a: &mut dyn Iterator<Item = &String>, b: &mut dyn Iterator<Item = &String>| a.eq(b);
+        let pairs: [(&'static str, bool); 3] = [
+            (
+                "states",
+                same(&mut self.states.iter().map(|s| &s.name), &mut other.states.iter().map(|s| &s.name)),
+            ),
+            (
+                "inputs",
+                same(&mut self.inputs.iter().map(|s| &s.name), &mut other.inputs.iter().map(|s| &s.name)),
+            ),
+            (
+                "outputs",
+                same(&mut self.outputs.iter().map(|s| &s.name), &mut other.outputs.iter().map(|s| &s.name)),
+            ),
+        ];
+        pairs.into_iter().find(|(_, same)| !same).map(|(what, _)| what)
+    }
+
     /// Magnitude of every state up to which the model holds, SI: that of the file, or a thousand times the largest scale
     /// of the vehicle. That is what inputs at their limits make of any state in a second, or a state at the start, or one.
     pub fn state_bounds(&self, initial: &[f64]) -> Vec<f64> {

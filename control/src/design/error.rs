@@ -51,6 +51,17 @@ pub enum DesignError {
         /// What would do.
         needed: &'static str,
     },
+    /// Inputs whose delays differ by too much.
+    #[error(
+        "the delays of the inputs differ by so much that the equation of this law has {states} states; {most} are solved. Choose a \
+         lower rate, or ppc or smc"
+    )]
+    Spread {
+        /// Its states.
+        states: usize,
+        /// Most that are solved.
+        most: usize,
+    },
     /// Options that exclude each other.
     #[error("`{first}` and `{second}` exclude each other; give one of them")]
     Conflict {

@@ -4,16 +4,29 @@
 //! `[t_k+1, t_k+2)`. They feed back the exact prediction `x_k+1 = phi x_k + gamma u_k` (u_k is the command in
 //! force), so that the delay does not move the poles of the undelayed design; it adds one pole at the origin per
 //! input. Poles and margins reported are those of the delayed loop.
+//!
+//! A plant whose inputs are late by more ([`SampledPlant::delays_s`]) has past commands as states, and the laws feed back
+//! these as well: the regulator by its equation, the others through the reduction of
+//! [`SampledModel::reduction`](crate::SampledModel::reduction).
 
 mod controllability;
 mod error;
-mod law;
+mod estimated;
+mod linear_law;
+mod placement;
+mod reduced;
+mod regulator;
 mod report;
 mod resolve;
+mod sliding;
+mod sliding_law;
 
 pub use error::DesignError;
-pub use law::{LinearLaw, SlidingLaw, Switching};
+pub use estimated::{EstimatedLoop, EstimatedLoopError, LoopFigures};
+pub use linear_law::LinearLaw;
+use report::round_delays;
 pub use report::{Pole, pole};
+pub use sliding_law::{SlidingLaw, Switching};
 
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -56,6 +69,24 @@ pub struct Design {
     pub multivariable_margins: MultivariableMargins,
     /// What integrators do at the limits.
     pub anti_windup: AntiWindup,
+    /// The loop with its filter; absent until it is asked for ([`EstimatedLoop::new`]).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub with_estimator: Option<LoopFigures>,
+    /// What the vehicle has and the law cannot use.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOut>,
+}
+
+/// An effect of the vehicle that the design does not hold.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// The effect.
+    pub effect: String,
+    /// Its place.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Why, in a sentence.
+    pub why: String,
 }
 
 impl Design {
@@ -64,29 +95,28 @@ impl Design {
     /// # Errors
     /// [`DesignError`] names the option, the state or the pole that stands in the way.
     pub fn new(plant: &SampledPlant, options: &LawOptions) -> Result<Self, DesignError> {
-        let (integral, linear, sliding, anti_windup) = match options {
+        let (integral, linear, sliding, reduced, anti_windup) = match options {
             LawOptions::Lqr(o) => {
                 let integral = resolve::integral(plant, &o.integral)?;
                 controllability::check(plant, &integral)?;
-                let linear = law::lqr(plant, o, &integral)?;
-                (integral, linear, None, o.anti_windup)
+                let (linear, reduced) = regulator::lqr(plant, o, &integral)?;
+                (integral, linear, None, reduced, o.anti_windup)
             }
             LawOptions::Ppc(o) => {
                 let integral = resolve::integral(plant, &o.integral)?;
                 controllability::check(plant, &integral)?;
-                let linear = law::ppc(plant, o, &integral)?;
-                (integral, linear, None, o.anti_windup)
+                let (linear, reduced) = placement::ppc(plant, o, &integral)?;
+                (integral, linear, None, reduced, o.anti_windup)
             }
             LawOptions::Smc(o) => {
                 let integral = resolve::integral(plant, &o.integral)?;
                 controllability::check(plant, &integral)?;
-                let (linear, sliding) = law::smc(plant, o, &integral)?;
-                (integral, linear, Some(sliding), o.anti_windup)
+                let (linear, sliding, reduced) = sliding::smc(plant, o, &integral)?;
+                (integral, linear, Some(sliding), reduced, o.anti_windup)
             }
         };
         let period = plant.period_s();
-        let closed = linear.closed_loop(plant);
-        let poles = eigenvalues(&closed)?;
+        let poles = closed_loop_poles(plant, &linear, reduced.as_ref())?;
         if let Some(unstable) = poles.iter().find(|p| p.norm().is_nan() || p.norm() >= 1.0) {
             return Err(DesignError::Unstable { pole: *unstable });
         }
@@ -101,7 +131,10 @@ impl Design {
             options: options.clone(),
             open_loop_poles: open.iter().map(|p| Pole::continuous(*p, period)).collect(),
             closed_loop_poles: poles.iter().map(|p| Pole::discrete(*p, period)).collect(),
-            eigenvector_condition: eigenvector_condition(&scaled(plant, &integral, linear.undelayed(plant)))?,
+            eigenvector_condition: match &reduced {
+                None => eigenvector_condition(&scaled(plant, &integral, linear.undelayed(plant)))?,
+                Some(reduced) => eigenvector_condition(&reduced.scaled())?,
+            },
             loop_margins,
             multivariable_margins: ratio.multivariable()?,
             integral_tracking: pseudo_inverse(&integral_gain, 1e-12)?,
@@ -109,6 +142,8 @@ impl Design {
             linear,
             sliding,
             anti_windup,
+            with_estimator: None,
+            left_out: Vec::new(),
         })
     }
 
@@ -116,6 +151,21 @@ impl Design {
     pub fn return_ratio(&self) -> ReturnRatio {
         self.linear.return_ratio(&self.plant)
     }
+}
+
+/// Poles of the loop as it runs. Those of late inputs lie at the origin and come from no iteration: eigenvalues of a long
+/// register move by the root of rounding that its length takes.
+fn closed_loop_poles(
+    plant: &SampledPlant,
+    linear: &LinearLaw,
+    reduced: Option<&reduced::ReducedLoop>,
+) -> Result<Vec<C64>, DesignError> {
+    let Some(reduced) = reduced else { return Ok(eigenvalues(&linear.closed_loop(plant))?) };
+    let mut poles = eigenvalues(&reduced.matrix)?;
+    round_delays(&mut poles, reduced.registers);
+    let all = plant.size() + plant.input_count() + linear.memory.nrows();
+    poles.resize(all, C64::new(0.0, 0.0));
+    Ok(poles)
 }
 
 /// The loop without delay in states measured by their scales, integrals by those over one second, and the memory

@@ -3,6 +3,9 @@
 use serde::Serialize;
 use whirlstand_linalg::C64;
 
+/// Part of a pole's power, over the registers of a loop, that rounding may leave.
+const ROUNDING: f64 = 1e-10;
+
 /// One pole, discrete and continuous.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Pole {
@@ -42,4 +45,12 @@ impl Pole {
 /// The z-plane pole of a continuous one given as `[re, im]` in 1/s.
 pub fn pole(s: [f64; 2], period_s: f64) -> C64 {
     (C64::new(s[0], s[1]) * period_s).exp()
+}
+
+/// Poles that cannot be told from those of a register of that length become those.
+pub fn round_delays(poles: &mut [C64], registers: usize) {
+    if registers > 0 {
+        let blurred = ROUNDING.powf(1.0 / registers as f64);
+        poles.iter_mut().filter(|p| p.norm() < blurred).for_each(|p| *p = C64::new(0.0, 0.0));
+    }
 }

@@ -9,7 +9,7 @@ use crate::sampled_plant::SampledPlant;
 
 /// Index of a state.
 fn state(plant: &SampledPlant, option: &'static str, selector: &Selector) -> Result<usize, DesignError> {
-    index(option, selector, plant.state_names())
+    index(option, selector, plant.own_names())
 }
 
 fn index(option: &'static str, selector: &Selector, names: &[String]) -> Result<usize, DesignError> {
@@ -83,7 +83,7 @@ pub fn positive(option: &'static str, value: Option<f64>, default: f64) -> Resul
 /// Bryson's weight of each state, times `rates` for a rate or speed whose integral is a state too: damping comes
 /// with the integral's weight, and more of it only slows the response.
 pub fn bryson(plant: &SampledPlant, rates: f64) -> Vec<f64> {
-    let mut weights: Vec<f64> = plant.scales().iter().map(|s| 1.0 / (s * s)).collect();
+    let mut weights: Vec<f64> = plant.scales()[..plant.own_count()].iter().map(|s| 1.0 / (s * s)).collect();
     for (rate, _) in plant.kinematic_rows().into_iter().flatten() {
         weights[rate] = rates / (plant.scales()[rate] * plant.scales()[rate]);
     }
@@ -93,7 +93,7 @@ pub fn bryson(plant: &SampledPlant, rates: f64) -> Vec<f64> {
 /// Natural frequency that a loop around this plant is given: twice the geometric mean of those of its own modes
 /// that move, within what the period can follow; rad/s.
 pub fn bandwidth(plant: &SampledPlant) -> Result<f64, DesignError> {
-    let modes: Vec<f64> = eigenvalues(plant.a())?.iter().map(|p| p.norm()).collect();
+    let modes: Vec<f64> = eigenvalues(&plant.own_a())?.iter().map(|p| p.norm()).collect();
     let fastest = modes.iter().copied().fold(0.0, f64::max);
     let top = 0.05 * std::f64::consts::TAU / plant.period_s();
     if fastest <= 0.0 {
@@ -102,6 +102,15 @@ pub fn bandwidth(plant: &SampledPlant) -> Result<f64, DesignError> {
     let moving: Vec<f64> = modes.into_iter().filter(|w| *w > 1e-3 * fastest).collect();
     let mean = moving.iter().map(|w| w.ln()).sum::<f64>() / moving.len() as f64;
     Ok((2.0 * mean.exp()).min(top))
+}
+
+/// Poles of lags and modes on the inputs, continuous.
+pub fn actuator_poles(plant: &SampledPlant) -> Result<Vec<C64>, DesignError> {
+    let (own, count) = (plant.own_count(), plant.state_count() - plant.own_count());
+    match count {
+        0 => Ok(Vec::new()),
+        _ => Ok(eigenvalues(&plant.a().view((own, own), (count, count)).into_owned())?),
+    }
 }
 
 /// The plant's own poles made faster and damped: a pole slower than `bandwidth` moves half the way to it on a
@@ -114,10 +123,11 @@ pub fn default_poles(
     damping: f64,
     extra: usize,
 ) -> Result<Vec<C64>, DesignError> {
-    let modes = uncontrollability(plant.a(), plant.b())?;
+    let modes = uncontrollability(&plant.own_a(), &plant.own_b())?;
     // First those that stay, for the others to keep clear of.
     let stays = |distance: f64| distance < 1e-12;
     let mut poles: Vec<C64> = modes.iter().filter(|m| stays(m.1)).map(|m| m.0).collect();
+    poles.extend(actuator_poles(plant)?);
     let mut add = |frequency: f64, zeta: f64| {
         let mut w = frequency;
         let make = |w: f64| C64::new(-zeta * w, w * (1.0 - zeta * zeta).max(0.0).sqrt());

@@ -12,14 +12,20 @@
 //! outputs cannot tell apart is refused.
 
 mod covariance;
+mod error;
+mod extended;
 mod filter;
 mod filter_model;
 mod flow;
 mod model;
+mod observability;
 mod schedule;
+mod sensors;
 #[cfg(test)]
 mod tests;
 
+pub use error::EstimatorError;
 pub use filter::KalmanFilter;
 pub use filter_model::FilterModel;
-pub use model::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, Sensors};
+pub use model::{Estimator, EstimatorKind, EstimatorOptions};
+pub use sensors::Sensors;

@@ -2,26 +2,16 @@
 
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
-use whirlstand_vehicle::{DiscretiseError, discretise, finite_horizon_gramian};
+use whirlstand_vehicle::{LinearModel, discretise, finite_horizon_gramian};
 
+use super::error::EstimatorError;
+use super::extended::{Extended, Ingredients, Known, kinematic};
 use super::filter::KalmanFilter;
 use super::filter_model::FilterModel;
+use super::observability::check_observable;
+use super::sensors::Sensors;
 use crate::options::{Selector, Weights};
 use crate::sampled_plant::SampledPlant;
-
-/// What is measured: `y = c x + d u + noise`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sensors {
-    /// p x n.
-    pub c: DMatrix<f64>,
-    /// p x m.
-    pub d: DMatrix<f64>,
-    /// Standard deviation of the noise of each output, SI units, positive.
-    pub std: Vec<f64>,
-    /// Names of the outputs.
-    pub names: Vec<String>,
-}
 
 /// Which model the filter predicts with.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,33 +43,6 @@ pub struct EstimatorOptions {
     pub outputs: Option<Vec<Selector>>,
 }
 
-/// Why an estimator cannot be made.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum EstimatorError {
-    /// Sensors that do not fit the plant.
-    #[error("the sensors do not fit the plant: {0}")]
-    Sensors(String),
-    /// An option that names nothing, or has a wrong value.
-    #[error("`{option}`: {why}")]
-    Option {
-        /// The option.
-        option: &'static str,
-        /// What is wrong.
-        why: String,
-    },
-    /// A state or bias that the outputs do not show.
-    #[error("{what} cannot be told from the outputs {outputs}; measure more, or estimate fewer biases")]
-    Unobservable {
-        /// What.
-        what: String,
-        /// The outputs used.
-        outputs: String,
-    },
-    /// An unstable mode is too fast for the period.
-    #[error("the filter cannot be sampled: {0}; an unstable mode of the plant is too fast for this period")]
-    Discretise(#[from] DiscretiseError),
-}
-
 /// A Kalman filter for the states of a plant and the biases of its sensors.
 ///
 /// A step allocates nothing and cannot panic.
@@ -92,6 +55,8 @@ pub struct Estimator {
     bias_state: Vec<Option<usize>>,
     bias: Vec<f64>,
     steps: u64,
+    /// What follows from the commands; absent for a vehicle without effects that a filter has to know.
+    known: Option<Known>,
 }
 
 impl Estimator {
@@ -104,14 +69,29 @@ impl Estimator {
         sensors: &Sensors,
         options: &EstimatorOptions,
     ) -> Result<Self, EstimatorError> {
-        let (n, p) = (plant.state_count(), sensors.c.nrows());
+        Self::of(plant, sensors, None, options)
+    }
+
+    /// Prepares the filter for a vehicle with linear effects, which `linear` holds: late inputs and sensors, lags, tones,
+    /// known errors of sensors.
+    ///
+    /// # Errors
+    /// [`EstimatorError`] names the output, option or state that stands in the way.
+    pub fn of(
+        plant: &SampledPlant,
+        sensors: &Sensors,
+        linear: Option<&LinearModel>,
+        options: &EstimatorOptions,
+    ) -> Result<Self, EstimatorError> {
+        let (n, p) = (plant.own_count(), sensors.c.nrows());
         check(plant, sensors)?;
         let kinematics = plant.kinematic_rows();
+        let own_b = plant.own_b();
         let shows: Vec<Option<usize>> = (0..p).map(|i| shown_state(sensors, i)).collect();
         // A gyro: it shows a rate that the inputs drive and whose angle is measured too. Speeds are driven by angles.
         let gyro = |i: usize| {
             shows[i].is_some_and(|j| {
-                let driven = plant.b().row(j).iter().any(|v| *v != 0.0);
+                let driven = own_b.row(j).iter().any(|v| *v != 0.0);
                 let integral =
                     |k: usize| kinematics[k].is_some_and(|(d, _)| d == j) && shows.contains(&Some(k));
                 driven && (0..n).any(integral)
@@ -126,13 +106,30 @@ impl Estimator {
             Some(list) => select("bias", list, &sensors.names)?,
             None => used.iter().copied().filter(|&i| gyro(i)).collect(),
         };
-        let (model, initial) = filter_model(plant, sensors, options, &kinematics, &biased)?;
+        let (mut model, mut initial) = filter_model(plant, sensors, options, &kinematics, &biased)?;
         let used_mask = used.iter().fold(0, |mask, i| mask | 1 << i);
+        // Delays and lags hide nothing that the states and biases without them show.
         check_observable(plant, sensors, &model.f, &model.h, &used, &biased)?;
+        let (mut first_bias, mut known) = (n, None);
+        if let Some(linear) = linear.filter(|l| !l.is_plain()) {
+            let noise = process_noise(plant, options, &kinematics)?;
+            let biases: Vec<_> = biased.iter().map(|&i| bias_noise(sensors, options, i)).collect();
+            let scales = &plant.scales()[..n];
+            let given = Ingredients { noise: &noise, std: &sensors.std, scales, biases: &biases };
+            let extended = match options.kind {
+                EstimatorKind::Model => Extended::new(linear, plant.period_s(), &given)?,
+                EstimatorKind::Kinematic => {
+                    Extended::new(&kinematic(linear, &kinematics), plant.period_s(), &given)?
+                }
+            };
+            (model, initial) = (extended.model, extended.initial);
+            (first_bias, known) = (extended.first_bias, Some(extended.known));
+        }
         let mut bias_state = vec![None; p];
-        biased.iter().enumerate().for_each(|(k, &i)| bias_state[i] = Some(n + k));
+        biased.iter().enumerate().for_each(|(k, &i)| bias_state[i] = Some(first_bias + k));
         Ok(Self {
             filter: KalmanFilter::new(model, &initial),
+            known,
             states: n,
             used: used_mask,
             bias_state,
@@ -144,7 +141,13 @@ impl Estimator {
     /// One step. `y` holds all p outputs, bit i of `valid` says that output i is fresh; `u_before` acted since
     /// the step before, `u_now` acts at the moment of measurement (it matters only where d is not zero).
     pub fn step(&mut self, y: &[f64], valid: u64, u_before: &[f64], u_now: &[f64]) {
-        self.filter.step(y, valid & self.used, u_before, u_now);
+        match &mut self.known {
+            None => self.filter.step(y, valid & self.used, u_before, u_now),
+            Some(known) => {
+                known.step(y, u_before, u_now);
+                self.filter.step(&known.y, valid & self.used, &known.before, &known.now);
+            }
+        }
         for (value, state) in self.bias.iter_mut().zip(&self.bias_state) {
             if let Some(k) = state {
                 *value = self.filter.x()[*k];
@@ -183,6 +186,11 @@ impl Estimator {
         self.filter.settled()
     }
 
+    /// The outputs that are used, bit i for output i.
+    pub fn used(&self) -> u64 {
+        self.used
+    }
+
     /// The filter itself, with its biases and covariance.
     pub fn filter(&self) -> &KalmanFilter {
         &self.filter
@@ -190,7 +198,7 @@ impl Estimator {
 }
 
 fn check(plant: &SampledPlant, sensors: &Sensors) -> Result<(), EstimatorError> {
-    let (n, m, p) = (plant.state_count(), plant.input_count(), sensors.c.nrows());
+    let (n, m, p) = (plant.own_count(), plant.input_count(), sensors.c.nrows());
     let bad = |why: String| Err(EstimatorError::Sensors(why));
     if p == 0 || p > 64 {
         return bad(format!("there are {p} outputs; 1 to 64 are needed"));
@@ -253,7 +261,7 @@ fn process_noise(
     kinematics: &[Option<(usize, f64)>],
 ) -> Result<Vec<f64>, EstimatorError> {
     let factor = if options.kind == EstimatorKind::Kinematic { 3.0 } else { 1.0 };
-    let mut noise: Vec<f64> = (0..plant.state_count())
+    let mut noise: Vec<f64> = (0..plant.own_count())
         .map(|i| if kinematics[i].is_some() { 0.0 } else { factor * plant.scales()[i] })
         .collect();
     let option = "process_noise";
@@ -267,9 +275,9 @@ fn process_noise(
         }
         Some(Weights::ByName(map)) => {
             for (name, value) in map {
-                let Some(i) = plant.state_names().iter().position(|n| n == name) else {
+                let Some(i) = plant.own_names().iter().position(|n| n == name) else {
                     let why =
-                        format!("{name:?} is not a state; the states are {}", plant.state_names().join(", "));
+                        format!("{name:?} is not a state; the states are {}", plant.own_names().join(", "));
                     return Err(EstimatorError::Option { option, why });
                 };
                 noise[i] = *value;
@@ -291,10 +299,10 @@ fn filter_model(
     kinematics: &[Option<(usize, f64)>],
     biased: &[usize],
 ) -> Result<(FilterModel, Vec<f64>), EstimatorError> {
-    let (n, m, p, nb) = (plant.state_count(), plant.input_count(), sensors.c.nrows(), biased.len());
+    let (n, m, p, nb) = (plant.own_count(), plant.input_count(), sensors.c.nrows(), biased.len());
     let dt = plant.period_s();
     let (a, b, d) = match options.kind {
-        EstimatorKind::Model => (plant.a().clone(), plant.b().clone(), sensors.d.clone()),
+        EstimatorKind::Model => (plant.own_a(), plant.own_b(), sensors.d.clone()),
         EstimatorKind::Kinematic => {
             let entry = |i: usize, j: usize| kinematics[i].filter(|(d, _)| *d == j).map_or(0.0, |(_, c)| c);
             (DMatrix::from_fn(n, n, entry), DMatrix::zeros(n, m), DMatrix::zeros(p, m))
@@ -312,44 +320,19 @@ fn filter_model(
     let density = DMatrix::from_fn(n, n, |i, j| if i == j { noise[i] * noise[i] } else { 0.0 });
     let mut q = DMatrix::zeros(n + nb, n + nb);
     q.view_mut((0, 0), (n, n)).copy_from(&finite_horizon_gramian(&a, &density, dt)?);
-    let mut initial: Vec<f64> = plant.scales().iter().map(|s| 10.0 * s).collect();
+    let mut initial: Vec<f64> = plant.scales()[..n].iter().map(|s| 10.0 * s).collect();
     for (k, &i) in biased.iter().enumerate() {
         h[(i, n + k)] = 1.0;
-        initial.push(options.bias_std.unwrap_or(10.0 * sensors.std[i]));
-        let walk = options.bias_walk.unwrap_or(0.01 * sensors.std[i]);
+        let (_, start, walk) = bias_noise(sensors, options, i);
+        initial.push(start);
         q[(n + k, n + k)] = walk * walk * dt;
     }
     let variance = sensors.std.iter().map(|s| s * s).collect();
     Ok((FilterModel { f, g, h, d, q, variance }, initial))
 }
 
-/// The observability test of Popov, Belevitch and Hautus at every eigenvalue on or outside the unit circle.
-fn check_observable(
-    plant: &SampledPlant,
-    sensors: &Sensors,
-    f: &DMatrix<f64>,
-    h: &DMatrix<f64>,
-    used: &[usize],
-    biased: &[usize],
-) -> Result<(), EstimatorError> {
-    let n = plant.state_count();
-    let scale = |j: usize| if j < n { plant.scales()[j] } else { sensors.std[biased[j - n]] };
-    let size = f.nrows();
-    let scaled_f = DMatrix::from_fn(size, size, |i, j| f[(i, j)] * scale(j) / scale(i));
-    let scaled_h =
-        DMatrix::from_fn(used.len(), size, |i, j| h[(used[i], j)] * scale(j) / sensors.std[used[i]]);
-    let modes = crate::place::uncontrollability(&scaled_f.transpose(), &scaled_h.transpose())
-        .map_err(|e| EstimatorError::Sensors(e.to_string()))?;
-    let hidden = modes.iter().find(|(mode, distance)| mode.norm() > 1.0 - 1e-9 && *distance < 1e-12);
-    if hidden.is_none() {
-        return Ok(());
-    }
-    let outputs = used.iter().map(|&i| sensors.names[i].as_str()).collect::<Vec<_>>().join(", ");
-    let what = if biased.is_empty() {
-        "the full state".to_owned()
-    } else {
-        let names: Vec<_> = biased.iter().map(|&i| sensors.names[i].as_str()).collect();
-        format!("the state together with the bias of {}", names.join(", "))
-    };
-    Err(EstimatorError::Unobservable { what, outputs })
+/// The bias of an output: its standard deviation at the start, and its random walk per sqrt(s).
+fn bias_noise(sensors: &Sensors, options: &EstimatorOptions, output: usize) -> (usize, f64, f64) {
+    let std = sensors.std[output];
+    (output, options.bias_std.unwrap_or(10.0 * std), options.bias_walk.unwrap_or(0.01 * std))
 }

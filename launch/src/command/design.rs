@@ -3,18 +3,23 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use whirlstand_control::design::Pole;
+use whirlstand_control::design::{EstimatedLoop, LeftOut, LoopFigures, Pole};
+use whirlstand_control::margins::{LoopMargins, MultivariableMargins};
 use whirlstand_control::{Design, Responses};
 use whirlstand_msgs::units::clean;
+use whirlstand_nodes::estimator::filter_of;
 use whirlstand_nodes::setup::Setup;
 use whirlstand_report::{DesignReport, design_report};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Effect, Engine, LinearModel, Vehicle};
 
 use super::{tell, write};
 use crate::cli::DesignArgs;
 use crate::error::Failure;
 use crate::file::{Document, Plan, plan};
 use crate::style;
+
+/// Poles at the origin up to which each has a line.
+const MOST_DELAY_LINES: usize = 8;
 
 /// Runs the command.
 pub(crate) fn design(args: &DesignArgs) -> Result<ExitCode, Failure> {
@@ -70,9 +75,28 @@ fn designed(args: &DesignArgs) -> Result<(Vehicle, Design), Failure> {
     let source = &plan.config.vehicle;
     let vehicle = Vehicle::parse(&source.text, &source.origin).map_err(Failure::mend)?;
     let plant = Setup::plant_of(&vehicle, Setup::period_s(&plan.config)).map_err(Failure::mend)?;
-    let design = Design::new(&plant, &options)
+    let mut design = Design::new(&plant, &options)
         .map_err(|e| Failure::Mend(format!("{} cannot be designed for {}: {e}", args.law, args.vehicle)))?;
+    let linear = LinearModel::new(&vehicle).map_err(Failure::mend)?;
+    design.left_out = linear.left_out.iter().map(left_out).collect();
+    design.with_estimator = Some(estimated(&vehicle, &design, &linear, &plan));
     Ok((vehicle, design))
+}
+
+/// The loop with the filter of the launch file's defaults; where it cannot be had, why.
+fn estimated(vehicle: &Vehicle, design: &Design, linear: &LinearModel, plan: &Plan) -> LoopFigures {
+    let every: Vec<u32> = vehicle.outputs.iter().map(|o| o.every).collect();
+    filter_of(vehicle, &design.plant, &plan.config.estimator, Engine::Flying)
+        .map_err(|e| e.to_string())
+        .and_then(|estimator| {
+            EstimatedLoop::new(&design.plant, &design.linear, &estimator, linear, &every)
+                .map_err(|e| e.to_string())
+        })
+        .map_or_else(|why| LoopFigures::Absent { why }, LoopFigures::Known)
+}
+
+fn left_out((effect, why): &(Effect, &'static str)) -> LeftOut {
+    LeftOut { effect: effect.kind().name().into(), place: effect.place().into(), why: (*why).into() }
 }
 
 fn design_text(d: &Design) -> String {
@@ -84,10 +108,12 @@ fn design_text(d: &Design) -> String {
         inputs.len(),
         clean(d.plant.period_s() * 1e3)
     );
+    text.push_str(&late_text(d));
     let mut columns = states.to_vec();
     columns.extend(d.integral.iter().map(|&i| format!("int {}", states[i])));
     // Further columns belong to the memory of super-twisting, which is not fed back on a state.
-    let mut gain = d.linear.gain.clone().resize_horizontally(columns.len(), 0.0);
+    let mut gain =
+        d.linear.gain.columns(0, states.len()).into_owned().resize_horizontally(columns.len(), 0.0);
     let integrals = d.integral.len();
     gain.columns_mut(states.len(), integrals).copy_from(&d.linear.memory_gain.columns(0, integrals));
     let title = if d.sliding.is_some() {
@@ -97,7 +123,12 @@ fn design_text(d: &Design) -> String {
     };
     text.push_str(&table(title, inputs, &columns, &gain));
     if let Some(sliding) = &d.sliding {
-        text.push_str(&table("sliding surface", inputs, &columns, &sliding.surface));
+        let mut surface = sliding.surface.columns(0, states.len()).into_owned();
+        surface = surface.resize_horizontally(columns.len(), 0.0);
+        surface
+            .columns_mut(states.len(), integrals)
+            .copy_from(&sliding.surface.columns(d.plant.size(), integrals));
+        text.push_str(&table("sliding surface", inputs, &columns, &surface));
         text.push_str(&format!("\n{}\n  {}\n", style::strong("reaching"), sliding.reaching));
         let held = inputs.iter().zip(&sliding.matched_disturbance);
         let held: Vec<_> = held.map(|(name, d)| format!("{name} {d:.4}")).collect();
@@ -106,8 +137,42 @@ fn design_text(d: &Design) -> String {
     text.push_str(&poles("open-loop poles", &d.open_loop_poles));
     text.push_str(&poles("closed-loop poles (delayed loop)", &d.closed_loop_poles));
     text.push_str(&format!("\n{}\n", style::strong("margins, one input at a time")));
+    text.push_str(&margins_text(inputs, &d.loop_margins, &d.multivariable_margins));
+    match &d.with_estimator {
+        None => {}
+        Some(LoopFigures::Absent { why }) => text.push_str(&format!("\nwith the filter: {why}\n")),
+        Some(LoopFigures::Known(e)) => {
+            text.push_str(&format!("\n{}\n", style::strong("margins with the filter, as the loop flies")));
+            text.push_str(&margins_text(inputs, &e.loop_margins, &e.multivariable_margins));
+            if e.spectral_radius >= 1.0 {
+                text.push_str("  UNSTABLE: law and filter together do not hold this vehicle\n");
+            }
+        }
+    }
+    for l in &d.left_out {
+        text.push_str(&format!("not used: {} of {}: {}\n", l.effect, l.place, l.why));
+    }
+    text
+}
+
+/// What makes this plant more than its matrices.
+fn late_text(d: &Design) -> String {
+    let late = d.plant.input_names().iter().zip(d.plant.delays_s()).filter(|(_, s)| **s > 0.0);
+    let late: Vec<String> = late.map(|(name, s)| format!("{name} {} ms", clean(s * 1e3))).collect();
+    match late.is_empty() {
+        true => String::new(),
+        false => format!(
+            "late inputs: {}; the law also feeds back {} past commands\n",
+            late.join(", "),
+            d.plant.memory_names().len()
+        ),
+    }
+}
+
+fn margins_text(inputs: &[String], loops: &[LoopMargins], m: &MultivariableMargins) -> String {
+    let mut text = String::new();
     let or = |v: Option<f64>, unit: &str| v.map_or("infinite".into(), |v| format!("{v:.3}{unit}"));
-    for (name, m) in inputs.iter().zip(&d.loop_margins) {
+    for (name, m) in inputs.iter().zip(loops) {
         text.push_str(&format!(
             "  {name:<12} gain x {} to {}, phase {}, delay {}, crossover {}\n",
             m.gain_decrease.map_or("0".into(), |v| format!("{v:.3}")),
@@ -117,7 +182,6 @@ fn design_text(d: &Design) -> String {
             or(m.crossover_rad_s, " rad/s"),
         ));
     }
-    let m = &d.multivariable_margins;
     text.push_str(&format!(
         "  {:<12} gains x {:.3} to {} or phases of {:.1} deg, all inputs at once; peak sensitivity {:.3}\n",
         "together",
@@ -146,7 +210,10 @@ fn table(title: &str, rows: &[String], columns: &[String], matrix: &nalgebra::DM
 
 fn poles(title: &str, poles: &[Pole]) -> String {
     let mut text = format!("\n{}\n", style::strong(title));
-    for pole in poles {
+    let delays = poles.iter().filter(|p| p.continuous.is_none()).count();
+    // Those of many past commands are one line.
+    let many = delays > MOST_DELAY_LINES;
+    for pole in poles.iter().filter(|p| !many || p.continuous.is_some()) {
         let line = match (pole.continuous, pole.frequency_rad_s, pole.damping) {
             (Some([re, im]), Some(frequency), damping) => {
                 let place = if im == 0.0 { format!("{re:.4}") } else { format!("{re:.4} {im:+.4}i") };
@@ -156,6 +223,9 @@ fn poles(title: &str, poles: &[Pole]) -> String {
             _ => "delay (z = 0)".into(),
         };
         text.push_str(&format!("  {line}\n"));
+    }
+    if many {
+        text.push_str(&format!("  delay (z = 0)          {delays} times\n"));
     }
     text
 }

@@ -7,6 +7,7 @@ mod document;
 mod expect;
 mod finite;
 mod jobs;
+mod model;
 mod nodes;
 mod plan;
 mod protect;

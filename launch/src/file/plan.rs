@@ -77,6 +77,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         transport: file.transport,
         zenoh,
         vehicle: VehicleSource { origin: file.vehicle.clone(), text: vehicle.source_text.clone() },
+        model: planner.model(&file, folder)?,
         effects,
         mode: file.mode,
         period_ns: (1e9 / file.rate_hz).round() as u64,

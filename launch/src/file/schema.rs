@@ -21,6 +21,9 @@ pub(crate) struct LaunchFile {
     pub description: String,
     /// Built-in vehicle, or a path relative to the launch file.
     pub vehicle: String,
+    /// What law and filter take the vehicle for: built-in, or a path relative to the launch file; the vehicle without it.
+    #[serde(default)]
+    pub model: Option<String>,
     /// What sets the pace of the loop.
     #[serde(default = "realtime")]
     pub mode: Mode,

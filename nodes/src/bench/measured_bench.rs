@@ -26,6 +26,7 @@ pub(super) fn config(
         transport,
         zenoh: whirlstand_bus::ZenohConfig::default(),
         vehicle: VehicleSource { origin: "quadrotor".into(), text: vehicle.source_text },
+        model: None,
         effects: Vec::new(),
         mode,
         period_ns: 1_000_000,

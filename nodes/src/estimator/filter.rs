@@ -2,7 +2,7 @@
 
 use whirlstand_control::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, SampledPlant, Sensors};
 use whirlstand_msgs::{Estimate, Head, MAX_INPUTS, MAX_OUTPUTS, Message, flags};
-use whirlstand_vehicle::{Engine, Output, Vehicle};
+use whirlstand_vehicle::{Engine, LinearModel, Output, Vehicle};
 
 use crate::config::NodeConfig;
 use crate::error::NodeError;
@@ -30,7 +30,7 @@ pub(super) struct Filter {
 
 impl Filter {
     pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
-        let vehicle = &setup.vehicle;
+        let vehicle = &setup.model;
         let what = match config.estimator.kind {
             EstimatorKind::Kinematic => "a kinematic estimator",
             EstimatorKind::Model => "a model-based estimator",
@@ -113,22 +113,24 @@ pub fn filter_of(
     options: &EstimatorOptions,
     engine: Engine,
 ) -> Result<Estimator, EstimatorError> {
+    let linear = LinearModel::new(vehicle).map_err(|e| EstimatorError::Sensors(e.to_string()))?;
+    let outputs = vehicle.outputs.iter().zip(&linear.variance);
     let sensors = Sensors {
-        c: vehicle.c.clone(),
-        d: vehicle.d.clone(),
-        std: vehicle.outputs.iter().map(|o| noise(o, engine)).collect(),
+        c: linear.c.columns(0, linear.own).into_owned(),
+        d: linear.d.clone(),
+        std: outputs.map(|(o, added)| noise(o, *added, engine)).collect(),
         names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
     };
-    Estimator::new(plant, &sensors, options)
+    Estimator::of(plant, &sensors, Some(&linear), options)
 }
 
-/// Standard deviation of what a sensor adds: declared noise, rounding (its step over the square root of 12) and
-/// the root mean square of the vibration.
-fn noise(output: &Output, engine: Engine) -> f64 {
+/// Standard deviation of what a sensor adds: declared noise, rounding (its step over the square root of 12),
+/// the root mean square of the vibration, and the variance that effects add.
+fn noise(output: &Output, added: f64, engine: Engine) -> f64 {
     let vibration = output.vibration.as_ref().map_or(0.0, |v| {
         let power = v.harmonics.iter().map(|h| h * h).sum::<f64>() / 2.0;
         v.amplitude(engine).powi(2) * power
     });
-    let variance = output.noise.powi(2) + output.quantization.powi(2) / 12.0 + vibration;
+    let variance = output.noise.powi(2) + output.quantization.powi(2) / 12.0 + vibration + added;
     variance.sqrt().max(LEAST_NOISE)
 }

@@ -23,6 +23,7 @@ pub fn config(name: &str, steps: u64) -> NodeConfig {
         transport: Transport::Inproc,
         zenoh: Default::default(),
         vehicle: VehicleSource { origin: "quadrotor".into(), text: vehicle.source_text },
+        model: None,
         effects: Vec::new(),
         mode: Mode::Lockstep,
         period_ns: 5_000_000,

@@ -32,6 +32,12 @@ impl Row {
         Self { z: sparse(&form.z), v: sparse(&form.v) }
     }
 
+    /// Adds its entries to a row of dense matrices over z and over v.
+    pub fn spread(&self, row: usize, z: &mut DMatrix<f64>, v: &mut DMatrix<f64>) {
+        self.z.iter().for_each(|(i, c)| z[(row, *i)] += c);
+        self.v.iter().for_each(|(i, c)| v[(row, *i)] += c);
+    }
+
     #[inline]
     pub fn value(&self, z: &[f64], v: &[f64]) -> f64 {
         let dot = |terms: &[(usize, f64)], x: &[f64]| terms.iter().map(|(i, c)| c * x[*i]).sum::<f64>();

@@ -21,6 +21,7 @@ mod disturbances;
 mod extended;
 mod inputs;
 mod kernel;
+mod linear_model;
 mod nonlinear;
 mod schedule;
 mod sensors;
@@ -29,6 +30,9 @@ mod tap;
 mod tests;
 
 use nalgebra::DMatrix;
+
+pub use self::inputs::split as split_time;
+pub use self::linear_model::LinearModel;
 
 use self::compile::System;
 use self::disturbances::Disturbances;

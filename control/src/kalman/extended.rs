@@ -1,0 +1,214 @@
+//! The model of a filter for a vehicle with linear effects: late inputs and sensors, lags and modes, vibration as an
+//! oscillator.
+//!
+//! What follows from the commands alone (past commands, lags and modes of the inputs) is known and needs no estimate: it
+//! enters the filter as further inputs. Lags of sensors and past outputs are states; a delayed measurement is so one of an
+//! earlier state, exactly and at no other price than the length of the delay (Anderson and Moore, "Optimal Filtering",
+//! 1979, section 11.2 on augmentation). A tone of known frequency is an oscillator that random steps keep in phase: a
+//! notch would do the same to the output, but it would turn the phase of the motion below the tone as well, which the
+//! oscillator, being part of the model, does not.
+
+use nalgebra::DMatrix;
+use whirlstand_vehicle::{DiscretiseError, LinearModel};
+
+use super::filter_model::FilterModel;
+use crate::kernel::{Block, Packed, blocks};
+use crate::sampled_model::SampledModel;
+
+/// Standard deviation with which a tone starts, and what it changes by in a second, in parts of its output's noise.
+const TONE_START: f64 = 30.0;
+const TONE_WALK: f64 = 0.3;
+
+/// What the extended model is made of besides the vehicle.
+pub struct Ingredients<'a> {
+    /// Density of the process noise on each own state.
+    pub noise: &'a [f64],
+    /// Standard deviation of each output's noise.
+    pub std: &'a [f64],
+    /// Sizes of the own states.
+    pub scales: &'a [f64],
+    /// Outputs whose bias is estimated, with standard deviation at the start and walk per sqrt(s).
+    pub biases: &'a [(usize, f64, f64)],
+}
+
+/// The extended model.
+pub struct Extended {
+    /// What the filter runs on; its inputs are the commands and what is known.
+    pub model: FilterModel,
+    /// Standard deviations from which its states start.
+    pub initial: Vec<f64>,
+    /// Index of the first bias.
+    pub first_bias: usize,
+    /// What follows from the commands.
+    pub known: Known,
+}
+
+impl Extended {
+    /// Prepares the model.
+    ///
+    /// # Errors
+    /// [`DiscretiseError`] when an unstable mode of the plant is too fast for the period.
+    pub fn new(
+        linear: &LinearModel,
+        period_s: f64,
+        given: &Ingredients<'_>,
+    ) -> Result<Self, DiscretiseError> {
+        let sampled = SampledModel::new(linear, period_s)?;
+        let (own, known, size) = (sampled.layout.own, sampled.layout.known(), sampled.layout.size());
+        let (m, p, nb) = (linear.b.ncols(), linear.c.nrows(), given.biases.len());
+        // The filter's states: own, lags of sensors and past outputs, biases, tones.
+        let kept: Vec<usize> = (0..own).chain(known..size).collect();
+        let (n, count) = (kept.len(), kept.len() + nb + 2 * linear.tones.len());
+        let mut density = DMatrix::zeros(linear.a.nrows(), linear.a.nrows());
+        for i in 0..own {
+            density[(i, i)] = given.noise[i].powi(2) + linear.turbulence[i].powi(2);
+        }
+        let noise = sampled.noise(&density)?;
+        let pick = |m: &DMatrix<f64>, i: usize, j: usize| m[(kept[i], kept[j])];
+        let mut f = DMatrix::identity(count, count);
+        let mut q = DMatrix::zeros(count, count);
+        for i in 0..n {
+            for j in 0..n {
+                (f[(i, j)], q[(i, j)]) = (pick(&sampled.f, i, j), pick(&noise, i, j));
+            }
+        }
+        let extra = known - own;
+        let mut g = DMatrix::zeros(count, m + extra);
+        let mut h = DMatrix::zeros(p, count);
+        let mut d = DMatrix::zeros(p, m + extra);
+        for (i, &at) in kept.iter().enumerate() {
+            g.view_mut((i, 0), (1, m)).copy_from(&sampled.g.row(at));
+            g.view_mut((i, m), (1, extra)).copy_from(&sampled.f.view((at, own), (1, extra)));
+            h.set_column(i, &sampled.h.column(at));
+        }
+        d.columns_mut(0, m).copy_from(&sampled.d);
+        d.columns_mut(m, extra).copy_from(&sampled.h.columns(own, extra));
+        let mut initial = starts(linear, &sampled, given);
+        for (k, &(output, std, walk)) in given.biases.iter().enumerate() {
+            h[(output, n + k)] = 1.0;
+            q[(n + k, n + k)] = walk * walk * period_s;
+            initial.push(std);
+        }
+        for (k, &(output, frequency_hz)) in linear.tones.iter().enumerate() {
+            let at = n + nb + 2 * k;
+            let (sine, cosine) = (std::f64::consts::TAU * frequency_hz * period_s).sin_cos();
+            f.view_mut((at, at), (2, 2)).copy_from_slice(&[cosine, -sine, sine, cosine]);
+            h[(output, at)] = 1.0;
+            for i in at..at + 2 {
+                q[(i, i)] = (TONE_WALK * given.std[output]).powi(2) * period_s;
+                initial.push(TONE_START * given.std[output]);
+            }
+        }
+        let variance = given.std.iter().map(|s| s * s).collect();
+        let known = Known::new(linear, &sampled);
+        Ok(Self { model: FilterModel { f, g, h, d, q, variance }, initial, first_bias: n, known })
+    }
+}
+
+/// Standard deviations from which own states, lags and past outputs start: ten times their sizes.
+fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>) -> Vec<f64> {
+    let size = |output: usize| -> f64 {
+        let row = linear.c.row(output);
+        let sum: f64 = given.scales.iter().enumerate().map(|(j, s)| row[j].abs() * s).sum();
+        if sum > 0.0 { 10.0 * sum } else { 10.0 * given.scales.iter().copied().fold(0.0, f64::max) }
+    };
+    let motion = sampled.layout.motion();
+    let mut initial: Vec<f64> = given.scales.iter().map(|s| 10.0 * s).collect();
+    for z in motion..linear.a.nrows() {
+        let shown = (0..linear.c.nrows()).find(|i| linear.c[(*i, z)] != 0.0);
+        // A lag behind a lag: as large as what it lags behind.
+        initial.push(shown.map_or_else(
+            || 10.0 * given.scales.iter().copied().fold(0.0, f64::max),
+            |i| {
+                let before = (0..given.scales.len())
+                    .map(|j| (linear.a[(z, j)] / linear.a[(z, z)]).abs() * given.scales[j]);
+                (10.0 * before.sum::<f64>()).max(size(i))
+            },
+        ));
+    }
+    for (output, count) in sampled.layout.outputs.iter().enumerate() {
+        initial.extend(std::iter::repeat_n(size(output), *count));
+    }
+    initial
+}
+
+/// What follows from the commands alone, step by step.
+#[derive(Debug, Clone)]
+pub struct Known {
+    f: Packed,
+    g: Packed,
+    state: Vec<f64>,
+    scratch: Vec<Block>,
+    trim: Vec<f64>,
+    offsets: Vec<f64>,
+    begun: bool,
+    /// Inputs of the filter over the step before and now, and the outputs less their known errors.
+    pub before: Vec<f64>,
+    /// See [`Self::before`].
+    pub now: Vec<f64>,
+    /// See [`Self::before`].
+    pub y: Vec<f64>,
+}
+
+impl Known {
+    fn new(linear: &LinearModel, sampled: &SampledModel) -> Self {
+        let (own, known, m) = (sampled.layout.own, sampled.layout.known(), linear.b.ncols());
+        let count = known - own;
+        Self {
+            f: Packed::new(&sampled.f.view((own, own), (count, count)).into_owned()),
+            g: Packed::new(&sampled.g.rows(own, count).into_owned()),
+            state: vec![0.0; count],
+            scratch: vec![[0.0; 4]; blocks(count)],
+            trim: linear.trim.clone(),
+            offsets: linear.offsets.clone(),
+            begun: false,
+            before: vec![0.0; m + count],
+            now: vec![0.0; m + count],
+            y: vec![0.0; linear.c.nrows()],
+        }
+    }
+
+    /// Goes on by the commands that acted since the step before, and takes the outputs and the commands of now.
+    pub fn step(&mut self, y: &[f64], u_before: &[f64], u_now: &[f64]) {
+        let m = self.trim.len();
+        let less_trim = |to: &mut [f64], u: &[f64], trim: &[f64]| {
+            to.iter_mut().zip(u).zip(trim).for_each(|((to, u), t)| *to = u - t);
+        };
+        less_trim(&mut self.before[..m], u_before, &self.trim);
+        less_trim(&mut self.now[..m], u_now, &self.trim);
+        self.before[m..].copy_from_slice(&self.state);
+        if self.begun && !self.state.is_empty() {
+            self.scratch.fill([0.0; 4]);
+            self.f.add(&mut self.scratch, &self.state);
+            self.g.add(&mut self.scratch, &self.before[..m]);
+            self.state.iter_mut().zip(self.scratch.as_flattened()).for_each(|(s, v)| *s = *v);
+        }
+        self.begun = true;
+        self.now[m..].copy_from_slice(&self.state);
+        for (i, value) in self.y.iter_mut().enumerate() {
+            *value = y.get(i).map_or(f64::NAN, |y| y - self.offsets[i]);
+        }
+    }
+}
+
+/// The same vehicle for a filter that trusts its kinematics only: no force, no input; the sensors as they are.
+pub fn kinematic(linear: &LinearModel, kinematics: &[Option<(usize, f64)>]) -> LinearModel {
+    let (own, first) = (linear.own, linear.own + linear.actuators);
+    let kept: Vec<usize> = (0..own).chain(first..linear.a.nrows()).collect();
+    let count = kept.len();
+    let a = DMatrix::from_fn(count, count, |i, j| match (i < own, j < own) {
+        (true, true) => kinematics[i].filter(|(d, _)| *d == j).map_or(0.0, |(_, c)| c),
+        (true, false) => 0.0,
+        _ => linear.a[(kept[i], kept[j])],
+    });
+    LinearModel {
+        a,
+        b: DMatrix::zeros(count, linear.b.ncols()),
+        c: linear.c.select_columns(&kept),
+        d: linear.d.map(|_| 0.0),
+        actuators: 0,
+        input_delays_s: vec![0.0; linear.b.ncols()],
+        names: linear.names[linear.actuators..].to_vec(),
+        ..linear.clone()
+    }
+}

@@ -1,0 +1,38 @@
+//! Whether the outputs show all that is to be estimated.
+
+use nalgebra::DMatrix;
+
+use super::error::EstimatorError;
+use super::sensors::Sensors;
+use crate::sampled_plant::SampledPlant;
+
+/// The observability test of Popov, Belevitch and Hautus at every eigenvalue on or outside the unit circle.
+pub fn check_observable(
+    plant: &SampledPlant,
+    sensors: &Sensors,
+    f: &DMatrix<f64>,
+    h: &DMatrix<f64>,
+    used: &[usize],
+    biased: &[usize],
+) -> Result<(), EstimatorError> {
+    let n = plant.own_count();
+    let scale = |j: usize| if j < n { plant.scales()[j] } else { sensors.std[biased[j - n]] };
+    let size = f.nrows();
+    let scaled_f = DMatrix::from_fn(size, size, |i, j| f[(i, j)] * scale(j) / scale(i));
+    let scaled_h =
+        DMatrix::from_fn(used.len(), size, |i, j| h[(used[i], j)] * scale(j) / sensors.std[used[i]]);
+    let modes = crate::place::uncontrollability(&scaled_f.transpose(), &scaled_h.transpose())
+        .map_err(|e| EstimatorError::Sensors(e.to_string()))?;
+    let hidden = modes.iter().find(|(mode, distance)| mode.norm() > 1.0 - 1e-9 && *distance < 1e-12);
+    if hidden.is_none() {
+        return Ok(());
+    }
+    let outputs = used.iter().map(|&i| sensors.names[i].as_str()).collect::<Vec<_>>().join(", ");
+    let what = if biased.is_empty() {
+        "the full state".to_owned()
+    } else {
+        let names: Vec<_> = biased.iter().map(|&i| sensors.names[i].as_str()).collect();
+        format!("the state together with the bias of {}", names.join(", "))
+    };
+    Err(EstimatorError::Unobservable { what, outputs })
+}

@@ -1,0 +1,16 @@
+//! What is measured.
+
+use nalgebra::DMatrix;
+
+/// What is measured: `y = c x + d u + noise`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensors {
+    /// p x n.
+    pub c: DMatrix<f64>,
+    /// p x m.
+    pub d: DMatrix<f64>,
+    /// Standard deviation of the noise of each output, SI units, positive.
+    pub std: Vec<f64>,
+    /// Names of the outputs.
+    pub names: Vec<String>,
+}

@@ -1,0 +1,258 @@
+//! Vehicles with late inputs and sensors: against `reference/delayed.py`, and against the simulator.
+
+mod support;
+
+use nalgebra::DMatrix;
+use support::{matrix, vehicle};
+use whirlstand_control::design::{EstimatedLoop, Pole};
+use whirlstand_control::{
+    Controller, Design, Estimator, EstimatorOptions, InputLimits, LawOptions, LqrOptions, SampledModel,
+    SampledPlant, Sensors, Weights,
+};
+use whirlstand_vehicle::{Effect, Kind, LinearModel, Simulator, Vehicle};
+
+const PERIOD: f64 = 0.005;
+
+fn extended(effects: &[(Kind, &str, &[(&str, f64)])]) -> Vehicle {
+    let mut vehicle = Vehicle::builtin("quadrotor").expect("built in");
+    for (kind, place, parameters) in effects {
+        vehicle.add_effect(Effect::new(*kind, place, parameters).expect("in range")).expect("fits");
+    }
+    vehicle
+}
+
+fn plant_of(vehicle: &Vehicle) -> (LinearModel, SampledPlant) {
+    let linear = LinearModel::new(vehicle).expect("fits");
+    let limits = InputLimits { lower: -20.0, upper: 20.0, rate: f64::INFINITY };
+    let plant =
+        SampledPlant::of(&linear, PERIOD).and_then(|p| p.with_limits(vec![limits; 2])).expect("sound");
+    (linear, plant)
+}
+
+fn filter(vehicle: &Vehicle, linear: &LinearModel, plant: &SampledPlant) -> Estimator {
+    let sensors = Sensors {
+        c: linear.c.columns(0, linear.own).into_owned(),
+        d: linear.d.clone(),
+        std: vehicle.outputs.iter().map(|o| o.noise.max(1e-6)).collect(),
+        names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
+    };
+    Estimator::of(plant, &sensors, Some(linear), &EstimatorOptions::default()).expect("observable")
+}
+
+#[test]
+fn plants_gains_and_margins_are_those_of_scipy_and_python_control() {
+    let table: serde_json::Value =
+        serde_json::from_str(include_str!("../reference/delayed.json")).expect("JSON");
+    for case in table["cases"].as_array().expect("cases") {
+        let name = case["name"].as_str().expect("name");
+        let numbers = |key: &str| -> Vec<f64> { serde_json::from_value(case[key].clone()).expect("numbers") };
+        let (a, b) = vehicle(name);
+        let (n, m) = b.shape();
+        // The vehicle's own model with the delays and lags of the case.
+        let lags: Vec<usize> = (0..m).filter(|i| numbers("lags")[*i] > 0.0).collect();
+        let (mut az, mut bz) =
+            (a.clone().resize(n + lags.len(), n + lags.len(), 0.0), DMatrix::zeros(n + lags.len(), m));
+        bz.rows_mut(0, n).copy_from(&b);
+        for (k, &i) in lags.iter().enumerate() {
+            let rate = 1.0 / numbers("lags")[i];
+            az.view_mut((0, n + k), (n, 1)).copy_from(&b.column(i));
+            bz.column_mut(i).fill(0.0);
+            (az[(n + k, n + k)], bz[(n + k, i)]) = (-rate, rate);
+        }
+        let linear = LinearModel {
+            actuators: lags.len(),
+            names: lags.iter().map(|i| format!("u{i} lag")).collect(),
+            a: az,
+            b: bz,
+            c: DMatrix::zeros(0, n + lags.len()),
+            d: DMatrix::zeros(0, m),
+            mix: DMatrix::zeros(0, 0),
+            input_delays_s: numbers("delays"),
+            output_delays_s: Vec::new(),
+            offsets: Vec::new(),
+            variance: Vec::new(),
+            turbulence: vec![0.0; n],
+            ..LinearModel::new(&Vehicle::builtin(name).expect("built in")).expect("plain")
+        };
+        let plant = SampledPlant::of(&linear, PERIOD).expect("sound");
+        let near = |what: &str, found: &DMatrix<f64>, key: &str, tolerance: f64| {
+            let wanted = matrix(&case[key]);
+            let error = (found - &wanted).norm() / wanted.norm();
+            println!("{name} {:?} {what} differs by {error:.1e}", linear.input_delays_s);
+            assert!(error < tolerance, "{name} {:?} {what}: {error:e}", linear.input_delays_s);
+        };
+        near("transition", plant.transition(), "f", 1e-12);
+        near("input matrix", plant.drive(), "g", 1e-12);
+        let weights = |key: &str| Some(Weights::List(numbers(key)));
+        let options = LqrOptions { q: weights("q"), r: weights("r"), ..LqrOptions::default() };
+        let design = Design::new(&plant, &LawOptions::Lqr(options)).expect("controllable");
+        near("gain", &design.linear.gain, "gain", 1e-8);
+        let least = case["min_return_difference"].as_f64().expect("a number");
+        let found = design.multivariable_margins.min_return_difference;
+        assert!((found - least).abs() < 1e-4 * least, "{name}: {found}, python-control {least}");
+        for (found, wanted) in design.loop_margins.iter().zip(case["loops"].as_array().expect("loops")) {
+            for (found, key) in [
+                (found.gain_increase, "gain_increase"),
+                (found.phase_deg, "phase_deg"),
+                (found.delay_s, "delay_s"),
+            ] {
+                match (found, wanted[key].as_f64()) {
+                    (Some(f), Some(w)) => assert!((f - w).abs() < 1e-3 * w, "{name} {key}: {f}, {w}"),
+                    (f, w) => {
+                        assert!(f.is_none() && w.is_none(), "{name} {key}: {f:?}, python-control {w:?}")
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_sampled_model_is_the_simulator() {
+    let vehicle = extended(&[
+        (Kind::InputGain, "u_roll", &[("factor", 0.8)]),
+        (Kind::InputBias, "u_pitch", &[("offset", 0.3)]),
+        (Kind::InputDelay, "u_roll", &[("delay_s", 0.0231)]),
+        (Kind::InputDelay, "u_pitch", &[("delay_s", 0.004)]),
+        (Kind::ActuatorLag, "u_roll", &[("time_constant_s", 0.06)]),
+        (Kind::UnmodelledMode, "u_pitch", &[("frequency_hz", 9.0), ("damping_ratio", 0.3), ("gain", 1.2)]),
+        (Kind::InputCoupling, "u_roll->u_pitch", &[("coefficient", 0.2)]),
+        (Kind::ParameterChange, "A[2,1]", &[("factor", 1.4)]),
+        (Kind::SensorLag, "roll", &[("time_constant_s", 0.03)]),
+        (Kind::SensorDelay, "roll", &[("delay_s", 0.0123)]),
+        (Kind::SensorDelay, "pitch_rate", &[("delay_s", 0.02)]),
+        (Kind::SensorScale, "pitch", &[("factor", 1.1)]),
+        (Kind::Misalignment, "roll,pitch", &[("angle_rad", 0.1)]),
+        (Kind::SensorBias, "roll", &[("offset", 0.02)]),
+    ]);
+    let linear = LinearModel::new(&vehicle).expect("fits");
+    let model = SampledModel::new(&linear, PERIOD).expect("slow enough");
+    let mut simulator = Simulator::expected(&vehicle, PERIOD).expect("slow enough");
+    // At rest under neutral commands: what follows from the commands stands where these lead.
+    let trimmed =
+        |u: [f64; 2]| nalgebra::DVector::from_iterator(2, u.iter().zip(&linear.trim).map(|(u, t)| u - t));
+    let plant = SampledPlant::of(&linear, PERIOD).expect("sound");
+    let mut s = nalgebra::DVector::zeros(model.f.nrows());
+    let rest = plant.memory_at_rest(trimmed([0.0, 0.0]).as_slice());
+    s.rows_mut(4, rest.len()).copy_from_slice(&rest);
+    for k in 0..400u32 {
+        let u = [f64::from(k % 37) * 0.1 - 1.0, f64::from(k % 23) * 0.15 - 1.5];
+        simulator.apply(&u);
+        let y = simulator.measure().to_vec();
+        let expected = &model.h * &s + &model.d * trimmed(u);
+        for (i, (y, e)) in y.iter().zip(expected.iter()).enumerate() {
+            let e = e + linear.offsets[i];
+            assert!((y - e).abs() < 1e-11, "step {k}, output {i}: {y}, {e}");
+        }
+        simulator.advance();
+        s = &model.f * s + &model.g * trimmed(u);
+    }
+}
+
+#[test]
+fn the_closed_loop_has_the_poles_that_were_asked_for_whatever_the_delay() {
+    let wanted = vec![[-3.0, 1.0], [-3.0, -1.0], [-4.0, 0.0], [-5.0, 0.0]];
+    let options =
+        LawOptions::Ppc(whirlstand_control::PpcOptions { poles: Some(wanted.clone()), ..Default::default() });
+    for (roll_s, pitch_s) in [(0.12, 0.0), (0.0473, 0.1217), (0.08, 0.08)] {
+        let vehicle = extended(&[
+            (Kind::InputDelay, "u_roll", &[("delay_s", roll_s)]),
+            (Kind::InputDelay, "u_pitch", &[("delay_s", pitch_s)]),
+        ]);
+        let design = Design::new(&plant_of(&vehicle).1, &options).expect("controllable");
+        let near = |w: &[f64; 2]| {
+            design
+                .closed_loop_poles
+                .iter()
+                .filter_map(|p: &Pole| p.continuous)
+                .any(|s| (s[0] - w[0]).abs() < 1e-5 && (s[1] - w[1]).abs() < 1e-5)
+        };
+        assert!(wanted.iter().all(near), "{roll_s} {pitch_s}: {:?}", design.closed_loop_poles);
+        let others = design.closed_loop_poles.iter().filter(|p| p.continuous.is_none()).count();
+        assert_eq!(others + wanted.len(), design.closed_loop_poles.len());
+    }
+}
+
+/// Largest roll after a gust on the extended vehicle, with the law and the filter of `model`.
+fn peak_after_gust(vehicle: &Vehicle, model: &Vehicle, law: &str) -> f64 {
+    let (linear, plant) = plant_of(model);
+    let design = Design::new(&plant, &LawOptions::named(law).expect("known")).expect("controllable");
+    let mut controller = Controller::new(&design);
+    let mut estimator = filter(model, &linear, &plant);
+    let mut flown = vehicle.clone();
+    let gust = [("at_s", 1.0), ("duration_s", 0.2), ("magnitude", 1.05)];
+    flown.add_effect(Effect::new(Kind::PulseDisturbance, "roll_rate", &gust).expect("fits")).expect("fits");
+    let mut simulator = Simulator::new(&flown, PERIOD, 1).expect("slow enough");
+    let (mut now, mut next, mut peak) = ([0.0; 2], [0.0; 2], 0f64);
+    for _ in 0..1600 {
+        let before = now;
+        now = next;
+        simulator.apply(&now);
+        let y = simulator.measure().to_vec();
+        estimator.step(&y, u64::MAX, &before, &now);
+        let x = estimator.x().to_vec();
+        controller.step(&x, &[0.0; 4], 0, &mut next);
+        simulator.advance();
+        peak = peak.max(simulator.state()[0].abs());
+    }
+    peak.to_degrees()
+}
+
+#[test]
+fn a_law_that_knows_the_delay_flies_it_better() {
+    let plain = Vehicle::builtin("quadrotor").expect("built in");
+    let late = extended(&[(Kind::InputDelay, "u_roll", &[("delay_s", 0.12)])]);
+    for law in ["lqr", "ppc", "smc"] {
+        let (old, new) = (peak_after_gust(&late, &plain, law), peak_after_gust(&late, &late, law));
+        let prompt = peak_after_gust(&plain, &plain, law);
+        println!("{law}: prompt {prompt:.2}, late {old:.2} -> {new:.2} deg");
+        assert!(new < old, "{law}: {old} deg before, {new} after");
+    }
+}
+
+#[test]
+fn the_filter_sees_through_a_late_sensor_and_the_loop_with_it_is_told() {
+    let late = extended(&[
+        (Kind::SensorDelay, "roll", &[("delay_s", 0.0525)]),
+        (Kind::SensorDelay, "roll_rate", &[("delay_s", 0.0525)]),
+        (Kind::InputDelay, "u_roll", &[("delay_s", 0.05)]),
+        (Kind::Vibration, "roll_rate", &[("frequency_hz", 22.0), ("amplitude", 0.2)]),
+    ]);
+    let plain = Vehicle::builtin("quadrotor").expect("built in");
+    let error = |model: &Vehicle| {
+        let (linear, plant) = plant_of(model);
+        let mut estimator = filter(model, &linear, &plant);
+        let mut simulator = Simulator::new(&late, PERIOD, 3).expect("slow enough");
+        let (mut sum, mut before) = (0.0, [0.0; 2]);
+        for k in 0..2000u32 {
+            let u = [5.0 * f64::from(k / 100 % 2), 0.0];
+            simulator.apply(&u);
+            let y = simulator.measure().to_vec();
+            estimator.step(&y, u64::MAX, &before, &u);
+            if k > 400 {
+                sum += (estimator.x()[0] - simulator.state()[0]).powi(2);
+            }
+            before = u;
+            simulator.advance();
+        }
+        (sum / 1600.0f64).sqrt()
+    };
+    let (old, new) = (error(&plain), error(&late));
+    println!("roll error {:.4} -> {:.4} deg", old.to_degrees(), new.to_degrees());
+    assert!(new < 0.5 * old, "{old} {new}");
+
+    let (linear, plant) = plant_of(&late);
+    let design = Design::new(&plant, &LawOptions::named("lqr").expect("known")).expect("controllable");
+    let told = EstimatedLoop::new(&plant, &design.linear, &filter(&late, &linear, &plant), &linear, &[])
+        .expect("settles");
+    assert!(told.spectral_radius < 1.0, "{}", told.spectral_radius);
+    // The filter costs margin, and never gives any that the law alone has not at its peak sensitivity.
+    let (alone, with) = (&design.multivariable_margins, &told.multivariable_margins);
+    assert!(with.max_sensitivity > 1.0 && alone.max_sensitivity > 1.0, "{alone:?} {with:?}");
+    // A law for the prompt vehicle around the late one is told for what it is.
+    let (prompt_linear, prompt) = plant_of(&plain);
+    let blind = Design::new(&prompt, &LawOptions::named("lqr").expect("known")).expect("controllable");
+    let filter = filter(&plain, &prompt_linear, &prompt);
+    let around = EstimatedLoop::new(&prompt, &blind.linear, &filter, &linear, &[]).expect("settles");
+    assert!(around.multivariable_margins.max_sensitivity > with.max_sensitivity, "{around:?}");
+}
