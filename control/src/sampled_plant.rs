@@ -376,6 +376,9 @@ fn equivalent_input(model: &LinearModel, own: usize) -> Result<DMatrix<f64>, Sam
 
 /// `-a^-1 b`, where `a` has an inverse as lags and modes have.
 fn rest_of(a: DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    if a.is_empty() {
+        return b.clone();
+    }
     a.lu().solve(b).map_or_else(|| DMatrix::from_element(b.nrows(), b.ncols(), f64::NAN), |x| -x)
 }
 

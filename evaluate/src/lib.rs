@@ -1,6 +1,7 @@
 //! Figures of merit of recorded runs, and whether they meet the expectations of a launch file.
 
 pub mod expectation;
+pub mod flight;
 pub mod health;
 mod kept;
 mod layout;
@@ -15,6 +16,7 @@ pub mod summary;
 mod survey;
 
 pub use expectation::{CheckedExpectation, Expectation};
+pub use flight::Flight;
 pub use health::NodeHealth;
 pub use run::{Run, RunError};
 pub use summary::{Figure, RunSummary};

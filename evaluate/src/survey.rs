@@ -99,15 +99,7 @@ impl Survey {
         }
         // Truth, estimate and command: the steps of the loop.
         let end_s = reading.kept[1..4].iter().map(|kept| kept.last_ns() as f64 * NS).fold(0.0, f64::max);
-        let states: Vec<(String, String)> = vehicle
-            .states
-            .iter()
-            .map(|state| {
-                let derivative = state.unit.unit().times(&Unit::SECOND, -1);
-                (state.name.clone(), derivative.map_or(String::new(), |unit| unit.si_symbol()))
-            })
-            .collect();
-        let onsets = Onsets::new(&states, &reading.disturbances.changes, period_s, end_s);
+        let onsets = Onsets::new(&derivatives(vehicle), &reading.disturbances.changes, period_s, end_s);
         let onsets = reading.disturbances.onsets(log, onsets)?;
         let mut survey = Self {
             kept: reading.kept,
@@ -144,27 +136,7 @@ impl Survey {
 
     /// What is to be judged of each output, in the order of the starts.
     pub fn parts(&self) -> Vec<Vec<Part>> {
-        let onsets: Vec<f64> = self.onsets.iter().map(|event| event.at_s).collect();
-        // A step of any setpoint moves the other outputs as well: a helicopter rolls to go sideways.
-        let mut moves: Vec<f64> = self.steps.iter().flatten().map(|step| step.0).collect();
-        moves.sort_unstable_by(f64::total_cmp);
-        self.steps
-            .iter()
-            .map(|steps| {
-                let times: Vec<f64> = steps.iter().map(|step| step.0).collect();
-                let steps = steps.iter().map(|&(at, to)| {
-                    let until = later(at, &times).min(later(at, &onsets)).min(self.end_s);
-                    (at, Part::Step { at, until, to })
-                });
-                let disturbances = onsets.iter().map(|&at| {
-                    let until = recovery_end(at, &onsets, &moves, self.period_s, self.end_s);
-                    (at, Part::Disturbance { at, until })
-                });
-                let mut parts: Vec<(f64, Part)> = steps.chain(disturbances).collect();
-                parts.sort_by(|a, b| a.0.total_cmp(&b.0));
-                parts.into_iter().map(|(_, part)| part).collect()
-            })
-            .collect()
+        parts(&self.steps, &self.onsets, self.period_s, self.end_s)
     }
 
     /// The standard deviations that the estimator claims last before `until_s`, s.
@@ -242,6 +214,48 @@ impl Disturbances {
         }
         Ok(onsets.finish())
     }
+}
+
+/// Names of the states, and the SI units of their derivatives.
+pub(crate) fn derivatives(vehicle: &Vehicle) -> Vec<(String, String)> {
+    vehicle
+        .states
+        .iter()
+        .map(|state| {
+            let derivative = state.unit.unit().times(&Unit::SECOND, -1);
+            (state.name.clone(), derivative.map_or(String::new(), |unit| unit.si_symbol()))
+        })
+        .collect()
+}
+
+/// What is to be judged of each output, from the steps of its setpoint and the onsets of disturbances.
+pub(crate) fn parts(
+    steps: &[Vec<(f64, f64)>],
+    onsets: &[DisturbanceEvent],
+    period_s: f64,
+    end_s: f64,
+) -> Vec<Vec<Part>> {
+    let onsets: Vec<f64> = onsets.iter().map(|event| event.at_s).collect();
+    // A step of any setpoint moves the other outputs as well: a helicopter rolls to go sideways.
+    let mut moves: Vec<f64> = steps.iter().flatten().map(|step| step.0).collect();
+    moves.sort_unstable_by(f64::total_cmp);
+    steps
+        .iter()
+        .map(|steps| {
+            let times: Vec<f64> = steps.iter().map(|step| step.0).collect();
+            let steps = steps.iter().map(|&(at, to)| {
+                let until = later(at, &times).min(later(at, &onsets)).min(end_s);
+                (at, Part::Step { at, until, to })
+            });
+            let disturbances = onsets.iter().map(|&at| {
+                let until = recovery_end(at, &onsets, &moves, period_s, end_s);
+                (at, Part::Disturbance { at, until })
+            });
+            let mut parts: Vec<(f64, Part)> = steps.chain(disturbances).collect();
+            parts.sort_by(|a, b| a.0.total_cmp(&b.0));
+            parts.into_iter().map(|(_, part)| part).collect()
+        })
+        .collect()
 }
 
 /// The first of ascending `times` after `at`; infinite without one.

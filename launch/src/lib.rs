@@ -16,6 +16,7 @@ mod run;
 mod soak;
 mod style;
 mod supervisor;
+mod tune;
 
 use std::process::ExitCode;
 
@@ -62,6 +63,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Simulate(args) => command::simulate::simulate(args),
         Command::Compare(args) => command::compare::compare(args),
         Command::Diagnose(args) => command::diagnose::diagnose(args),
+        Command::Tune(args) => tune::tune(args),
         Command::Identify(args) => command::identify::identify(args),
         Command::Blind(args) => command::blind::blind(args),
         Command::Excite(args) => command::excite::excite(args),

@@ -17,6 +17,7 @@ mod run_page;
 mod run_signals;
 mod run_spectra;
 mod text_diff;
+mod tune_page;
 mod winner;
 
 pub use comparison_page::comparison_report;
@@ -25,6 +26,7 @@ pub use diagnosis_page::diagnosis_report;
 pub use identification_page::identification_report;
 pub use outcome::{Expected, Outcome};
 pub use run_page::run_report;
+pub use tune_page::{Fan, LawLine, TuneReport, tune_report};
 pub use winner::winner;
 
 /// Why a report cannot be put together: what the template engine says. The template is part of the program, so

@@ -31,6 +31,11 @@ pub struct EstimatedLoop {
     pub loop_margins: Vec<LoopMargins>,
     /// Margins at all inputs at once.
     pub multivariable_margins: MultivariableMargins,
+    /// Poles of the whole loop, around the vehicle as it is.
+    #[serde(skip)]
+    pub poles: Vec<Pole>,
+    #[serde(skip)]
+    ratio: ReturnRatio,
 }
 
 /// What is known of the loop with its filter.
@@ -38,7 +43,7 @@ pub struct EstimatedLoop {
 #[serde(untagged)]
 pub enum LoopFigures {
     /// The figures.
-    Known(EstimatedLoop),
+    Known(Box<EstimatedLoop>),
     /// There are none.
     Absent {
         /// Why, in a sentence.
@@ -93,14 +98,25 @@ impl EstimatedLoop {
         round_delays(&mut poles, registers);
         // Fed back, the ratio is that of the loop: its poles tell whether it is stable, whatever model the filter has.
         let closed = &ratio.a - &ratio.b * &ratio.c;
-        let spectral_radius = eigenvalues(&closed)?.iter().map(|p| p.norm()).fold(0.0, f64::max);
+        let all = eigenvalues(&closed)?;
+        let spectral_radius = all.iter().map(|p| p.norm()).fold(0.0, f64::max);
         let ratio = ratio.compressed();
         Ok(Self {
             estimator_poles: poles.iter().map(|p| Pole::discrete(*p, period)).collect(),
             spectral_radius,
             loop_margins: (0..ratio.inputs()).map(|i| ratio.loop_margins(i)).collect(),
             multivariable_margins: ratio.multivariable()?,
+            poles: all.iter().map(|p| Pole::discrete(*p, period)).collect(),
+            ratio,
         })
+    }
+
+    /// Greatest singular value of the sensitivity at each frequency, rad/s.
+    ///
+    /// # Errors
+    /// [`DecompositionError`] when singular values do not converge.
+    pub fn sensitivity(&self, frequencies: &[f64]) -> Result<Vec<f64>, DecompositionError> {
+        frequencies.iter().map(|w| Ok(1.0 / self.ratio.smallest_difference(*w)?)).collect()
     }
 }
 

@@ -11,6 +11,7 @@ mod quantity;
 mod records;
 mod shell;
 mod soak;
+mod tune;
 
 use std::path::PathBuf;
 
@@ -31,6 +32,7 @@ pub(crate) use records::{
 };
 pub(crate) use shell::{CompletionsArgs, ManArgs};
 pub(crate) use soak::{FaultArg, SoakArgs};
+pub(crate) use tune::TuneArgs;
 
 /// A hardware-in-the-loop bench for small VTOL control.
 ///
@@ -67,6 +69,7 @@ pub(crate) enum Command {
     Compare(CompareArgs),
     Identify(IdentifyArgs),
     Diagnose(DiagnoseArgs),
+    Tune(TuneArgs),
     Excite(ExciteArgs),
     Blind(BlindArgs),
     /// Look into logs: what they hold, as CSV, and where two of them differ.

@@ -92,7 +92,7 @@ fn estimated(vehicle: &Vehicle, design: &Design, linear: &LinearModel, plan: &Pl
             EstimatedLoop::new(&design.plant, &design.linear, &estimator, linear, &every)
                 .map_err(|e| e.to_string())
         })
-        .map_or_else(|why| LoopFigures::Absent { why }, LoopFigures::Known)
+        .map_or_else(|why| LoopFigures::Absent { why }, |known| LoopFigures::Known(Box::new(known)))
 }
 
 fn left_out((effect, why): &(Effect, &'static str)) -> LeftOut {

@@ -20,7 +20,7 @@ pub(crate) mod log;
 pub(crate) mod node;
 pub(crate) mod shell;
 pub(crate) mod simulate;
-mod stage_line;
+pub(crate) mod stage_line;
 pub(crate) mod vehicle_new;
 pub(crate) mod vehicles;
 

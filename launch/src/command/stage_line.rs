@@ -22,7 +22,7 @@ struct Told {
 }
 
 /// Says what is being done, once it takes longer than two seconds.
-pub(super) struct StageLine {
+pub(crate) struct StageLine {
     stages: Sender<Option<Told>>,
     drawn: JoinHandle<()>,
 }

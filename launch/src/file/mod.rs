@@ -20,7 +20,7 @@ mod fuzz;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use builtin::{BUILTIN, DEFAULT, find};
+pub(crate) use builtin::{BUILTIN, DEFAULT, FoundFile, find};
 pub(crate) use document::Document;
 pub(crate) use jobs::{Jobs, jobs};
 pub(crate) use plan::{Plan, PlannedNode, plan};

@@ -1,0 +1,59 @@
+//! Options of `whirlstand tune`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use whirlstand_nodes::config::LawKind;
+
+use super::JsonArg;
+
+/// From a record to a better law: diagnosis, extended vehicle, new law, and the gain over many flights of both.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand tune out/flight --launch mine.toml --out out/tuned\n  \
+    whirlstand tune flight.ulg --launch mine.toml --law lqr --draws 500 --out out/tuned --json -\n\n\
+    --out gets tuned.toml, which run takes, vehicle.toml, which law and filter are designed for, and report.html. The old \
+    law stays where the gain is not certain.")]
+pub(crate) struct TuneArgs {
+    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox; several are diagnosed together.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// Built-in launch file or path: vehicle, law, disturbances and expectations of the flights.
+    #[arg(long)]
+    pub launch: String,
+    /// Another law than the launch file's.
+    #[arg(long, value_enum)]
+    pub law: Option<TunedLaw>,
+    /// Number of draws that both laws fly.
+    #[arg(long, default_value_t = 200)]
+    pub draws: usize,
+    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
+    pub map: Vec<String>,
+    /// Folder for tuned.toml, vehicle.toml and report.html.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub json: JsonArg,
+}
+
+/// A law that can be designed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TunedLaw {
+    /// Linear-quadratic regulator.
+    Lqr,
+    /// Pole placement.
+    Ppc,
+    /// Sliding mode.
+    Smc,
+}
+
+impl From<TunedLaw> for LawKind {
+    fn from(law: TunedLaw) -> Self {
+        match law {
+            TunedLaw::Lqr => Self::Lqr,
+            TunedLaw::Ppc => Self::Ppc,
+            TunedLaw::Smc => Self::Smc,
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! What the flights of both laws say.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use whirlstand_control::SampledPlant;
+use whirlstand_evaluate::expectation::{check, signal_figures};
+use whirlstand_evaluate::{Expectation, Figure, Flight, RunSummary};
+use whirlstand_vehicle::Vehicle;
+
+/// Figures of an output and of an input that are told.
+const OUTPUT_FIGURES: [&str; 3] = ["peak", "recovery_s", "iae"];
+const INPUT_FIGURES: [&str; 2] = ["rms", "travel_per_s"];
+
+/// Share of the draws on which the new law must be the better one.
+const BETTER_SHARE: f64 = 0.5;
+
+/// One flight, as it is judged.
+#[derive(Debug, Clone)]
+pub(super) struct Judged {
+    /// A state left the model.
+    pub lost: bool,
+    /// An expectation of the launch file does not hold, or the vehicle was lost.
+    pub violates: bool,
+    /// See [`cost`]; infinite when the vehicle was lost.
+    pub cost: f64,
+    /// The figures, where it was not.
+    pub figures: Option<RunSummary>,
+}
+
+/// Judges a flight.
+pub(super) fn judge(
+    flight: &Flight,
+    lost: bool,
+    vehicle: &Vehicle,
+    plant: &SampledPlant,
+    expect: &[Expectation],
+) -> Judged {
+    if lost {
+        return Judged { lost, violates: true, cost: f64::INFINITY, figures: None };
+    }
+    let figures = flight.summary(vehicle, "", 0);
+    // What a bench alone can miss (deadlines, messages) does not miss here.
+    let signals: Vec<Expectation> = expect.iter().filter(|e| e.key.contains('.')).cloned().collect();
+    let violates = check(&signals, &figures.timing, Some(&figures)).iter().any(|c| !c.holds);
+    Judged { lost, violates, cost: cost(flight, plant), figures: Some(figures) }
+}
+
+/// Mean square of the errors of all states and of all inputs, each measured by its size (Bryson's rule): one number for how
+/// well was flown and at what effort, the same for every law.
+pub(super) fn cost(flight: &Flight, plant: &SampledPlant) -> f64 {
+    let (n, m) = (plant.own_count(), plant.input_count());
+    let steps = (flight.states.len() / n).max(1);
+    let states = flight.states.iter().zip(&flight.wanted).enumerate().map(|(k, (x, wanted))| {
+        let error = if wanted.is_finite() { x - wanted } else { *x };
+        (error / plant.scales()[k % n]).powi(2)
+    });
+    let inputs =
+        flight.inputs.iter().enumerate().map(|(k, u)| (u / plant.inputs()[k % m].authority()).powi(2));
+    (states.sum::<f64>() + inputs.sum::<f64>()) / steps as f64
+}
+
+/// A figure over all draws: its median and where 95 % of them lie.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct Spread {
+    /// Median.
+    pub median: f64,
+    /// 2.5 % of the draws lie below.
+    pub low: f64,
+    /// 2.5 % of them lie above.
+    pub high: f64,
+}
+
+impl Spread {
+    fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let mut values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
+        values.sort_by(f64::total_cmp);
+        let last = values.len().checked_sub(1)?;
+        let at = |share: f64| values[(share * last as f64).round() as usize];
+        Some(Self { median: at(0.5), low: at(0.025), high: at(0.975) })
+    }
+}
+
+/// What the flights of one law come to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct LawFigures {
+    /// Share of the draws on which the vehicle was lost.
+    pub probability_unstable: f64,
+    /// Share of the draws on which an expectation of the launch file does not hold, or the vehicle was lost.
+    pub probability_violated: f64,
+    /// Cost; absent when the vehicle was lost on all draws.
+    pub cost: Option<Spread>,
+    /// Figures under the keys of `[expect]`, SI, over the draws that have them.
+    pub figures: BTreeMap<String, Spread>,
+    /// SI units of these.
+    pub units: BTreeMap<String, String>,
+}
+
+impl LawFigures {
+    /// Of all draws.
+    pub fn of(judged: &[Judged], vehicle: &Vehicle) -> Self {
+        let share = |of: &dyn Fn(&Judged) -> bool| {
+            judged.iter().filter(|j| of(j)).count() as f64 / judged.len().max(1) as f64
+        };
+        let outputs = vehicle.outputs.iter().flat_map(|o| OUTPUT_FIGURES.map(|f| format!("{}.{f}", o.name)));
+        let inputs = vehicle.inputs.iter().flat_map(|i| INPUT_FIGURES.map(|f| format!("{}.{f}", i.name)));
+        let keys: Vec<String> = outputs.chain(inputs).collect();
+        let value = |judged: &Judged, key: &str| match judged.figures.as_ref()?.figure(key)? {
+            Figure::Value(value) => Some(value),
+            Figure::Never | Figure::NoEvent => None,
+        };
+        let spread =
+            |key: String| Some((key.clone(), Spread::of(judged.iter().filter_map(|j| value(j, &key)))?));
+        Self {
+            probability_unstable: share(&|j| j.lost),
+            probability_violated: share(&|j| j.violates),
+            cost: Spread::of(judged.iter().map(|j| j.cost)),
+            figures: keys.into_iter().filter_map(spread).collect(),
+            units: units(vehicle),
+        }
+    }
+}
+
+/// SI unit of every figure of a signal, by its key.
+fn units(vehicle: &Vehicle) -> BTreeMap<String, String> {
+    let names = vehicle.outputs.iter().map(|o| &o.name).chain(vehicle.inputs.iter().map(|i| &i.name));
+    let told = |f: &str| OUTPUT_FIGURES.contains(&f) || INPUT_FIGURES.contains(&f);
+    names
+        .flat_map(|name| {
+            let figures = signal_figures(vehicle, name).unwrap_or_default();
+            figures
+                .into_iter()
+                .filter(|(f, _)| told(f))
+                .map(|(f, unit)| (format!("{name}.{f}"), unit.unit.si_symbol()))
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+/// Whether the new law is the better one.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Gain {
+    /// New cost over old cost, draw by draw, geometric mean; absent when no draw has both.
+    pub cost_ratio: Option<f64>,
+    /// 95 % interval of that mean.
+    pub cost_ratio_low: Option<f64>,
+    /// See [`Self::cost_ratio_low`].
+    pub cost_ratio_high: Option<f64>,
+    /// Share of the draws on which the new law costs less.
+    pub better_share: f64,
+    /// The new law is kept.
+    pub certain: bool,
+    /// Why, in a sentence.
+    pub why: String,
+}
+
+/// Compares both laws draw by draw.
+pub(super) fn compare(old: &[Judged], new: &[Judged]) -> Gain {
+    let pairs = || old.iter().zip(new);
+    let logs: Vec<f64> = pairs()
+        .filter(|(a, b)| a.cost.is_finite() && b.cost.is_finite() && a.cost > 0.0 && b.cost > 0.0)
+        .map(|(a, b)| (b.cost / a.cost).ln())
+        .collect();
+    let count = logs.len() as f64;
+    let mean = logs.iter().sum::<f64>() / count;
+    let variance = logs.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    let half = 1.96 * (variance / count).sqrt();
+    let known = (count >= 2.0).then_some((mean, half));
+    let better = pairs().filter(|(a, b)| b.cost < a.cost).count() as f64 / old.len().max(1) as f64;
+    let count_of = |list: &[Judged], of: &dyn Fn(&Judged) -> bool| list.iter().filter(|j| of(j)).count();
+    let (lost_old, lost_new) = (count_of(old, &|j| j.lost), count_of(new, &|j| j.lost));
+    let (violated_old, violated_new) = (count_of(old, &|j| j.violates), count_of(new, &|j| j.violates));
+    let saves = lost_new < lost_old;
+    let cheaper = known.is_some_and(|(mean, half)| mean + half < 0.0) && better > BETTER_SHARE;
+    let why = if lost_new > lost_old {
+        format!("the new law loses the vehicle on {lost_new} draws, the old one on {lost_old}")
+    } else if violated_new > violated_old {
+        format!("the new law breaks an expectation on {violated_new} draws, the old one on {violated_old}")
+    } else if saves {
+        format!("the old law loses the vehicle on {lost_old} draws, the new one on {lost_new}")
+    } else if cheaper {
+        format!("the new law costs less on {:.0} % of the draws", 100.0 * better)
+    } else {
+        "the cost of the new law is not certainly lower than that of the old one".into()
+    };
+    Gain {
+        cost_ratio: known.map(|(mean, _)| mean.exp()),
+        cost_ratio_low: known.map(|(mean, half)| (mean - half).exp()),
+        cost_ratio_high: known.map(|(mean, half)| (mean + half).exp()),
+        better_share: better,
+        certain: lost_new <= lost_old && violated_new <= violated_old && (saves || cheaper),
+        why,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flown(cost: f64) -> Judged {
+        Judged { lost: cost.is_infinite(), violates: cost.is_infinite(), cost, figures: None }
+    }
+
+    #[test]
+    fn a_gain_is_certain_only_where_the_draws_agree() {
+        let all = |costs: &[f64]| costs.iter().copied().map(flown).collect::<Vec<_>>();
+        let old = all(&[1.0, 1.1, 0.9, 1.05]);
+        let better = compare(&old, &all(&[0.5, 0.6, 0.45, 0.5]));
+        assert!(better.certain && better.cost_ratio_high.unwrap() < 0.6, "{better:?}");
+        let mixed = compare(&old, &all(&[0.5, 2.0, 0.4, 1.9]));
+        assert!(!mixed.certain && mixed.why.contains("not certainly lower"), "{mixed:?}");
+        let fatal = compare(&old, &all(&[0.1, 0.1, 0.1, f64::INFINITY]));
+        assert!(!fatal.certain && fatal.why.contains("loses the vehicle on 1 draws"), "{fatal:?}");
+        let saved = compare(&all(&[f64::INFINITY; 4]), &old);
+        assert!(saved.certain && saved.cost_ratio.is_none(), "{saved:?}");
+        let same = compare(&old, &old);
+        assert!(!same.certain, "{same:?}");
+    }
+}

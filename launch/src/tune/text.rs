@@ -1,0 +1,164 @@
+//! A tuning as a screen and as a page.
+
+use whirlstand_control::design::LoopFigures;
+use whirlstand_evaluate::Flight;
+use whirlstand_logs::shown::{number, shown};
+use whirlstand_report::{Fan, LawLine, TuneReport, tune_report};
+use whirlstand_vehicle::Vehicle;
+
+use super::answer::Tuning;
+use super::judge::{LawFigures, Spread};
+use crate::error::Failure;
+use crate::style;
+
+/// Most points in time that a fan shows.
+const POINTS: usize = 400;
+/// Frequencies of the sensitivity.
+const FREQUENCIES: usize = 240;
+
+/// Lines of the table: what, before, after.
+fn lines(t: &Tuning) -> Vec<LawLine> {
+    let mut lines = Vec::new();
+    let mut add = |what: &str, before: String, after: String| {
+        lines.push(LawLine { what: what.into(), before, after });
+    };
+    let spread = |s: Option<&Spread>, unit: &str| {
+        s.map_or("-".into(), |s| {
+            format!("{} ({} to {})", shown(s.median, unit), shown(s.low, unit), shown(s.high, unit))
+        })
+    };
+    add("cost", spread(t.before.cost.as_ref(), ""), spread(t.after.cost.as_ref(), ""));
+    for key in
+        t.before.figures.keys().chain(t.after.figures.keys().filter(|k| !t.before.figures.contains_key(*k)))
+    {
+        let unit = t.before.units.get(key).map_or("", String::as_str);
+        add(key, spread(t.before.figures.get(key), unit), spread(t.after.figures.get(key), unit));
+    }
+    let percent = |p: f64| format!("{:.1} %", 100.0 * p);
+    let chance = |of: &dyn Fn(&LawFigures) -> f64| (percent(of(&t.before)), percent(of(&t.after)));
+    let (before, after) = chance(&|f| f.probability_unstable);
+    add("probability of losing the vehicle", before, after);
+    let (before, after) = chance(&|f| f.probability_violated);
+    add("probability of breaking [expect]", before, after);
+    let of = |figures: &Option<LoopFigures>,
+              get: &dyn Fn(&whirlstand_control::design::EstimatedLoop) -> String| {
+        match figures {
+            Some(LoopFigures::Known(known)) => get(known),
+            _ => "-".into(),
+        }
+    };
+    let mut margin = |what: &str, get: &dyn Fn(&whirlstand_control::design::EstimatedLoop) -> String| {
+        add(what, of(&t.loop_before, get), of(&t.loop_after, get));
+    };
+    margin("stable with its filter", &|l| if l.spectral_radius < 1.0 { "yes".into() } else { "no".into() });
+    margin("peak sensitivity", &|l| number(l.multivariable_margins.max_sensitivity));
+    margin("further delay borne", &|l| {
+        let least = l.loop_margins.iter().filter_map(|m| m.delay_s).fold(f64::INFINITY, f64::min);
+        if least.is_finite() { shown(least, "s") } else { "any".into() }
+    });
+    lines
+}
+
+/// What is told on the terminal.
+pub(super) fn screen(t: &Tuning) -> String {
+    let mut text = format!("{}  {}\n", style::strong("diagnosis"), t.diagnosis);
+    for cause in &t.causes {
+        let parameters = cause.parameters.iter().map(|(name, e)| {
+            format!(
+                "{name} {} ({} to {})",
+                shown(e.value, &e.unit),
+                shown(e.low, &e.unit),
+                shown(e.high, &e.unit)
+            )
+        });
+        let parameters: Vec<String> = parameters.collect();
+        text.push_str(&format!("  {} of {}: {}\n", cause.effect, cause.place, parameters.join(", ")));
+    }
+    for l in &t.left_out {
+        text.push_str(&format!("  not used: {} of {}: {}\n", l.effect, l.place, l.why));
+    }
+    text.push_str(&format!(
+        "\n{} on {} draws of the extended vehicle, median (95 %)\n",
+        style::strong("both laws"),
+        t.draws
+    ));
+    for line in lines(t) {
+        text.push_str(&format!("  {:<34} {:<34} -> {}\n", line.what, line.before, line.after));
+    }
+    text.push_str(&format!("\n{}\n", verdict(t)));
+    let vehicle = t.extended_vehicle.as_ref().map_or(String::new(), |v| format!("   vehicle {v}"));
+    text.push_str(&format!("run {}{vehicle}   report {}\n", t.tuned, t.report));
+    text
+}
+
+fn verdict(t: &Tuning) -> String {
+    let kept = if t.gain.certain { "The new law is kept" } else { "The old law is kept" };
+    let ratio = match (t.gain.cost_ratio, t.gain.cost_ratio_low, t.gain.cost_ratio_high) {
+        (Some(ratio), Some(low), Some(high)) => {
+            format!(
+                "; its cost is {} times the old one's ({} to {})",
+                number(ratio),
+                number(low),
+                number(high)
+            )
+        }
+        _ => String::new(),
+    };
+    format!("{kept}: {}{}.", t.gain.why, if t.gain.certain { ratio.as_str() } else { "" })
+}
+
+/// The page.
+pub(super) fn page(t: &Tuning, vehicle: &Vehicle, flights: [Vec<Flight>; 2]) -> Result<String, Failure> {
+    let fans = (0..vehicle.states.len()).map(|i| Fan {
+        name: vehicle.states[i].name.clone(),
+        unit: vehicle.states[i].unit.si_symbol(),
+        laws: [0, 1].map(|law| fan(&flights[law], i, vehicle.states.len())),
+    });
+    let top = flights.iter().flatten().next().map_or(1.0, |f| std::f64::consts::PI / f.period_s);
+    let frequencies: Vec<f64> =
+        (0..FREQUENCIES).map(|k| top * 1e-4 * 1e4f64.powf(k as f64 / (FREQUENCIES - 1) as f64)).collect();
+    let known = |figures: &Option<LoopFigures>| match figures {
+        Some(LoopFigures::Known(known)) => Some((**known).clone()),
+        _ => None,
+    };
+    let loops = [known(&t.loop_before), known(&t.loop_after)];
+    let sensitivity = loops
+        .each_ref()
+        .map(|l| l.as_ref().and_then(|l| l.sensitivity(&frequencies).ok()).unwrap_or_default());
+    let report = TuneReport {
+        title: format!("{} of {}", law_name(t), t.vehicle),
+        verdict: verdict(t),
+        kept: t.gain.certain,
+        lines: lines(t),
+        fans: fans.collect(),
+        frequencies,
+        sensitivity,
+        poles: loops.map(|l| l.map_or_else(Vec::new, |l| l.poles)),
+        text: style::plain(&screen(t)),
+    };
+    tune_report(&report).map_err(Failure::run)
+}
+
+fn law_name(t: &Tuning) -> String {
+    let name = |law| {
+        serde_json::to_value(law).ok().and_then(|v| Some(v.as_str()?.to_uppercase())).unwrap_or_default()
+    };
+    let (before, after) = (name(t.law_before), name(t.law_after));
+    if before == after { after } else { format!("{before} and {after}") }
+}
+
+/// Time, and where 5 %, half and 95 % of the draws lie.
+fn fan(flights: &[Flight], state: usize, states: usize) -> [Vec<f64>; 4] {
+    let steps = flights.iter().map(|f| f.states.len() / states).max().unwrap_or(0);
+    let period_s = flights.first().map_or(0.0, |f| f.period_s);
+    let mut answer: [Vec<f64>; 4] = Default::default();
+    for k in (0..steps).step_by((steps / POINTS).max(1)) {
+        let mut values: Vec<f64> =
+            flights.iter().filter_map(|f| f.states.get(k * states + state)).copied().collect();
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| values[(share * (values.len() - 1) as f64).round() as usize];
+        answer[0].push(k as f64 * period_s);
+        [0.05, 0.5, 0.95].iter().enumerate().for_each(|(i, share)| answer[i + 1].push(at(*share)));
+    }
+    answer
+}

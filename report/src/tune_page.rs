@@ -1,0 +1,141 @@
+//! The page of a tuning: old and new law side by side.
+
+use whirlstand_control::design::Pole;
+use whirlstand_logs::shown::{shown_factor, shown_unit};
+
+use crate::ReportError;
+use crate::page::{Attachment, Cell, Level, Page, Row, Section, Table};
+use crate::plot::{Plot, Style, Trace};
+
+/// What the page shows.
+#[derive(Debug, Clone)]
+pub struct TuneReport {
+    /// Title.
+    pub title: String,
+    /// The verdict in a sentence.
+    pub verdict: String,
+    /// The new law is kept.
+    pub kept: bool,
+    /// The figures of both laws.
+    pub lines: Vec<LawLine>,
+    /// The motion of every state.
+    pub fans: Vec<Fan>,
+    /// Frequencies, rad/s.
+    pub frequencies: Vec<f64>,
+    /// Sensitivity of the old and of the new loop at these; empty where unknown.
+    pub sensitivity: [Vec<f64>; 2],
+    /// Poles of both.
+    pub poles: [Vec<Pole>; 2],
+    /// All as text.
+    pub text: String,
+}
+
+/// A figure of both laws.
+#[derive(Debug, Clone)]
+pub struct LawLine {
+    /// What it is.
+    pub what: String,
+    /// Of the old law.
+    pub before: String,
+    /// Of the new one.
+    pub after: String,
+}
+
+/// One state over all draws.
+#[derive(Debug, Clone)]
+pub struct Fan {
+    /// The state.
+    pub name: String,
+    /// Its SI unit.
+    pub unit: String,
+    /// Of the old and of the new law: time, s, and where 5 %, half and 95 % of the draws lie.
+    pub laws: [[Vec<f64>; 4]; 2],
+}
+
+const LAWS: [&str; 2] = ["old law", "new law"];
+
+/// The page of a tuning.
+///
+/// # Errors
+/// [`ReportError`], which would be a bug.
+pub fn tune_report(report: &TuneReport) -> Result<String, ReportError> {
+    let page = Page {
+        kind: "tuning".into(),
+        title: report.title.clone(),
+        verdict: report.verdict.clone(),
+        level: if report.kept { Level::Good } else { Level::Neutral },
+        sections: vec![figures(report), fans(report), loops(report)],
+        facts: vec![("version".into(), env!("CARGO_PKG_VERSION").into())],
+        attachments: vec![Attachment { title: "as text".into(), text: report.text.clone() }],
+        ..Page::default()
+    };
+    page.to_html()
+}
+
+fn figures(report: &TuneReport) -> Section {
+    let rows = report.lines.iter().map(|line| Row {
+        label: line.what.clone(),
+        group: false,
+        cells: vec![Cell::new(&line.before), Cell::new(&line.after)],
+    });
+    Section {
+        title: "Before and after".into(),
+        tables: vec![Table {
+            head: ["", LAWS[0], LAWS[1]].map(String::from).to_vec(),
+            rows: rows.collect(),
+            note: "Median over the draws, and where 95 % of them lie; SI.".into(),
+            words: true,
+        }],
+        ..Section::default()
+    }
+}
+
+fn fans(report: &TuneReport) -> Section {
+    let plots = report.fans.iter().enumerate().map(|(i, fan)| {
+        let (unit, factor) = (shown_unit(&fan.unit), shown_factor(&fan.unit));
+        let mut plot = Plot::over_time(format!("fan-{i}"), &fan.name, unit);
+        for (law, [t, low, median, high]) in fan.laws.iter().enumerate() {
+            let scaled = |values: &[f64]| values.iter().map(|v| v * factor).collect::<Vec<_>>();
+            plot.traces.push(Trace::new(LAWS[law], law, Style::Main, t, &scaled(median)));
+            for edge in [low, high] {
+                let name = format!("{}, 5 % and 95 % of the draws", LAWS[law]);
+                plot.traces.push(Trace::new(name, law, Style::Second, t, &scaled(edge)));
+            }
+        }
+        plot
+    });
+    Section { title: "Flights".into(), plots: plots.collect(), columns: 2, ..Section::default() }
+}
+
+fn loops(report: &TuneReport) -> Section {
+    let mut sensitivity =
+        Plot::new("sensitivity", "sensitivity, greatest singular value", "frequency, rad/s", "dB");
+    sensitivity.log_x = true;
+    let mut poles =
+        Plot::new("poles", "poles of the loop with its filter", "real part, 1/s", "imaginary part, 1/s");
+    poles.square = true;
+    poles.height = 420;
+    for law in 0..2 {
+        let values: Vec<f64> = report.sensitivity[law].iter().map(|s| 20.0 * s.log10()).collect();
+        if !values.is_empty() {
+            sensitivity.traces.push(Trace::new(LAWS[law], law, Style::Main, &report.frequencies, &values));
+        }
+        if let Some((w, peak)) = report.frequencies.iter().zip(&values).max_by(|a, b| a.1.total_cmp(b.1)) {
+            sensitivity.notes.push((*w, *peak, format!("{}: {peak:.1} dB", LAWS[law])));
+        }
+        // Those of past commands lie far to the left and say nothing.
+        let shown = report.poles[law].iter().filter(|p| p.discrete[0].hypot(p.discrete[1]) > 0.7);
+        let (x, y): (Vec<f64>, Vec<f64>) =
+            shown.filter_map(|p| p.continuous).map(|[re, im]| (re, im)).unzip();
+        poles.traces.push(Trace::new(LAWS[law], law, Style::Crosses, &x, &y));
+    }
+    Section {
+        title: "Loops".into(),
+        text:
+            "Law and filter around the vehicle that the diagnosis found, opened where the commands enter it."
+                .into(),
+        plots: vec![sensitivity, poles],
+        columns: 2,
+        ..Section::default()
+    }
+}

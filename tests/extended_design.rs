@@ -1,0 +1,99 @@
+//! What the vehicle file knows of the vehicle reaches the law, the filter and the flight.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use support::{json, refused, run};
+
+const LATE: &str = "\n[[effects]]\neffect = 'input_delay'\nwhere = 'u_roll'\ndelay_s = 0.12\n";
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// The quadrotor's file, and the same with 120 ms of delay on an input.
+fn vehicles(folder: &Path) -> [PathBuf; 2] {
+    let plain = run(["vehicle", "show", "quadrotor"]).success().stdout;
+    [("plain.toml", plain.clone()), ("late.toml", plain + LATE)].map(|(name, text)| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    })
+}
+
+fn design(vehicle: &Path, law: &str) -> Value {
+    let answer = run(["design", text(vehicle), "--law", law, "--json"]).success().stdout;
+    serde_json::from_str(&answer).unwrap()
+}
+
+#[test]
+fn a_delay_in_the_file_changes_gains_margins_and_poles() {
+    let folder = tempfile::tempdir().unwrap();
+    let [plain, late] = vehicles(folder.path());
+    for law in ["lqr", "ppc", "smc"] {
+        let (before, after) = (design(&plain, law), design(&late, law));
+        assert_eq!(before["with_estimator"]["loop_margins"].as_array().unwrap().len(), 2, "{law}");
+        assert_ne!(before["loop_margins"], after["loop_margins"], "{law}");
+        let poles = |design: &Value| design["closed_loop_poles"].as_array().unwrap().len();
+        // 24 periods of delay are 24 past commands.
+        assert_eq!(poles(&after), poles(&before) + 24, "{law}");
+        assert_eq!(after["plant"]["memory_names"].as_array().unwrap().len(), 24, "{law}");
+        assert!(after["with_estimator"]["spectral_radius"].as_f64().unwrap() < 1.0, "{law}");
+    }
+    let told = run(["design", text(&late), "--law", "lqr"]).success().stdout;
+    assert!(told.contains("late inputs: u_roll 120 ms"), "{told}");
+    let mut dead = std::fs::read_to_string(&plain).unwrap();
+    dead.push_str("\n[[effects]]\neffect = 'dead_zone'\nwhere = 'u_roll'\nwidth = 0.1\n");
+    std::fs::write(&plain, dead).unwrap();
+    let told = run(["design", text(&plain), "--law", "lqr"]).success().stdout;
+    assert!(told.contains("not used: dead_zone of u_roll: it is not linear"), "{told}");
+}
+
+/// Flies the late vehicle through a gust with law and filter for `model`; the figures of roll.
+fn fly(folder: &Path, law: &str, model: &str) -> Value {
+    let launch = folder.join(format!("{law}-{model}.toml"));
+    std::fs::write(
+        &launch,
+        format!(
+            "vehicle = 'late.toml'\nmodel = '{model}.toml'\nmode = 'lockstep'\nduration_s = 8.0\n\
+             controller.law = '{law}'\n[[effects]]\neffect = 'pulse_disturbance'\nwhere = 'roll_rate'\nat_s = 2.0\n\
+             duration_s = 0.2\nmagnitude = '60 deg/s^2'\n"
+        ),
+    )
+    .unwrap();
+    let out = folder.join(format!("{law}-{model}"));
+    run(["run", text(&launch), "--out", text(&out)]).success();
+    json(out.join("summary.json"))["runs"][0]["outputs"]["roll"].clone()
+}
+
+#[test]
+fn a_law_designed_for_the_delay_flies_through_the_gust_with_less_error() {
+    let folder = tempfile::tempdir().unwrap();
+    vehicles(folder.path());
+    for law in ["lqr", "ppc", "smc"] {
+        let (plain, late) = (fly(folder.path(), law, "plain"), fly(folder.path(), law, "late"));
+        let figure = |run: &Value, key: &str| run[key].as_f64().unwrap();
+        println!(
+            "{law}: peak {:.2} -> {:.2} deg, IAE {:.4} -> {:.4} rad s",
+            figure(&plain, "peak").to_degrees(),
+            figure(&late, "peak").to_degrees(),
+            figure(&plain, "iae"),
+            figure(&late, "iae")
+        );
+        assert!(figure(&late, "iae") < figure(&plain, "iae"), "{law}: {plain} {late}");
+    }
+}
+
+#[test]
+fn a_model_with_other_signals_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let launch = folder.path().join("wrong.toml");
+    std::fs::write(&launch, "vehicle = 'quadrotor'\nmodel = 'helicopter-hover'\ncontroller.law = 'lqr'\n")
+        .unwrap();
+    refused(
+        &["run", text(&launch)],
+        &["model", "states of helicopter-hover are not those of the vehicle quadrotor"],
+    );
+}
