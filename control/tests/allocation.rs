@@ -8,8 +8,9 @@ use std::cell::Cell;
 use nalgebra::DMatrix;
 use support::plant;
 use whirlstand_control::{
-    Controller, Design, Estimator, EstimatorKind, EstimatorOptions, LawOptions, Sensors,
+    Controller, Design, Estimator, EstimatorKind, EstimatorOptions, LawOptions, SampledPlant, Sensors,
 };
+use whirlstand_vehicle::{Effect, Kind, LinearModel, Vehicle};
 
 struct Counting;
 
@@ -34,16 +35,37 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// The quadrotor with late inputs and sensors, a lag, a trim and a tone.
+fn late() -> (&'static str, SampledPlant, Option<LinearModel>) {
+    let mut vehicle = Vehicle::builtin("quadrotor").expect("built in");
+    for (kind, place, name, value) in [
+        (Kind::InputDelay, "u_roll", "delay_s", 0.1213),
+        (Kind::ActuatorLag, "u_pitch", "time_constant_s", 0.05),
+        (Kind::InputBias, "u_roll", "offset", 0.1),
+        (Kind::SensorDelay, "roll", "delay_s", 0.0321),
+        (Kind::SensorLag, "pitch", "time_constant_s", 0.02),
+        (Kind::SensorBias, "roll", "offset", 0.01),
+    ] {
+        vehicle.add_effect(Effect::new(kind, place, &[(name, value)]).expect("in range")).expect("fits");
+    }
+    let linear = LinearModel::new(&vehicle).expect("fits");
+    let plant = SampledPlant::of(&linear, 0.005).expect("sound");
+    ("late quadrotor", plant, Some(linear))
+}
+
 #[test]
 fn controller_and_estimator_steps_allocate_nothing() {
-    for name in ["quadrotor", "helicopter-hover"] {
-        let plant = plant(name);
-        let n = plant.state_count();
+    for (name, plant, linear) in [
+        ("quadrotor", plant("quadrotor"), None),
+        ("helicopter-hover", plant("helicopter-hover"), None),
+        late(),
+    ] {
+        let n = plant.own_count();
         let sensors = Sensors {
             c: DMatrix::identity(n, n),
             d: DMatrix::zeros(n, 2),
             std: vec![0.01; n],
-            names: plant.state_names().to_vec(),
+            names: plant.own_names().to_vec(),
         };
         let mut laws: Vec<Controller> = ["lqr", "ppc", "smc"]
             .iter()
@@ -55,7 +77,7 @@ fn controller_and_estimator_steps_allocate_nothing() {
             .iter()
             .map(|&kind| {
                 let options = EstimatorOptions { kind, ..EstimatorOptions::default() };
-                Estimator::new(&plant, &sensors, &options).expect("observable")
+                Estimator::of(&plant, &sensors, linear.as_ref(), &options).expect("observable")
             })
             .collect();
         let mut out = [0.0; 2];

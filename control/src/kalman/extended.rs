@@ -137,6 +137,8 @@ fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>)
 pub struct Known {
     f: Packed,
     g: Packed,
+    /// Where constant commands lead.
+    rest: Packed,
     state: Vec<f64>,
     scratch: Vec<Block>,
     trim: Vec<f64>,
@@ -154,9 +156,17 @@ impl Known {
     fn new(linear: &LinearModel, sampled: &SampledModel) -> Self {
         let (own, known, m) = (sampled.layout.own, sampled.layout.known(), linear.b.ncols());
         let count = known - own;
+        let f = sampled.f.view((own, own), (count, count)).into_owned();
+        let g = sampled.g.rows(own, count).into_owned();
+        // Where a constant command leads: (I - f) x = g u; past commands, lags and modes all decay.
+        let rest = match count {
+            0 => None,
+            _ => (DMatrix::identity(count, count) - &f).lu().solve(&g),
+        };
         Self {
-            f: Packed::new(&sampled.f.view((own, own), (count, count)).into_owned()),
-            g: Packed::new(&sampled.g.rows(own, count).into_owned()),
+            rest: Packed::new(&rest.unwrap_or_else(|| DMatrix::zeros(count, m))),
+            f: Packed::new(&f),
+            g: Packed::new(&g),
             state: vec![0.0; count],
             scratch: vec![[0.0; 4]; blocks(count)],
             trim: linear.trim.clone(),
@@ -176,6 +186,12 @@ impl Known {
         };
         less_trim(&mut self.before[..m], u_before, &self.trim);
         less_trim(&mut self.now[..m], u_now, &self.trim);
+        if !self.begun {
+            // Whatever came before is not known: the commands have been these for long.
+            self.scratch.fill([0.0; 4]);
+            self.rest.add(&mut self.scratch, &self.before[..m]);
+            self.state.iter_mut().zip(self.scratch.as_flattened()).for_each(|(s, v)| *s = *v);
+        }
         self.before[m..].copy_from_slice(&self.state);
         if self.begun && !self.state.is_empty() {
             self.scratch.fill([0.0; 4]);
