@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use crate::actuation::Actuation;
 use crate::design::{Design, Switching};
 use crate::kernel::{Block, Packed, blocks};
 use crate::options::AntiWindup;
@@ -47,11 +48,9 @@ pub struct Controller {
     size: usize,
     m: usize,
     period_s: f64,
-    lower: Vec<f64>,
-    upper: Vec<f64>,
+    actuation: Actuation,
     /// Largest change of a command from one period to the next.
     step_limit: Vec<f64>,
-    neutral: Vec<f64>,
     phi: Packed,
     gamma: Packed,
     /// Feedback on the error, m x n; for sliding mode, the equivalent control.
@@ -78,8 +77,6 @@ pub struct Controller {
     past: Vec<usize>,
     /// Estimate and memory.
     state: Vec<f64>,
-    /// What is added to a command for the inputs to do nothing at zero; empty when that is nothing.
-    trim: Vec<f64>,
     predicted: Vec<Block>,
     error: Vec<f64>,
     wanted: Vec<Block>,
@@ -111,14 +108,8 @@ impl Controller {
         let (n, m, q) = (plant.own_count(), plant.input_count(), design.integral.len());
         let (motion, size) = (plant.state_count(), plant.size());
         let dt = plant.period_s();
-        let mut lower: Vec<f64> = plant.inputs().iter().map(|i| i.lower).collect();
-        let mut upper: Vec<f64> = plant.inputs().iter().map(|i| i.upper).collect();
-        let mut neutral: Vec<f64> = lower.iter().zip(&upper).map(|(l, u)| 0f64.clamp(*l, *u)).collect();
-        let trim = if plant.trim().iter().all(|t| *t == 0.0) { Vec::new() } else { plant.trim().to_vec() };
-        // Inside, commands count from the trim.
-        for values in [&mut lower, &mut upper, &mut neutral] {
-            values.iter_mut().zip(&trim).for_each(|(v, t)| *v -= t);
-        }
+        let actuation = Actuation::new(plant);
+        let neutral = actuation.neutral.clone();
         let memory_at_neutral = plant.memory_at_rest(&neutral);
         let integral_gain = design.linear.memory_gain.columns(0, q).into_owned();
         let back_rate = (dt / TRACKING_TIME_S).min(1.0);
@@ -163,7 +154,6 @@ impl Controller {
             memory_at_neutral,
             past: plant.delayed().map_or_else(Vec::new, |model| model.layout.commands.clone()),
             state: vec![0.0; size],
-            trim,
             predicted: vec![[0.0; 4]; blocks(size)],
             error: vec![0.0; size],
             wanted: vec![[0.0; 4]; blocks(m)],
@@ -171,9 +161,7 @@ impl Controller {
             added: vec![0.0; m],
             command: neutral.clone(),
             refusals: 0,
-            lower,
-            upper,
-            neutral,
+            actuation,
         };
         controller.reset();
         controller
@@ -181,7 +169,7 @@ impl Controller {
 
     /// Back to rest: neutral command in force, no integral, reference zero.
     pub fn reset(&mut self) {
-        self.in_force.copy_from_slice(&self.neutral);
+        self.in_force.copy_from_slice(&self.actuation.neutral);
         self.memory.copy_from_slice(&self.memory_at_neutral);
         self.integrals.fill(0.0);
         self.added.fill(0.0);
@@ -205,11 +193,17 @@ impl Controller {
         past.iter_mut().zip(commands).for_each(|(p, u)| *p = u);
     }
 
+    /// Has the commands jump over dead zones of these half-widths, counted from the trim. False, and nothing is changed, where
+    /// one leaves an input no room within its limits.
+    pub fn compensate_dead_zones(&mut self, widths: &[f64]) -> bool {
+        self.actuation.compensate_dead_zones(widths)
+    }
+
     /// Tells what the plant really applies when it is not the last command (a failsafe, a restart).
     pub fn set_command_in_force(&mut self, u: &[f64]) {
         if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
             self.in_force.copy_from_slice(u);
-            self.in_force.iter_mut().zip(&self.trim).for_each(|(u, t)| *u -= t);
+            self.actuation.take_off_trim(&mut self.in_force);
         }
     }
 
@@ -278,15 +272,15 @@ impl Controller {
         let known = &self.predicted.as_flattened()[self.n..self.size];
         self.memory.copy_from_slice(known);
         out.iter_mut().zip(&self.command).for_each(|(o, c)| *o = *c);
-        out.iter_mut().zip(&self.trim).for_each(|(o, t)| *o += t);
+        self.actuation.apply(out);
         outcome
     }
 
     fn hold(&mut self) {
         self.refusals = self.refusals.saturating_add(1);
-        let source = if self.refusals <= HOLD_STEPS { &self.in_force } else { &self.neutral };
+        let source = if self.refusals <= HOLD_STEPS { &self.in_force } else { &self.actuation.neutral };
         for (i, (c, v)) in self.command.iter_mut().zip(source).enumerate() {
-            *c = v.clamp(self.lower[i], self.upper[i]);
+            *c = v.clamp(self.actuation.lower[i], self.actuation.upper[i]);
         }
     }
 
@@ -347,7 +341,7 @@ impl Controller {
             let reachable =
                 wanted.max(self.in_force[i] - self.step_limit[i]).min(self.in_force[i] + self.step_limit[i]);
             // A command in force outside the limits can only have been set from outside; the limits win.
-            let limited = reachable.clamp(self.lower[i], self.upper[i]);
+            let limited = reachable.clamp(self.actuation.lower[i], self.actuation.upper[i]);
             saturated |= limited != wanted;
             self.command[i] = if wanted.is_finite() { limited } else { f64::NAN };
         }

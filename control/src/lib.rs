@@ -4,6 +4,7 @@
 //! [`Design`] is computed from a plant and [`LawOptions`], and tells gains, poles and margins; a [`Controller`]
 //! runs it. An [`Estimator`] turns measurements into the state that the controller feeds back.
 
+mod actuation;
 mod controller;
 pub mod design;
 mod hessenberg;

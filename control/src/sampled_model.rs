@@ -118,7 +118,6 @@ impl SampledModel {
     /// [`DiscretiseError`] when an unstable mode is too fast for the period.
     pub fn new(model: &LinearModel, period_s: f64) -> Result<Self, DiscretiseError> {
         let (nz, m) = model.b.shape();
-        let p = model.c.nrows();
         let inputs: Vec<(usize, f64)> = model.input_delays_s.iter().map(|d| whole(*d, period_s)).collect();
         let taps: Vec<(f64, usize)> = model.output_delays_s.iter().map(|d| tap(*d, period_s)).collect();
         let layout = Layout {
@@ -155,27 +154,7 @@ impl SampledModel {
                 drive: held,
             });
         }
-        let mut step = DMatrix::zeros(size, width);
-        (0..nz).for_each(|z| step.set_row(layout.place(z), &state.row(z)));
-        for (i, count) in layout.commands.iter().enumerate() {
-            for back in 1..=*count {
-                let from = if back == 1 { size + i } else { layout.command(i, back - 1) };
-                step[(layout.command(i, back), from)] = 1.0;
-            }
-        }
-        let mut seen = DMatrix::zeros(p, width);
-        for (j, &(offset_s, back)) in taps.iter().enumerate() {
-            let at = |s: &Substep| model.c.row(j) * &s.state + model.d.row(j) * &s.drive;
-            match back {
-                0 => seen.set_row(j, &at(&substeps[0])),
-                _ => {
-                    let taken = substeps.iter().rfind(|s| s.start_s <= offset_s + SAME * period_s);
-                    taken.into_iter().for_each(|s| step.set_row(layout.output(j, 1), &at(s)));
-                    (2..=back).for_each(|b| step[(layout.output(j, b), layout.output(j, b - 1))] = 1.0);
-                    seen[(j, layout.output(j, back))] = 1.0;
-                }
-            }
-        }
+        let (step, seen) = shift(model, &layout, &taps, &substeps, &state, period_s);
         let seen = if model.mix.is_identity(0.0) { seen } else { &model.mix * seen };
         Ok(Self {
             f: step.columns(0, size).into_owned(),
@@ -297,6 +276,43 @@ impl SampledModel {
         }
         (map, input)
     }
+}
+
+/// The whole step and what is seen at its beginning, by `[s; u]`: the continuous states at its end are `state`, and registers
+/// shift.
+fn shift(
+    model: &LinearModel,
+    layout: &Layout,
+    taps: &[(f64, usize)],
+    substeps: &[Substep],
+    state: &DMatrix<f64>,
+    period_s: f64,
+) -> (DMatrix<f64>, DMatrix<f64>) {
+    let (nz, m) = model.b.shape();
+    let (size, p) = (layout.size(), model.c.nrows());
+    let width = size + m;
+    let mut step = DMatrix::zeros(size, width);
+    (0..nz).for_each(|z| step.set_row(layout.place(z), &state.row(z)));
+    for (i, count) in layout.commands.iter().enumerate() {
+        for back in 1..=*count {
+            let from = if back == 1 { size + i } else { layout.command(i, back - 1) };
+            step[(layout.command(i, back), from)] = 1.0;
+        }
+    }
+    let mut seen = DMatrix::zeros(p, width);
+    for (j, &(offset_s, back)) in taps.iter().enumerate() {
+        let at = |s: &Substep| model.c.row(j) * &s.state + model.d.row(j) * &s.drive;
+        match back {
+            0 => seen.set_row(j, &at(&substeps[0])),
+            _ => {
+                let taken = substeps.iter().rfind(|s| s.start_s <= offset_s + SAME * period_s);
+                taken.into_iter().for_each(|s| step.set_row(layout.output(j, 1), &at(s)));
+                (2..=back).for_each(|b| step[(layout.output(j, b), layout.output(j, b - 1))] = 1.0);
+                seen[(j, layout.output(j, back))] = 1.0;
+            }
+        }
+    }
+    (step, seen)
 }
 
 fn whole(delay_s: f64, period_s: f64) -> (usize, f64) {

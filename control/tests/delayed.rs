@@ -273,3 +273,39 @@ fn the_filter_sees_through_a_late_sensor_and_the_loop_with_it_is_told() {
     let around = EstimatedLoop::new(&prompt, &blind.linear, &filter, &linear, &[]).expect("settles");
     assert!(around.multivariable_margins.max_sensitivity > with.max_sensitivity, "{around:?}");
 }
+
+#[test]
+fn a_command_jumps_over_a_dead_zone_and_the_filter_knows_of_it() {
+    let mut vehicle = extended(&[(Kind::InputGain, "u_roll", &[("factor", 0.5)])]);
+    let zone = Effect::new(Kind::DeadZone, "u_roll", &[("width", 1.0)]).expect("in range");
+    vehicle.add_effect(zone).expect("fits");
+    let (linear, plant) = plant_of(&vehicle);
+    assert_eq!(linear.dead_zones, [2.0, 0.0], "in commands, before the gain");
+    let design = Design::new(&plant, &LawOptions::named("lqr").expect("known")).expect("controllable");
+    let fly = |compensated: bool| {
+        let mut controller = Controller::new(&design);
+        assert!(!compensated || controller.compensate_dead_zones(&linear.dead_zones));
+        let mut estimator = filter(&vehicle, &linear, &plant);
+        let mut simulator = Simulator::new(&vehicle, PERIOD, 1).expect("slow enough");
+        let (mut now, mut next, mut sum) = ([0.0; 2], [0.0; 2], 0.0);
+        for k in 0..2400 {
+            let before = now;
+            now = next;
+            simulator.apply(&now);
+            let y = simulator.measure().to_vec();
+            estimator.step(&y, u64::MAX, &before, &now);
+            let x = estimator.x().to_vec();
+            let wanted = if k / 600 % 2 == 0 { 0.05 } else { -0.05 };
+            controller.step(&x, &[wanted, 0.0, 0.0, 0.0], 1, &mut next);
+            assert!(next[0].abs() <= 20.0);
+            simulator.advance();
+            sum += (simulator.state()[0] - wanted).powi(2);
+        }
+        sum
+    };
+    let (with, without) = (fly(true), fly(false));
+    println!("squared error {without:.4} -> {with:.4}");
+    assert!(with < without, "{without} {with}");
+    let mut controller = Controller::new(&design);
+    assert!(!controller.compensate_dead_zones(&[20.0, 0.0]), "no room");
+}

@@ -185,9 +185,20 @@ pub struct ControllerConfig {
     /// Add the stick to the command of the law, within its limits: a test input while the loop stays closed.
     #[serde(default)]
     pub add_stick: bool,
+    /// What the law does about effects of the vehicle that are not linear.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub compensate: Vec<Compensation>,
     /// Listen on topic `pilot` for setpoints from outside; the newest one replaces the profile.
     #[serde(default)]
     pub pilot: bool,
+}
+
+/// Effects that are not linear and that a law can take off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Compensation {
+    /// The command jumps over the dead zone.
+    DeadZone,
 }
 
 /// The control laws.
@@ -282,6 +293,7 @@ impl ControllerConfig {
             integral_q: None,
             anti_windup: AntiWindup::default(),
             add_stick: false,
+            compensate: Vec::new(),
             pilot: false,
         }
     }

@@ -142,6 +142,7 @@ pub struct Known {
     state: Vec<f64>,
     scratch: Vec<Block>,
     trim: Vec<f64>,
+    dead_zones: Vec<f64>,
     offsets: Vec<f64>,
     begun: bool,
     /// Inputs of the filter over the step before and now, and the outputs less their known errors.
@@ -170,6 +171,7 @@ impl Known {
             state: vec![0.0; count],
             scratch: vec![[0.0; 4]; blocks(count)],
             trim: linear.trim.clone(),
+            dead_zones: linear.dead_zones.clone(),
             offsets: linear.offsets.clone(),
             begun: false,
             before: vec![0.0; m + count],
@@ -181,11 +183,12 @@ impl Known {
     /// Goes on by the commands that acted since the step before, and takes the outputs and the commands of now.
     pub fn step(&mut self, y: &[f64], u_before: &[f64], u_now: &[f64]) {
         let m = self.trim.len();
-        let less_trim = |to: &mut [f64], u: &[f64], trim: &[f64]| {
-            to.iter_mut().zip(u).zip(trim).for_each(|((to, u), t)| *to = u - t);
-        };
-        less_trim(&mut self.before[..m], u_before, &self.trim);
-        less_trim(&mut self.now[..m], u_now, &self.trim);
+        for (to, u) in [(&mut self.before, u_before), (&mut self.now, u_now)] {
+            for (i, (to, u)) in to[..m].iter_mut().zip(u).enumerate() {
+                let acting = u - self.trim[i];
+                *to = (acting.abs() - self.dead_zones[i]).max(0.0).copysign(acting);
+            }
+        }
         if !self.begun {
             // Whatever came before is not known: the commands have been these for long.
             self.scratch.fill([0.0; 4]);

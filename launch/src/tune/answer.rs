@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use whirlstand_control::design::{LeftOut, LoopFigures};
-use whirlstand_diagnose::Cause;
+use whirlstand_diagnose::answer::Cause;
 use whirlstand_nodes::config::LawKind;
 
 use super::judge::{Gain, LawFigures};

@@ -3,6 +3,7 @@
 use whirlstand_control::{Controller, Design, Estimator, EstimatorError};
 use whirlstand_evaluate::Flight;
 use whirlstand_nodes::config::{LawKind, NodeConfig};
+use whirlstand_nodes::controller::controller_of;
 use whirlstand_nodes::estimator::filter_of;
 use whirlstand_nodes::setup::Setup;
 use whirlstand_vehicle::{Simulator, SimulatorError, Vehicle};
@@ -32,7 +33,11 @@ impl Pilot {
         let refuse = |e: EstimatorError| Failure::Mend(format!("no filter for {}: {e}", model.name));
         let estimator =
             filter_of(model, &plant, &config.estimator, config.plant.engine.into()).map_err(refuse)?;
-        Ok(Self { controller: design.as_ref().map(Controller::new), design, estimator })
+        let controller = design.as_ref().map(|design| {
+            controller_of(design, &controller, model)
+                .map_err(|e| Failure::Mend(format!("{}: {e}", model.name)))
+        });
+        Ok(Self { controller: controller.transpose()?, design, estimator })
     }
 
     /// The filter.

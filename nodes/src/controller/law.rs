@@ -4,8 +4,9 @@ use std::ops::RangeInclusive;
 
 use whirlstand_control::{Controller, Design};
 use whirlstand_msgs::{AdjustmentVerdict, Estimate, MAX_INPUTS, Setpoint, flags};
+use whirlstand_vehicle::{LinearModel, Vehicle};
 
-use crate::config::NodeConfig;
+use crate::config::{Compensation, ControllerConfig, NodeConfig};
 use crate::error::NodeError;
 use crate::setup::Setup;
 
@@ -19,14 +20,37 @@ pub(super) enum Law {
     Manual,
 }
 
+/// The controller that runs a design, with what it does about effects that are not linear.
+///
+/// # Errors
+/// Why an effect cannot be taken off, in a sentence.
+pub fn controller_of(
+    design: &Design,
+    config: &ControllerConfig,
+    model: &Vehicle,
+) -> Result<Controller, String> {
+    let mut controller = Controller::new(design);
+    if config.compensate.contains(&Compensation::DeadZone) {
+        let linear = LinearModel::new(model).map_err(|e| e.to_string())?;
+        if !controller.compensate_dead_zones(&linear.dead_zones) {
+            return Err("a dead zone leaves an input no room within its limits, so that it cannot be jumped over; take \
+                        dead_zone out of `compensate`"
+                .into());
+        }
+    }
+    Ok(controller)
+}
+
 impl Law {
     pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let Some(options) = config.controller.options() else { return Ok(Self::Manual) };
         let plant = setup.control_plant(config)?;
         let what = format!("a {} controller", options.name());
         let design = Design::new(&plant, &options).map_err(|e| setup.refuse(&what, &e))?;
+        let controller = controller_of(&design, &config.controller, &setup.model)
+            .map_err(|reason| setup.refuse(&what, &reason))?;
         Ok(Self::Designed {
-            controller: Box::new(Controller::new(&design)),
+            controller: Box::new(controller),
             states: plant.state_count(),
             inputs: plant.input_count(),
             add_stick: config.controller.add_stick,

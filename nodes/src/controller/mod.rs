@@ -21,6 +21,7 @@ use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
 use law::Law;
+pub use law::controller_of;
 use outside::Outside;
 pub use outside::PILOT_TOPIC;
 use profile::Profile;

@@ -34,6 +34,8 @@ pub struct LinearModel {
     pub output_delays_s: Vec<f64>,
     /// The command at which an input does nothing, by `input_bias`; zero elsewhere.
     pub trim: Vec<f64>,
+    /// Half-width of the dead zone of each input, counted from the trim in commands; the linear model is without it.
+    pub dead_zones: Vec<f64>,
     /// What `sensor_bias` adds to each output.
     pub offsets: Vec<f64>,
     /// Density of the white noise on the derivative of each own state that does what `turbulence` does below its bandwidth.
@@ -52,7 +54,10 @@ pub struct LinearModel {
 fn obstacle(kind: Kind) -> Option<&'static str> {
     Some(match kind {
         Kind::GainDrift => "the gain at the start is used; it changes with time",
-        Kind::DeadZone | Kind::Backlash => "it is not linear; the law sees the input without it",
+        Kind::DeadZone => {
+            "it is not linear; the filter knows it, the law where [controller] compensate = [\"dead_zone\"] says so"
+        }
+        Kind::Backlash => "it is not linear; the law sees the input without it",
         Kind::InputSaturation | Kind::RateLimit => {
             "limits of an input belong to [inputs], where a law keeps them"
         }
@@ -107,6 +112,7 @@ impl LinearModel {
             input_delays_s: vec![0.0; m],
             output_delays_s: vec![0.0; p],
             trim: vec![0.0; m],
+            dead_zones: vec![0.0; m],
             offsets: vec![0.0; p],
             turbulence: vec![0.0; n],
             variance: vec![0.0; p],
@@ -115,6 +121,7 @@ impl LinearModel {
             left_out,
         };
         model.take_inputs(&linear);
+        model.take_dead_zones(vehicle)?;
         model.take_outputs(vehicle, &linear);
         Ok(model)
     }
@@ -131,6 +138,7 @@ impl LinearModel {
             && self.a.nrows() == self.own
             && none(&self.output_delays_s)
             && none(&self.trim)
+            && none(&self.dead_zones)
             && none(&self.offsets)
             && none(&self.turbulence)
             && self.tones.is_empty()
@@ -164,6 +172,20 @@ impl LinearModel {
                 self.trim[i] = -bias / gain;
             }
         }
+    }
+
+    /// Dead zones lie behind gain and bias. Those of one input in a row are one of their sum.
+    fn take_dead_zones(&mut self, vehicle: &Vehicle) -> Result<(), SimulatorError> {
+        let at = |kind: Kind| vehicle.effects.iter().filter(move |e| e.kind() == kind);
+        for effect in at(Kind::DeadZone) {
+            let Place::Input(i) = effect.resolve(vehicle)? else { continue };
+            let gains = at(Kind::InputGain).filter(|e| e.place() == effect.place());
+            let gain: f64 = gains.map(|e| e.get("factor")).product();
+            if gain != 0.0 {
+                self.dead_zones[i] += effect.get("width") / gain.abs();
+            }
+        }
+        Ok(())
     }
 
     /// Delays, misalignment, scale and what is added, in the order in which they act on an output.
