@@ -91,16 +91,15 @@ pub fn bryson(plant: &SampledPlant, rates: f64) -> Vec<f64> {
 }
 
 /// Natural frequency that a loop around this plant is given: twice the geometric mean of those of its own modes
-/// that move, within what the period can follow, and half of what the longest delay lets a loop have (Skogestad and
-/// Postlethwaite, "Multivariable Feedback Control", 2nd edition 2005, section 5.7: the crossover stays below one over
-/// the delay); rad/s.
+/// that move, within what the period can follow, and one over the longest delay, above which no loop crosses over
+/// (Skogestad and Postlethwaite, "Multivariable Feedback Control", 2nd edition 2005, section 5.7); rad/s.
 pub fn bandwidth(plant: &SampledPlant) -> Result<f64, DesignError> {
     let modes: Vec<f64> = eigenvalues(&plant.own_a())?.iter().map(|p| p.norm()).collect();
     let fastest = modes.iter().copied().fold(0.0, f64::max);
     let mut top = 0.05 * std::f64::consts::TAU / plant.period_s();
     let latest = plant.delays_s().iter().copied().fold(0.0, f64::max);
     if latest > 0.0 {
-        top = top.min(0.5 / latest);
+        top = top.min(1.0 / latest);
     }
     if fastest <= 0.0 {
         return Ok(top.min(2.0));
