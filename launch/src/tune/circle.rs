@@ -36,7 +36,7 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     let config = &plan.config;
     let believed = believed(config, &found.folder)?;
     let diagnosis = diagnosis(args, &believed)?;
-    let extended = diagnosis.extended.as_deref().unwrap_or(&believed);
+    let extended = &extended(&diagnosis, &believed);
     let law = args.law.map_or(config.controller.law, LawKind::from);
     let laws = [Pilot::new(config, &believed, config.controller.law)?, Pilot::new(config, extended, law)?];
     let line = StageLine::new("tune", None);
@@ -46,12 +46,13 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     });
     line.finish();
     let [old, new] = flown?;
-    let gain = match (diagnosis.causes.is_empty(), law == config.controller.law) {
-        (true, true) => unchanged(),
+    let has_model =
+        extended.effects != believed.effects || extended.a != believed.a || extended.b != believed.b;
+    let gain = match (has_model, law == config.controller.law) {
+        (false, true) => unchanged(),
         _ => compare(&judged(&old), &judged(&new)),
     };
     let paths = Paths::in_folder(&args.out);
-    let has_model = !diagnosis.causes.is_empty();
     if has_model {
         write(&paths.vehicle, &extended.to_toml())?;
     }
@@ -116,6 +117,14 @@ fn diagnosis(args: &TuneArgs, vehicle: &Vehicle) -> Result<Diagnosis, Failure> {
     let answer = diagnose(&records, vehicle, &Options { watch, ..Options::default() });
     line.finish();
     answer.map_err(Failure::mend)
+}
+
+/// The vehicle with what was found of it. A gust that the record holds is not the vehicle's, and those of the flights to come
+/// are the launch file's.
+fn extended(diagnosis: &Diagnosis, believed: &Vehicle) -> Vehicle {
+    let mut vehicle = diagnosis.extended.as_deref().unwrap_or(believed).clone();
+    vehicle.effects.retain(|e| !is_disturbance(e) || believed.effects.contains(e));
+    vehicle
 }
 
 fn left_out(effect: &whirlstand_vehicle::Effect, why: &str) -> LeftOut {

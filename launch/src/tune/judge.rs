@@ -12,6 +12,9 @@ use whirlstand_vehicle::Vehicle;
 const OUTPUT_FIGURES: [&str; 3] = ["peak", "recovery_s", "iae"];
 const INPUT_FIGURES: [&str; 2] = ["rms", "travel_per_s"];
 
+/// Weight of a rate whose angle is weighed as well.
+const RATES: f64 = 0.01;
+
 /// Share of the draws on which the new law must be the better one.
 const BETTER_SHARE: f64 = 0.5;
 
@@ -46,14 +49,18 @@ pub(super) fn judge(
     Judged { lost, violates, cost: cost(flight, plant), figures: Some(figures) }
 }
 
-/// Mean square of the errors of all states and of all inputs, each measured by its size (Bryson's rule): one number for how
-/// well was flown and at what effort, the same for every law.
+/// Mean square of the errors of all states and of all inputs, each measured by its size, rates a hundredth of that (Bryson's
+/// rule, as the regulator's default): one number for how well was flown and at what effort, the same for every law.
 pub(super) fn cost(flight: &Flight, plant: &SampledPlant) -> f64 {
     let (n, m) = (plant.own_count(), plant.input_count());
+    let mut weights: Vec<f64> = plant.scales()[..n].iter().map(|s| 1.0 / (s * s)).collect();
+    for (rate, _) in plant.kinematic_rows().into_iter().flatten() {
+        weights[rate] = RATES / plant.scales()[rate].powi(2);
+    }
     let steps = (flight.states.len() / n).max(1);
     let states = flight.states.iter().zip(&flight.wanted).enumerate().map(|(k, (x, wanted))| {
         let error = if wanted.is_finite() { x - wanted } else { *x };
-        (error / plant.scales()[k % n]).powi(2)
+        weights[k % n] * error * error
     });
     let inputs =
         flight.inputs.iter().enumerate().map(|(k, u)| (u / plant.inputs()[k % m].authority()).powi(2));
