@@ -101,6 +101,24 @@ fn a_delay_that_a_blind_law_cannot_hold_is_held() {
 }
 
 #[test]
+fn a_law_designed_for_a_lag_and_a_mode_flies_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let [plain, late] = vehicles(folder.path());
+    let scale = design(&plain, "lqr")["plant"]["scales"][0].as_f64().unwrap();
+    let text = std::fs::read_to_string(&plain).unwrap();
+    for effect in [
+        "effect = 'actuator_lag'\nwhere = 'u_roll'\ntime_constant_s = 0.4\n",
+        "effect = 'unmodelled_mode'\nwhere = 'u_roll'\nfrequency_hz = 1.0\ndamping_ratio = 0.2\n",
+    ] {
+        std::fs::write(&late, format!("{text}\n[[effects]]\n{effect}")).unwrap();
+        let (blind, knowing) = (fly(folder.path(), "lqr", "plain"), fly(folder.path(), "lqr", "late"));
+        let (before, after) = (cost(&blind, scale), cost(&knowing, scale));
+        println!("{effect}: cost {before:.3} -> {after:.3}");
+        assert!(after < before, "{effect}: {before} {after}");
+    }
+}
+
+#[test]
 fn a_model_with_other_signals_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let launch = folder.path().join("wrong.toml");

@@ -51,7 +51,7 @@ impl Law {
             .map_err(|reason| setup.refuse(&what, &reason))?;
         Ok(Self::Designed {
             controller: Box::new(controller),
-            states: plant.state_count(),
+            states: plant.own_count(),
             inputs: plant.input_count(),
             add_stick: config.controller.add_stick,
         })
