@@ -74,6 +74,8 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Inject(args) => command::adjust::inject(args),
         Command::Set(args) => command::adjust::set(args),
         Command::Echo(args) => command::echo::echo(args),
+        Command::Watch(args) => command::watch::watch(args),
+        Command::Play(args) => command::watch::play(args),
         Command::Bench(args) => command::bench::bench(args),
         Command::Bridge(command) => command::bridge::bridge(command),
         Command::Doctor(args) => doctor::doctor(args),

@@ -10,7 +10,7 @@ message! {
         /// more and not done again.
         id: u64 => "uint64",
         /// The new value, SI: of the state's derivative for a gust, of the state for a setpoint, a factor for the gain, 0
-        /// (off), 1 (on, on the ground) or 2 (flying) for the engine.
+        /// (off), 1 (on, on the ground) or 2 (flying) for the engine; for the end of the run 0.
         value: f64 => "float64",
         /// How long a gust acts, ns of bench time; for the others 0.
         length_ns: u64 => "uint64",
@@ -37,6 +37,8 @@ pub enum AdjustmentKind {
     Setpoint = 3,
     /// The controller: a factor on the law's feedback.
     Gain = 4,
+    /// The plant: the run ends in order after this step, as if it had been planned so.
+    Stop = 5,
 }
 
 /// What became of a request, as a number in [`Adjustment::verdict`].
@@ -64,7 +66,9 @@ pub enum AdjustmentVerdict {
 impl AdjustmentKind {
     /// The kind for a number in [`Adjustment::what`]; `None` for one that this version does not know.
     pub fn from_u32(value: u32) -> Option<Self> {
-        [Self::Gust, Self::Engine, Self::Setpoint, Self::Gain].into_iter().find(|k| *k as u32 == value)
+        [Self::Gust, Self::Engine, Self::Setpoint, Self::Gain, Self::Stop]
+            .into_iter()
+            .find(|k| *k as u32 == value)
     }
 }
 

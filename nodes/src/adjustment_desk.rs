@@ -156,5 +156,6 @@ fn name(kind: AdjustmentKind) -> &'static str {
         AdjustmentKind::Engine => "a state of the engine",
         AdjustmentKind::Setpoint => "a setpoint",
         AdjustmentKind::Gain => "a gain",
+        AdjustmentKind::Stop => "an end of the run",
     }
 }

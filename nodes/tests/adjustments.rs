@@ -6,9 +6,10 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, BusConfig, Publisher, Subscriber, Transport};
 use whirlstand_msgs::{
-    Adjustment, AdjustmentKind, AdjustmentVerdict, Command, Disturbance, Message, Setpoint,
+    Adjustment, AdjustmentKind, AdjustmentVerdict, Command, Disturbance, Message, Setpoint, Truth,
 };
 use whirlstand_nodes::ADJUST_TOPIC;
+use whirlstand_nodes::clock::Turn;
 use whirlstand_nodes::config::{LawKind, NodeConfig};
 use whirlstand_nodes::inproc::Bench;
 
@@ -131,6 +132,22 @@ fn the_gain_multiplies_the_feedback() {
     plain.fly(200);
     let plain = command_at(&mut commands, answer.head.step);
     assert!(plain != 0.0 && (doubled - 2.0 * plain).abs() < 1e-12, "{plain} {doubled}");
+}
+
+#[test]
+fn a_run_ends_in_order_when_it_is_asked_to() {
+    let mut flight = Flight::new(&open("stop"));
+    let mut truths = flight.bus.subscriber::<Truth>(64).unwrap();
+    let refused = flight.ask(1, AdjustmentKind::Stop, 0, 1.0, 0);
+    assert_eq!(refused.verdict, AdjustmentVerdict::Unusable as u32);
+    let answer = flight.ask(2, AdjustmentKind::Stop, 0, 0.0, 0);
+    assert_eq!(answer.verdict, DONE);
+    let ended = (0..10_000).any(|_| flight.bench.round().unwrap() == Turn::Ended);
+    let mut last = None;
+    while let Some(truth) = truths.try_recv().unwrap() {
+        last = Some(truth.head.step);
+    }
+    assert_eq!((ended, last), (true, Some(answer.head.step)));
 }
 
 #[test]

@@ -145,10 +145,11 @@ pub struct Page {
     pub attachments: Vec<Attachment>,
 }
 
-/// Plotly.js as the build script left it, packed.
-const PLOTLY: &str = include_str!(concat!(env!("OUT_DIR"), "/plotly.txt"));
+/// Plotly.js as the build script left it: gzip as base64.
+pub const PLOTLY: &str = include_str!(concat!(env!("OUT_DIR"), "/plotly.txt"));
 const TEMPLATE: &str = include_str!("assets/page.html");
-const STYLE: &str = include_str!("assets/page.css");
+/// Style of the reports, in light and dark.
+pub const STYLE: &str = include_str!("assets/page.css");
 const SCRIPT: &str = include_str!("assets/page.js");
 
 impl Page {

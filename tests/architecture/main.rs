@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use source_graph::SourceGraph;
 
 /// Each room, and the rooms that it may depend on besides for its tests. `launch` ties all of them together.
-const ROOMS: [(&str, &[&str]); 14] = [
+const ROOMS: [(&str, &[&str]); 15] = [
     ("msgs", &[]),
     ("bus", &["msgs"]),
     ("linalg", &[]),
@@ -19,13 +19,14 @@ const ROOMS: [(&str, &[&str]); 14] = [
     ("blind", &["vehicle"]),
     ("evaluate", &["logs", "msgs", "vehicle"]),
     ("report", &["control", "diagnose", "evaluate", "ident", "logs", "msgs"]),
+    ("live", &["bus", "logs", "msgs", "report", "vehicle"]),
     ("bridge", &["msgs", "vehicle"]),
     ("nodes", &["bridge", "bus", "control", "diagnose", "logs", "msgs", "vehicle"]),
     (
         "launch",
         &[
-            "blind", "bridge", "bus", "control", "diagnose", "evaluate", "ident", "logs", "msgs", "nodes",
-            "report", "vehicle",
+            "blind", "bridge", "bus", "control", "diagnose", "evaluate", "ident", "live", "logs", "msgs",
+            "nodes", "report", "vehicle",
         ],
     ),
 ];

@@ -1,8 +1,10 @@
-//! Options of the calls that speak to a running bench: inject, set, echo.
+//! Options of the calls that speak to a running bench, or show one: inject, set, echo, watch, play.
 
 use std::num::NonZeroU64;
+use std::path::PathBuf;
 
 use clap::Args;
+use whirlstand_live::Address;
 
 use super::JsonArg;
 use super::quantity::seconds;
@@ -27,18 +29,18 @@ pub(crate) struct InjectArgs {
     pub json: JsonArg,
 }
 
-/// Set something on a running bench: a setpoint, the gain of the law, the state of the engine.
+/// Set something on a running bench: a setpoint, the gain of the law, the state of the engine, the end of the run.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand run quadrotor --bench lab --set plant.inject=true --set controller.pilot=true\n  \
     whirlstand set lab setpoint.roll=\"5 deg\" setpoint.pitch=0rad\n  \
     whirlstand set lab gain=1.5 engine=on\n\n\
     A setpoint takes the place of the launch file's. The gain, 0.1 to 10, is a factor on all feedback. The engine is off, on \
-    (on the ground) or flying, and sets the vibration that the sensors feel. Exit code 2 when the bench refuses one.")]
+    (on the ground) or flying, and sets the vibration that the sensors feel. run=stop ends the run in order. Exit code 2 when the bench refuses one.")]
 pub(crate) struct SetArgs {
     /// Name of the bench, as `run` prints it.
     pub bench: String,
-    /// setpoint.STATE=VALUE, gain=FACTOR or engine=off|on|flying.
+    /// setpoint.STATE=VALUE, gain=FACTOR, engine=off|on|flying or run=stop.
     #[arg(required = true, value_name = "KEY=VALUE")]
     pub settings: Vec<String>,
     #[command(flatten)]
@@ -62,4 +64,43 @@ pub(crate) struct EchoArgs {
     pub count: Option<NonZeroU64>,
     #[command(flatten)]
     pub json: JsonArg,
+}
+
+/// Show a running bench: on a page for the browser, or in the terminal.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand run quadrotor --bench lab --duration 10min\n  \
+    whirlstand watch lab\n  \
+    whirlstand watch lab --tui\n\n\
+    The page takes what `whirlstand inject` and `set` take, where the bench is open to it. Beyond this machine (--listen \
+    0.0.0.0) its address has a token. It ends with the bench, or with Ctrl-C; in the terminal q leaves.")]
+pub(crate) struct WatchArgs {
+    /// Name of the bench, as `run` prints it.
+    pub bench: String,
+    /// In the terminal instead of a browser.
+    #[arg(long, conflicts_with = "listen")]
+    pub tui: bool,
+    /// Where the page is served: PORT, IP or IP:PORT [default: 127.0.0.1, port 8480 or a free one]
+    #[arg(long, value_name = "ADDR", default_value = "", hide_default_value = true)]
+    pub listen: Address,
+}
+
+/// Show a finished log as if it flew now, at any speed.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand play out/quadrotor-2026-11-23-120000/log.mcap\n  \
+    whirlstand play out/quadrotor-2026-11-23-120000 --speed 10\n\n\
+    Speed, pause and place can be changed on the page. Ctrl-C ends it; in the terminal it ends with the log, or with q.")]
+pub(crate) struct PlayArgs {
+    /// A log of a bench, or the folder of its run.
+    pub log: PathBuf,
+    /// So many seconds of bench time in a second, 0.01 to 1000.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub speed: f64,
+    /// In the terminal instead of a browser.
+    #[arg(long, conflicts_with = "listen")]
+    pub tui: bool,
+    /// Where the page is served: PORT, IP or IP:PORT [default: 127.0.0.1, port 8480 or a free one]
+    #[arg(long, value_name = "ADDR", default_value = "", hide_default_value = true)]
+    pub listen: Address,
 }

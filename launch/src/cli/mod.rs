@@ -16,12 +16,13 @@ mod tune;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use whirlstand_live::Address;
 
 pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
 pub(crate) use files::{DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleNewArgs};
 pub(crate) use json::JsonArg;
 pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
-pub(crate) use live::{EchoArgs, InjectArgs, SetArgs};
+pub(crate) use live::{EchoArgs, InjectArgs, PlayArgs, SetArgs, WatchArgs};
 pub(crate) use machine::{BenchArgs, DoctorArgs};
 pub(crate) use overrides::OverrideArgs;
 #[cfg(test)]
@@ -87,6 +88,8 @@ pub(crate) enum Command {
     Inject(InjectArgs),
     Set(SetArgs),
     Echo(EchoArgs),
+    Watch(WatchArgs),
+    Play(PlayArgs),
     Bench(BenchArgs),
     /// Look at real hardware that takes a node's place.
     #[command(subcommand)]
@@ -149,6 +152,7 @@ pub(crate) struct CleanArgs {
 #[command(after_help = "Examples:\n  \
     whirlstand run\n  \
     whirlstand run quadrotor-smc --transport zenoh --duration 20\n  \
+    whirlstand run --live --set plant.inject=true --set controller.pilot=true\n  \
     whirlstand run mine.toml --set controller.law=lqr --set 'plant.initial.roll=\"10 deg\"' --out out/lqr\n\n\
     Ctrl-C ends the run in order: the plant goes to neutral, the recorder closes the log, the report is written.")]
 pub(crate) struct RunArgs {
@@ -166,6 +170,9 @@ pub(crate) struct RunArgs {
     /// Name of the bench, for nodes that are started elsewhere; one run at a time [default: a new one for each run]
     #[arg(long, value_name = "NAME")]
     pub bench: Option<String>,
+    /// Serve a page that shows the bench while it flies: PORT, IP or IP:PORT [default: 127.0.0.1, port 8480 or a free one]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "")]
+    pub live: Option<Address>,
     #[command(flatten)]
     pub json: JsonArg,
 }
@@ -260,6 +267,10 @@ mod tests {
             "soak --fault stop --lasting 500ms --json",
             "blind --length 30s:2min --rate 0.1kHz,200 --json",
             "run --json summary.json",
+            "run --live --set plant.inject=true",
+            "run --live 0.0.0.0:9000 --json",
+            "watch lab --tui",
+            "play out/lab/log.mcap --speed 0.5 --listen 0",
             "doctor --json doctor.json",
         ] {
             let words = ["whirlstand"].into_iter().chain(line.split(' '));

@@ -2,16 +2,13 @@
 
 use std::process::ExitCode;
 
-use serde_json::{Value, json};
-use whirlstand_msgs::{Adjustment, AdjustmentVerdict};
-use whirlstand_nodes::refusal;
+use serde_json::json;
 use whirlstand_vehicle::Vehicle;
 
 use super::tell;
 use crate::cli::{InjectArgs, JsonArg, SetArgs};
 use crate::error::Failure;
-use crate::live::{BenchCard, Wanted, ask};
-use crate::style;
+use crate::live::{BenchCard, Told, Wanted, ask};
 
 /// Exit code when the bench refuses something: the user can ask for something else.
 const REFUSED: u8 = 2;
@@ -42,44 +39,4 @@ fn adjust(
     tell(json, &value, || told.iter().map(Told::line).collect())?;
     let refused = told.iter().any(|t| t.refused.is_some());
     Ok(if refused { ExitCode::from(REFUSED) } else { ExitCode::SUCCESS })
-}
-
-/// What became of one change.
-struct Told {
-    what: String,
-    value: f64,
-    step: u64,
-    time_s: f64,
-    refused: Option<String>,
-}
-
-impl Told {
-    fn new(wanted: &Wanted, answer: &Adjustment, vehicle: &Vehicle) -> Self {
-        let verdict = AdjustmentVerdict::from_u32(answer.verdict);
-        let refused = match verdict {
-            Some(AdjustmentVerdict::Done) => None,
-            Some(verdict) => Some(refusal(verdict, wanted.key())),
-            None => Some(format!("for reason {}, which this version does not know", answer.verdict)),
-        };
-        Self {
-            what: wanted.text(vehicle),
-            value: answer.value,
-            step: answer.head.step,
-            time_s: answer.head.stamp_ns as f64 * 1e-9,
-            refused,
-        }
-    }
-
-    fn json(&self) -> Value {
-        json!({
-            "what": self.what, "value_si": self.value, "step": self.step, "t_s": self.time_s, "refused": self.refused,
-        })
-    }
-
-    fn line(&self) -> String {
-        match &self.refused {
-            None => format!("{} from t {:.3} s on (step {})\n", self.what, self.time_s, self.step),
-            Some(why) => format!("{} {}: {why}\n", self.what, style::bad("refused")),
-        }
-    }
 }

@@ -23,6 +23,7 @@ pub(crate) mod simulate;
 pub(crate) mod stage_line;
 pub(crate) mod vehicle_new;
 pub(crate) mod vehicles;
+pub(crate) mod watch;
 
 use std::io::{IsTerminal, Write};
 use std::path::Path;

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use whirlstand_bus::ZenohConfig;
 use whirlstand_control::{Selector, Weights};
+use whirlstand_live::{Address, AddressError};
 use whirlstand_msgs::units::Unit;
 use whirlstand_nodes::config::{
     NodeConfig, PlantConfig, RealtimeOptions, RecorderConfig, Role, SignalChange, VehicleSource,
@@ -37,6 +38,8 @@ pub(crate) struct Plan {
     pub nodes: Vec<PlannedNode>,
     /// Who is let in.
     pub security: Security,
+    /// Where the live page is served, if it is.
+    pub live: Option<Address>,
     /// Expectations that must hold at the end.
     pub expect: Vec<whirlstand_evaluate::Expectation>,
 }
@@ -105,8 +108,10 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         bridge: planner.bridge(&file)?,
     };
     let expect = expect::read(document, &vehicle, file.mode, &file.expect.keys().collect::<Vec<_>>())?;
+    let live = file.live.as_ref().map(|live| live.address.parse()).transpose();
+    let live = live.map_err(|e: AddressError| document.error_at(at!["live", "address"], e.to_string()))?;
     let name = file.name.unwrap_or_else(|| name.into());
-    Ok(Plan { name, vehicle: extended, config, nodes, security, expect })
+    Ok(Plan { name, vehicle: extended, config, nodes, security, live, expect })
 }
 
 /// The text that goes into the log: the file as it was read, and what was changed without editing it.

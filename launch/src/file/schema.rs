@@ -65,6 +65,8 @@ pub(crate) struct LaunchFile {
     pub zenoh: ZenohSection,
     #[serde(default)]
     pub security: SecuritySection,
+    /// A page that shows the bench while it flies.
+    pub live: Option<LiveSection>,
     /// What must hold at the end; read by [`super::expect`].
     #[serde(default)]
     pub expect: BTreeMap<String, IgnoredAny>,
@@ -111,6 +113,14 @@ impl Default for PlantSection {
             inject: node.inject,
         }
     }
+}
+
+/// `[live]`.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct LiveSection {
+    /// Where the page is served: PORT, IP, IP:PORT; loopback without it.
+    pub address: String,
 }
 
 /// `[recorder]`.

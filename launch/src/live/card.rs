@@ -34,6 +34,9 @@ pub(crate) struct BenchCard {
     pub plant_closed: Option<String>,
     /// Why the controller takes neither setpoints nor a gain; `None` when it does.
     pub controller_closed: Option<String>,
+    /// The bench is run by this process, which can look into its own.
+    #[serde(skip)]
+    pub is_own: bool,
 }
 
 impl BenchCard {
@@ -69,6 +72,7 @@ impl BenchCard {
                 config.controller.pilot,
                 "controller.pilot",
             ),
+            is_own: false,
         }
     }
 
@@ -120,7 +124,7 @@ impl BenchCard {
     /// # Errors
     /// When the transport refuses, or the bench has none.
     pub fn join(&self, member: &str) -> Result<Bus, Failure> {
-        if self.transport == Transport::Inproc {
+        if self.transport == Transport::Inproc && !self.is_own {
             let bench = &self.bench;
             return Err(Failure::Mend(format!(
                 "bench '{bench}' runs in one process, which nothing from outside reaches: start it with --transport iceoryx2 \
@@ -134,6 +138,13 @@ impl BenchCard {
         // Whoever looks on does not take the processor from those who fly.
         config.wait = WaitStrategy::realtime();
         Bus::open(&config).map_err(Failure::mend)
+    }
+
+    /// How a member finds the others: over a network it changes as nodes come and go.
+    pub fn addresses(&self, member: &str) -> Option<String> {
+        let path =
+            (self.transport == Transport::Zenoh).then(|| configuration(&self.bench, member).ok()).flatten();
+        path.and_then(|path| std::fs::read_to_string(path).ok())
     }
 
     /// "bench lab over iceoryx2 takes ...", for whoever starts it.

@@ -3,10 +3,16 @@
 mod ask;
 mod card;
 mod follow;
+mod look;
+mod page;
 mod shown;
+mod told;
 mod wanted;
 
 pub(crate) use ask::ask;
 pub(crate) use card::BenchCard;
 pub(crate) use follow::follow;
+pub(crate) use look::{Look, Seen};
+pub(crate) use page::{LivePage, Looker};
+pub(crate) use told::Told;
 pub(crate) use wanted::Wanted;

@@ -41,6 +41,8 @@ pub(crate) enum Wanted {
     },
     /// A factor on the law's feedback.
     Gain(f64),
+    /// The end of the run, in order.
+    Stop,
 }
 
 impl Wanted {
@@ -55,7 +57,7 @@ impl Wanted {
         Ok(Self::Gust { state, size: amount(text, value, &unit)?, length_s })
     }
 
-    /// Reads `setpoint.STATE=VALUE`, `gain=FACTOR` or `engine=off|on|flying`.
+    /// Reads `setpoint.STATE=VALUE`, `gain=FACTOR`, `engine=off|on|flying` or `run=stop`.
     ///
     /// # Errors
     /// For another key, a state that the vehicle does not have, and a value that does not fit.
@@ -67,6 +69,8 @@ impl Wanted {
         }
         match key {
             "gain" => Ok(Self::Gain(amount(text, value, &Unit::ONE)?)),
+            "run" if value == "stop" => Ok(Self::Stop),
+            "run" => Err(Failure::Mend(format!("{text}: {}", unknown("run", value, ["stop"])))),
             "engine" => {
                 let found = ENGINES.iter().find(|(name, _)| *name == value);
                 let names = ENGINES.map(|(name, _)| name);
@@ -76,10 +80,10 @@ impl Wanted {
             _ => {
                 let setpoints: Vec<_> =
                     vehicle.states.iter().map(|s| format!("{SETPOINT}{}", s.name)).collect();
-                let keys = ["engine", "gain"].into_iter().chain(setpoints.iter().map(String::as_str));
+                let keys = ["engine", "gain", "run"].into_iter().chain(setpoints.iter().map(String::as_str));
                 let hint = did_you_mean(key, keys);
                 Err(Failure::Mend(format!(
-                    "'{key}' cannot be set in flight{hint}: engine, gain and setpoint.STATE can"
+                    "'{key}' cannot be set in flight{hint}: engine, gain, run and setpoint.STATE can"
                 )))
             }
         }
@@ -106,6 +110,7 @@ impl Wanted {
                 request.value = factor;
                 AdjustmentKind::Gain
             }
+            Self::Stop => AdjustmentKind::Stop,
         };
         request.what = kind as u32;
         request
@@ -113,7 +118,7 @@ impl Wanted {
 
     /// Whether it is the plant's business; all else is the controller's.
     pub fn is_for_the_plant(&self) -> bool {
-        matches!(self, Self::Gust { .. } | Self::Engine(_))
+        matches!(self, Self::Gust { .. } | Self::Engine(_) | Self::Stop)
     }
 
     /// Key of the launch file that opens the bench to it.
@@ -142,6 +147,7 @@ impl Wanted {
                 )
             }
             Self::Gain(factor) => format!("gain {factor}"),
+            Self::Stop => "end of the run".into(),
         }
     }
 }
@@ -197,6 +203,7 @@ mod tests {
             ("setpoint.rol=5deg", "did you mean 'roll'?"),
             ("roll=5deg", "did you mean 'setpoint.roll'?"),
             ("engine=of", "did you mean 'off'?"),
+            ("run=stpo", "did you mean 'stop'?"),
             ("gain", "NAME=VALUE"),
             ("gain=2 s", "no unit is expected"),
         ] {

@@ -22,7 +22,7 @@ use crate::command::clean::tidy;
 use crate::error::Failure;
 use crate::exclusive::{Claim, OutFolder};
 use crate::file::{DEFAULT, Jobs, jobs};
-use crate::live::BenchCard;
+use crate::live::{BenchCard, LivePage};
 use crate::supervisor::Ending;
 
 /// Runs a launch file, all its variants one after the other, and leaves log, summary and report.
@@ -36,6 +36,12 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     };
     let quiet = args.json.is_printed();
     tidy(quiet);
+    let address = args.live.or_else(|| jobs.runs.first().and_then(|job| job.plan.live));
+    let page = address.map(LivePage::open).transpose()?;
+    if let Some(page) = &page {
+        // Said in any case: nobody could find it otherwise.
+        crate::style::say(&page.line());
+    }
     let mut runs = Vec::new();
     for job in &jobs.runs {
         let (plan, variant) = (&job.plan, job.variant.as_deref());
@@ -57,7 +63,10 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
         if !quiet {
             announce(&jobs, variant, plan, claim.bench());
         }
-        let mut progress = progress::Progress::new(&plan.config, !quiet);
+        let card = BenchCard { is_own: true, ..BenchCard::new(plan, claim.bench()) };
+        let title = variant.map_or(jobs.name.clone(), |variant| format!("{} / {variant}", jobs.name));
+        let looker = page.as_ref().map(|page| page.look_at(&card, &title)).transpose()?;
+        let mut progress = progress::Progress::new(&plan.config, !quiet).with(looker);
         let ran = fly(plan, folder, claim, &mut progress);
         progress.finish();
         let ran = ran?;
@@ -66,6 +75,9 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
         if stop {
             break;
         }
+    }
+    if let Some(page) = page {
+        page.end("The run is over; its report and log are in the folder that the terminal names.");
     }
     let whole = summary::whole(&jobs, &runs);
     // The verdict is told even where no file can be written any more.

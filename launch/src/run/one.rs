@@ -48,7 +48,9 @@ pub(crate) fn fly(
     let keys = BenchKeys::new(&plan)?;
     BenchCard::new(&plan, claim.bench()).leave_in(claim.sockets())?;
     if plan.config.transport == Transport::Inproc {
-        let outcome = fly_in_thread(&plan, &keys, claim, observer)?;
+        let outcome = fly_in_thread(&plan, &keys, claim, observer);
+        observer.closed();
+        let outcome = outcome?;
         return Ok(FinishedRun { outcome, log, residue: None });
     }
     let spec = bench_spec(&plan, &keys, claim.sockets(), folder.path())?;
@@ -57,6 +59,7 @@ pub(crate) fn fly(
     observer.opened(listener.bus()).map_err(Failure::mend)?;
     tracing::debug!(bench = plan.config.bench, "the bench is open");
     let outcome = supervise(spec, Some(guard), &mut listener, observer);
+    observer.closed();
     drop(listener);
     let residue = sweep(&plan.config.bench).err().map(|e| e.to_string());
     let outcome = outcome.map_err(|e| Failure::Run(format!("the supervisor failed: {e}")))?;

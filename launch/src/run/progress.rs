@@ -8,6 +8,7 @@ use whirlstand_nodes::config::NodeConfig;
 
 use super::start::PeriodicTimer;
 use super::waits::Waits;
+use crate::live::Looker;
 use crate::supervisor::{Continuation, Ending, Event, HealthTable, Observer};
 
 /// How often a line is written where no terminal shows the live one.
@@ -24,6 +25,8 @@ pub(crate) struct Progress {
     quiet: Option<PeriodicTimer>,
     failsafe: bool,
     waits: Waits,
+    /// Shows the run on the live page.
+    looker: Option<Looker>,
 }
 
 impl Progress {
@@ -42,7 +45,13 @@ impl Progress {
             quiet,
             failsafe: false,
             waits: Waits::default(),
+            looker: None,
         }
+    }
+
+    /// The same run is looked at for the live page, until its nodes have ended.
+    pub fn with(self, looker: Option<Looker>) -> Self {
+        Self { looker, ..self }
     }
 
     /// Takes the live line away.
@@ -123,6 +132,10 @@ impl Observer for Progress {
             }
             Event::Ending(_) => {}
         }
+    }
+
+    fn closed(&mut self) {
+        self.looker = None;
     }
 
     fn tick(&mut self, now: Instant, health: &HealthTable) -> Continuation {

@@ -142,6 +142,8 @@ pub(crate) trait Observer {
     fn opened(&mut self, _bus: &Bus) -> Result<(), OpenError> {
         Ok(())
     }
+    /// The nodes have ended: whatever of the observer is in the bench leaves it.
+    fn closed(&mut self) {}
 }
 
 /// Whether an observer lets the run go on.

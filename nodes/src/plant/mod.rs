@@ -356,7 +356,7 @@ impl Plant {
         }
         if self.phase == Phase::Looping {
             self.diverged = self.simulation.left_model();
-            if self.step == self.steps || self.diverged.is_some() {
+            if self.step == self.steps || self.diverged.is_some() || self.simulation.is_to_end() {
                 self.begin_ending()?;
             }
         }

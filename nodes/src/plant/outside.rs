@@ -1,4 +1,5 @@
-//! What reaches the plant from outside the loop: disturbances on `inject`, and gusts and the engine's state on `adjust`.
+//! What reaches the plant from outside the loop: disturbances on `inject`, and gusts, the engine's state and the
+//! end of the run on `adjust`.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Disturbance, Head, MAX_STATES};
@@ -34,6 +35,7 @@ pub(super) struct Outside {
     /// Of the states, SI.
     bounds: Vec<f64>,
     period_ns: u64,
+    is_to_end: bool,
     refused: u64,
 }
 
@@ -44,7 +46,7 @@ impl Outside {
         bounds: Vec<f64>,
         period_ns: u64,
     ) -> Result<Self, NodeError> {
-        let business = &[AdjustmentKind::Gust, AdjustmentKind::Engine];
+        let business = &[AdjustmentKind::Gust, AdjustmentKind::Engine, AdjustmentKind::Stop];
         Ok(Self {
             inject: if is_open { Some(bus.subscriber_on(INJECT_TOPIC, INJECT_DEPTH)?) } else { None },
             desk: AdjustmentDesk::open(bus, business, "plant.inject", is_open)?,
@@ -52,6 +54,7 @@ impl Outside {
             gusts: [None; MOST_GUSTS],
             bounds,
             period_ns,
+            is_to_end: false,
             refused: 0,
         })
     }
@@ -79,6 +82,7 @@ impl Outside {
                 head,
                 match kind {
                     AdjustmentKind::Engine => self.engine(&request, simulator),
+                    AdjustmentKind::Stop => self.stop(&request),
                     _ => self.gust(&request, head.step),
                 },
             );
@@ -101,6 +105,11 @@ impl Outside {
         self.desk.attend(head)
     }
 
+    /// Whether the run ends after this step.
+    pub(super) fn is_to_end(&self) -> bool {
+        self.is_to_end
+    }
+
     /// Messages from outside that could not be used.
     pub(super) fn refused(&self) -> u64 {
         self.refused + self.desk.malformed()
@@ -112,6 +121,14 @@ impl Outside {
             return AdjustmentVerdict::Unusable;
         };
         simulator.set_engine(engine);
+        AdjustmentVerdict::Done
+    }
+
+    fn stop(&mut self, request: &Adjustment) -> AdjustmentVerdict {
+        if request.value != 0.0 {
+            return AdjustmentVerdict::Unusable;
+        }
+        self.is_to_end = true;
         AdjustmentVerdict::Done
     }
 

@@ -161,6 +161,11 @@ impl Simulation {
         Ok(())
     }
 
+    /// Whether somebody outside asked for the end of the run.
+    pub(super) fn is_to_end(&self) -> bool {
+        self.outside.is_to_end()
+    }
+
     /// Messages from outside that could not be used.
     pub(super) fn refused(&self) -> u64 {
         self.outside.refused()

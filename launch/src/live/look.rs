@@ -1,0 +1,108 @@
+//! Looks at a running bench for all viewers of a page, until the bench is over.
+
+use std::time::{Duration, Instant};
+
+use whirlstand_live::{BusFeed, Collector, Controls, Hub, Scene};
+
+use super::card::BenchCard;
+use crate::error::Failure;
+use crate::keys::OBSERVER;
+
+/// Time between two looks whether the bench is over, or its nodes have other addresses.
+const CHECK: Duration = Duration::from_millis(250);
+
+/// Time between two attempts to join a bench that is about to begin.
+const JOIN_AGAIN: Duration = Duration::from_millis(50);
+
+/// Why looking ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Seen {
+    /// The bench is over.
+    Over,
+    /// The looker was told to end.
+    Told,
+}
+
+/// A look at one bench.
+pub(crate) struct Look {
+    card: BenchCard,
+    collector: Collector,
+    hub: Hub,
+}
+
+impl Look {
+    /// Tells the viewers what is flown.
+    ///
+    /// # Errors
+    /// When the vehicle cannot be read.
+    pub fn begin(card: &BenchCard, title: &str, hub: &Hub) -> Result<Self, Failure> {
+        let vehicle = card.vehicle()?;
+        let mode = serde_json::to_value(card.mode).map_err(Failure::run)?;
+        let subtitle = format!(
+            "bench {}: {}, {} over {}",
+            card.bench,
+            vehicle.name,
+            mode.as_str().unwrap_or_default(),
+            card.transport
+        );
+        let controls = Controls::Bench {
+            plant_closed: card.plant_closed.clone(),
+            controller_closed: card.controller_closed.clone(),
+        };
+        let scene = Scene::new(title, &subtitle, card.period_ns, &vehicle, controls);
+        let collector = Collector::new(scene, &vehicle, true);
+        collector.greet(hub);
+        Ok(Self { card: card.clone(), collector, hub: hub.clone() })
+    }
+
+    /// Looks until the bench is over or `is_told_to_end` says so; that is asked all the time. A bench that `begins` may not
+    /// be there yet. `pause` sleeps until a time, or less.
+    ///
+    /// # Errors
+    /// When the bench cannot be joined, or the transport fails.
+    pub fn until_over(
+        self,
+        begins: bool,
+        mut is_told_to_end: impl FnMut() -> bool,
+        mut pause: impl FnMut(Instant),
+    ) -> Result<Seen, Failure> {
+        let Self { card, mut collector, hub } = self;
+        loop {
+            if is_told_to_end() {
+                return Ok(Seen::Told);
+            }
+            // Read before the bench is joined, so that a change meanwhile is noticed.
+            let addresses = card.addresses(OBSERVER);
+            let bus = match card.join(OBSERVER) {
+                Ok(bus) => bus,
+                Err(_) if begins => {
+                    pause(Instant::now() + JOIN_AGAIN);
+                    continue;
+                }
+                Err(e) => return Err(e),
+            };
+            let mut feed = BusFeed::open(bus, collector, hub.clone()).map_err(Failure::mend)?;
+            let mut check = Instant::now() + CHECK;
+            loop {
+                let now = Instant::now();
+                let next = feed.turn(now).map_err(Failure::run)?;
+                if is_told_to_end() {
+                    feed.leave();
+                    return Ok(Seen::Told);
+                }
+                if now >= check {
+                    check = now + CHECK;
+                    if card.is_over() {
+                        feed.leave();
+                        return Ok(Seen::Over);
+                    }
+                    if card.addresses(OBSERVER) != addresses {
+                        break;
+                    }
+                }
+                pause(next);
+            }
+            collector = feed.leave();
+        }
+    }
+}

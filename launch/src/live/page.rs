@@ -1,0 +1,122 @@
+//! The live page of a run, in the launcher's process: the loop is in others, or in a thread that does not know of it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use whirlstand_live::{Address, Answer, Control, Hub, Server};
+
+use super::ask::ask;
+use super::card::BenchCard;
+use super::look::Look;
+use super::told::Told;
+use super::wanted::Wanted;
+use crate::error::Failure;
+
+/// Longest gust that a viewer may ask for, s.
+const LONGEST_GUST_S: f64 = 3600.0;
+
+/// The page, and the bench that it shows at present.
+pub(crate) struct LivePage {
+    hub: Hub,
+    server: Server,
+    shown: Arc<Mutex<Option<BenchCard>>>,
+}
+
+/// A bench that is being looked at by a thread of its own, until dropped.
+pub(crate) struct Looker {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    shown: Arc<Mutex<Option<BenchCard>>>,
+}
+
+impl LivePage {
+    /// Serves the page.
+    ///
+    /// # Errors
+    /// When the address cannot be had.
+    pub fn open(address: Address) -> Result<Self, Failure> {
+        let hub = Hub::default();
+        let shown = Arc::<Mutex<Option<BenchCard>>>::default();
+        let server = {
+            let shown = shown.clone();
+            let act = move |control: &Control| {
+                let card = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                card.map_or_else(|| Err("no bench runs".into()), |card| act(&card, control))
+            };
+            Server::start(address, hub.clone(), act).map_err(Failure::mend)?
+        };
+        Ok(Self { hub, server, shown })
+    }
+
+    /// The line that says where the page is.
+    pub fn line(&self) -> String {
+        format!("live page {}", self.server.url())
+    }
+
+    /// Where frames go.
+    pub fn hub(&self) -> &Hub {
+        &self.hub
+    }
+
+    /// Lets viewers ask a bench for changes.
+    pub fn hand_over(&self, card: &BenchCard) {
+        *self.shown.lock().unwrap_or_else(PoisonError::into_inner) = Some(card.clone());
+    }
+
+    /// Shows a bench that is about to begin.
+    ///
+    /// # Errors
+    /// When the vehicle cannot be read, or there is no thread.
+    pub fn look_at(&self, card: &BenchCard, title: &str) -> Result<Looker, Failure> {
+        let look = Look::begin(card, title, &self.hub)?;
+        let stop = Arc::new(AtomicBool::new(false));
+        let told = stop.clone();
+        let body = move || {
+            let is_told = || told.load(Ordering::Relaxed);
+            let pause = |until: Instant| std::thread::sleep(until.saturating_duration_since(Instant::now()));
+            if let Err(e) = look.until_over(true, is_told, pause) {
+                tracing::warn!("the live page shows nothing more of this run: {e}");
+            }
+        };
+        let thread =
+            std::thread::Builder::new().name("live-feed".into()).spawn(body).map_err(Failure::run)?;
+        self.hand_over(card);
+        Ok(Looker { stop, thread: Some(thread), shown: self.shown.clone() })
+    }
+
+    /// Tells the viewers why nothing more comes.
+    pub fn end(self, why: &str) {
+        self.hub.end(why);
+    }
+}
+
+impl Drop for Looker {
+    fn drop(&mut self) {
+        self.shown.lock().unwrap_or_else(PoisonError::into_inner).take();
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Does what a viewer asks for.
+fn act(card: &BenchCard, control: &Control) -> Answer {
+    let text = |e: Failure| e.to_string();
+    let vehicle = card.vehicle().map_err(text)?;
+    let wanted = match control {
+        Control::Inject { for_s, .. } if !(*for_s > 0.0 && *for_s <= LONGEST_GUST_S) => {
+            return Err(format!("a gust lasts more than 0 s and at most {LONGEST_GUST_S} s, not {for_s}"));
+        }
+        Control::Inject { what, for_s } => Wanted::gust(what, *for_s, &vehicle).map_err(text)?,
+        Control::Set { what } => Wanted::setting(what, &vehicle).map_err(text)?,
+        Control::Stop {} => Wanted::Stop,
+        Control::Play { .. } => return Err("only a finished log is played".into()),
+    };
+    let answers = ask(card, &[wanted]).map_err(text)?;
+    let told = answers.first().map(|answer| Told::new(&wanted, answer, &vehicle));
+    let told = told.ok_or("the bench gave no answer")?;
+    if told.refused.is_some() { Err(told.sentence()) } else { Ok(told.sentence()) }
+}

@@ -1,0 +1,93 @@
+//! Where the page is served, and who may see it.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+
+use rand::RngExt;
+
+/// The port that is tried first where none is given.
+pub const DEFAULT_PORT: u16 = 8480;
+
+/// Letters of a token: 22 of 64 are 132 bits.
+const TOKEN_LENGTH: usize = 22;
+const TOKEN_LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
+
+/// What is wrong with an address.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "'{0}' is no address for the live page: write a port, IP, IP:PORT or [IP]:PORT, such as 8480 or 192.0.2.2:8480"
+)]
+pub struct AddressError(String);
+
+/// Where the page is served.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Address {
+    /// Address and port; port 0 is any free one.
+    pub socket: SocketAddr,
+    /// Whether the port was left open, so that another one will do.
+    pub any_port: bool,
+}
+
+impl Default for Address {
+    fn default() -> Self {
+        Self { socket: SocketAddr::new(Ipv4Addr::LOCALHOST.into(), DEFAULT_PORT), any_port: true }
+    }
+}
+
+impl Address {
+    /// A token for whoever comes from another machine; on this one the address itself will do.
+    pub(crate) fn token(&self) -> Option<String> {
+        if self.socket.ip().is_loopback() {
+            return None;
+        }
+        let mut random = rand::rng();
+        let letter = |_| char::from(TOKEN_LETTERS[random.random_range(0..TOKEN_LETTERS.len())]);
+        Some((0..TOKEN_LENGTH).map(letter).collect())
+    }
+}
+
+impl std::str::FromStr for Address {
+    type Err = AddressError;
+
+    fn from_str(text: &str) -> Result<Self, AddressError> {
+        let bare = text.trim();
+        if bare.is_empty() {
+            return Ok(Self::default());
+        }
+        if let Ok(socket) = bare.parse() {
+            return Ok(Self { socket, any_port: false });
+        }
+        if let Ok(ip) = bare.trim_matches(['[', ']']).parse::<IpAddr>() {
+            return Ok(Self { socket: SocketAddr::new(ip, DEFAULT_PORT), any_port: true });
+        }
+        let port = bare.trim_start_matches("localhost").trim_start_matches(':').parse::<u16>();
+        let port = port.map_err(|_| AddressError(text.into()))?;
+        Ok(Self { socket: SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port), any_port: false })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_and_only_those_beyond_this_machine_have_a_token() {
+        for (text, socket, any_port) in [
+            ("", "127.0.0.1:8480", true),
+            ("0", "127.0.0.1:0", false),
+            ("localhost:9000", "127.0.0.1:9000", false),
+            ("192.0.2.2", "192.0.2.2:8480", true),
+            ("[::1]:81", "[::1]:81", false),
+            ("::", "[::]:8480", true),
+        ] {
+            let address: Address = text.parse().unwrap();
+            assert_eq!((address.socket.to_string().as_str(), address.any_port), (socket, any_port), "{text}");
+            assert_eq!(address.token().is_none(), address.socket.ip().is_loopback(), "{text}");
+        }
+        let everywhere: Address = "0.0.0.0".parse().unwrap();
+        let tokens = [everywhere.token().unwrap(), everywhere.token().unwrap()];
+        assert!(tokens[0] != tokens[1] && tokens[0].len() == TOKEN_LENGTH);
+        for text in ["here", "1.2.3.4:x", "99999"] {
+            assert!(text.parse::<Address>().unwrap_err().to_string().contains(text));
+        }
+    }
+}

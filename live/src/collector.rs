@@ -1,0 +1,190 @@
+//! Makes frames of messages: rows, events and nodes since the frame before.
+
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use serde_json::json;
+use whirlstand_vehicle::Vehicle;
+
+use crate::events::{Event, EventKind, Events, adjusted};
+use crate::heard::Heard;
+use crate::hub::Hub;
+use crate::nodes::{NodeNews, NodeRow, Nodes};
+use crate::rows::{Block, Rows};
+use crate::scene::Scene;
+
+/// Time between two frames.
+pub(crate) const FRAME: Duration = Duration::from_millis(50);
+
+/// Rows of a frame: every step of a bench up to 2 kHz, a part of those of a faster one.
+const MOST_ROWS: usize = 100;
+
+/// Frames from one with nodes to the next.
+const NODES_EVERY: u64 = 10;
+
+/// Events of one frame; more tell no more.
+const MOST_EVENTS: usize = 32;
+
+/// Steps by which a message may be ahead of the one that leads: two queues full.
+const AHEAD: u64 = 2 * whirlstand_bus::MAX_DEPTH as u64;
+
+/// What is new since the frame before.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub(crate) struct Frame {
+    /// Bench time of the newest row, s.
+    pub t: Option<f64>,
+    /// All before is of another run.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub anew: bool,
+    pub rows: Block,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub events: Vec<Event>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nodes: Option<Vec<NodeRow>>,
+    /// Messages that came faster than they were taken.
+    pub lost: u64,
+}
+
+/// Collects what a bench says.
+pub struct Collector {
+    scene: Scene,
+    rows: Rows,
+    nodes: Nodes,
+    events: Events,
+    happened: Vec<Event>,
+    anew: bool,
+    /// The newest step when the last frame was made: what it lacked then has come by now.
+    settled: Option<u64>,
+    frames: u64,
+}
+
+impl Collector {
+    /// Nothing heard yet; `is_running` for a bench whose processes are there now.
+    pub fn new(scene: Scene, vehicle: &Vehicle, is_running: bool) -> Self {
+        Self {
+            rows: Rows::new(&scene, vehicle),
+            nodes: if is_running { Nodes::running() } else { Nodes::default() },
+            events: Events::new(),
+            happened: Vec::new(),
+            anew: false,
+            settled: None,
+            frames: 0,
+            scene,
+        }
+    }
+
+    /// Tells every viewer what is flown.
+    pub fn greet(&self, hub: &Hub) {
+        hub.greet(&json!({ "scene": self.scene, "columns": Rows::columns(&self.scene) }));
+    }
+
+    /// Takes in a message.
+    pub(crate) fn hear(&mut self, heard: &Heard, now: Instant) {
+        let step = heard.head().step;
+        match heard {
+            Heard::Health(health) => return self.node(health, now),
+            Heard::Adjustment(m) => return self.happens(adjusted(&self.scene, m)),
+            Heard::Disturbance(m) => {
+                let event = self.events.disturbed(&self.scene, m);
+                return self.happens(event);
+            }
+            Heard::Imu(m) => {
+                if self.rows.newest().is_some_and(|newest| step.saturating_add(AHEAD) < newest)
+                    || self.went_back(step)
+                {
+                    self.begin_anew();
+                }
+                let event = self.events.measured(m);
+                self.happens(event);
+            }
+            _ => {}
+        }
+        // What the run before still says of its last steps is not of this one.
+        if self.rows.newest().is_none_or(|newest| step <= newest.saturating_add(AHEAD)) {
+            self.rows.hear(heard);
+        }
+    }
+
+    /// The next frame. Unless all has come that belongs to the newest steps, these wait for the frame after it.
+    pub(crate) fn frame(&mut self, now: Instant, lost: u64, all_has_come: bool) -> Frame {
+        let newest = self.rows.newest();
+        let before = std::mem::replace(&mut self.settled, newest);
+        let until = if all_has_come { newest } else { before };
+        let rows = until.map(|until| self.rows.take(until, MOST_ROWS)).unwrap_or_default();
+        let nodes = self.frames.is_multiple_of(NODES_EVERY).then(|| self.nodes.rows(now));
+        self.frames += 1;
+        Frame {
+            t: rows.step.last().map(|step| *step as f64 * self.scene.period_s),
+            anew: std::mem::take(&mut self.anew),
+            rows,
+            events: std::mem::take(&mut self.happened),
+            nodes,
+            lost,
+        }
+    }
+
+    /// Forgets what was heard; viewers are told.
+    pub(crate) fn begin_anew(&mut self) {
+        self.rows.clear();
+        self.settled = None;
+        self.anew = true;
+        self.events = Events::new();
+        self.happened.clear();
+    }
+
+    /// A step 0 after others is a new run, also when that was a short one.
+    fn went_back(&self, step: u64) -> bool {
+        step == 0 && self.settled.is_some_and(|settled| settled > 0)
+    }
+
+    fn node(&mut self, health: &whirlstand_msgs::Health, now: Instant) {
+        if let Some(NodeNews::Restarted(node)) = self.nodes.hear(health, now) {
+            let t = health.head.step as f64 * self.scene.period_s;
+            self.happens(Some(Event {
+                t,
+                kind: EventKind::Warning,
+                text: format!("{node} was started again"),
+            }));
+        }
+    }
+
+    fn happens(&mut self, event: Option<Event>) {
+        if self.happened.len() < MOST_EVENTS {
+            self.happened.extend(event);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Controls;
+    use whirlstand_msgs::{Head, Imu, Message, valid};
+
+    fn imu(step: u64) -> Heard {
+        let head = Head { seq: step, step, stamp_ns: step * 5_000_000 };
+        Heard::Imu(Imu { head, roll: 0.1, valid: valid::FIRST, ..Imu::zeroed() })
+    }
+
+    #[test]
+    fn a_frame_has_what_is_settled_and_a_new_run_begins_anew() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let scene = Scene::new("lab", "", 5_000_000, &vehicle, Controls::Nothing);
+        let mut collector = Collector::new(scene, &vehicle, false);
+        let now = Instant::now();
+        (0..10).for_each(|step| collector.hear(&imu(step), now));
+        assert!(
+            collector.frame(now, 0, false).rows.step.is_empty(),
+            "the rest of the messages may be on its way"
+        );
+        collector.hear(&imu(10), now);
+        let frame = collector.frame(now, 0, false);
+        assert_eq!(frame.rows.step, (0..10).collect::<Vec<_>>());
+        assert!((frame.t.unwrap() - 0.045).abs() < 1e-12);
+        assert_eq!(collector.frame(now, 3, false).rows.step, [10]);
+        collector.hear(&imu(0), now);
+        let frame = collector.frame(now, 3, false);
+        assert!(frame.anew && frame.rows.step.is_empty());
+        assert_eq!(collector.frame(now, 3, false).rows.step, [0]);
+    }
+}

@@ -1,0 +1,148 @@
+//! How the nodes are, from what they say of themselves.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde::Serialize;
+use whirlstand_msgs::{Health, LATENCY_BUCKETS, NodeState, latency_bucket_upper_ns};
+
+use crate::cpu::CpuMeter;
+
+/// A node that has said nothing for so long is silent: five times what a health report takes.
+const SILENT_S: f64 = 0.5;
+
+/// A node as it is shown.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct NodeRow {
+    pub node: String,
+    pub state: &'static str,
+    pub steps: u64,
+    pub misses: u64,
+    pub lost: u64,
+    pub rejected: u64,
+    pub restarts: u32,
+    /// Upper edge of the bucket in which the middle of all latencies is, us.
+    pub median_us: Option<f64>,
+    /// The same for 99 of 100, us.
+    pub p99_us: Option<f64>,
+    pub max_us: Option<f64>,
+    /// Counts of the latencies, two buckets an octave from 0.5 us.
+    pub latency: Vec<u32>,
+    /// Share of one processor, %; none for a process of another machine.
+    pub cpu_percent: Option<f64>,
+}
+
+struct Known {
+    health: Health,
+    heard: Instant,
+    restarts: u32,
+    cpu: CpuMeter,
+}
+
+/// All nodes that have said something.
+#[derive(Default)]
+pub(crate) struct Nodes {
+    known: BTreeMap<String, Known>,
+    /// Whether the processes are on this machine, now.
+    is_here: bool,
+}
+
+/// What a report tells that is an event.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum NodeNews {
+    /// Another process has the node's place.
+    Restarted(String),
+}
+
+impl Nodes {
+    /// Nodes of a bench that runs, whose processes may be looked at.
+    pub fn running() -> Self {
+        Self { is_here: true, ..Self::default() }
+    }
+
+    pub fn hear(&mut self, health: &Health, now: Instant) -> Option<NodeNews> {
+        let name = health.node_name();
+        let is_here = self.is_here;
+        let known = self.known.entry(name.into()).or_insert_with(|| Known {
+            health: *health,
+            heard: now,
+            restarts: 0,
+            cpu: CpuMeter::default(),
+        });
+        let is_new = known.health.pid != health.pid;
+        known.restarts += u32::from(is_new);
+        (known.health, known.heard) = (*health, now);
+        if is_here {
+            known.cpu.look(name, health.pid, now);
+        }
+        is_new.then(|| NodeNews::Restarted(name.into()))
+    }
+
+    /// All nodes by name.
+    pub fn rows(&self, now: Instant) -> Vec<NodeRow> {
+        self.known.iter().map(|(name, known)| self.row(name, known, now)).collect()
+    }
+
+    fn row(&self, name: &str, known: &Known, now: Instant) -> NodeRow {
+        let health = &known.health;
+        let silent = self.is_here && now.duration_since(known.heard).as_secs_f64() > SILENT_S;
+        let state = match NodeState::from_u32(health.state) {
+            Some(NodeState::Stopping) => "stopping",
+            _ if silent => "silent",
+            Some(NodeState::Starting) => "starting",
+            Some(NodeState::Running) => "running",
+            Some(NodeState::Failsafe) => "failsafe",
+            None => "unknown",
+        };
+        NodeRow {
+            node: name.into(),
+            state,
+            steps: health.steps,
+            misses: health.deadline_misses,
+            lost: health.lost,
+            rejected: health.rejected,
+            restarts: known.restarts,
+            median_us: quantile_us(&health.latency, 0.5),
+            p99_us: quantile_us(&health.latency, 0.99),
+            max_us: (health.latency_max_ns > 0).then_some(health.latency_max_ns as f64 * 1e-3),
+            latency: health.latency.to_vec(),
+            cpu_percent: known.cpu.percent(),
+        }
+    }
+}
+
+/// Upper edge of the bucket in which this share of all latencies is reached, us; `None` without any, and in the open bucket.
+fn quantile_us(counts: &[u32; LATENCY_BUCKETS], share: f64) -> Option<f64> {
+    let all: u64 = counts.iter().map(|c| u64::from(*c)).sum();
+    let wanted = (all as f64 * share).ceil().max(1.0) as u64;
+    let mut sum = 0;
+    let bucket = counts.iter().position(|c| {
+        sum += u64::from(*c);
+        sum >= wanted
+    })?;
+    Some(latency_bucket_upper_ns(bucket) * 1e-3).filter(|us| us.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_msgs::{Message, latency_bucket};
+
+    #[test]
+    fn a_node_with_another_process_number_was_restarted() {
+        let now = Instant::now();
+        let mut nodes = Nodes::default();
+        let mut health = Health { pid: 7, state: NodeState::Running as u32, ..Health::zeroed() };
+        health.set_node_name("plant");
+        health.latency[latency_bucket(9_000)] = 99;
+        health.latency[latency_bucket(90_000)] = 1;
+        assert_eq!(nodes.hear(&health, now), None);
+        health.pid = 8;
+        assert_eq!(nodes.hear(&health, now), Some(NodeNews::Restarted("plant".into())));
+        let row = &nodes.rows(now)[0];
+        assert_eq!((row.node.as_str(), row.state, row.restarts), ("plant", "running", 1));
+        let median = row.median_us.unwrap();
+        assert!((9.0..14.0).contains(&median) && row.p99_us == row.median_us, "{row:?}");
+        assert_eq!(quantile_us(&[0; LATENCY_BUCKETS], 0.5), None);
+    }
+}
