@@ -62,6 +62,15 @@ class Controls {
       form.append(engine, button("Set"));
       return () => ({ do: "set", what: `engine=${engine.value}` });
     });
+    if (scene.effects.length) {
+      this.form("Effect", plant, (form) => {
+        const effect = document.createElement("select"), state = select("state", ["on", "off"]);
+        effect.setAttribute("aria-label", "effect");
+        effect.append(...scene.effects.map(({ number, text }) => new Option(text, number)));
+        form.append(effect, state, button("Switch"));
+        return () => ({ do: "set", what: `effect.${effect.value}=${state.value}` });
+      });
+    }
     this.form("Gain of the law", controller, (form) => {
       const gain = input("gain", "1");
       form.append(gain, button("Set"));

@@ -52,13 +52,13 @@ function take(message) {
     over = message.over;
     return;
   }
-  if (message.anew) store.clear();
+  if (message.anew) [store.clear(), pace.splice(0)];
   store.append(message.rows, message.events ?? []);
   lost = message.lost;
   if (message.rows.step.length) {
     thinned = message.rows.thinned;
-    pace.push([came, store.last]);
-    while (pace.length > 2 && came - pace[0][0] > 3000) pace.shift();
+    pace.push([message.wall_s, store.last]);
+    while (pace.length > 2 && message.wall_s - pace[0][0] > 3) pace.shift();
   }
   if (message.events) eventsShown = message.events.concat().reverse().concat(eventsShown).slice(0, 200);
   if (message.anew) eventsShown = message.events ?? [];
@@ -128,7 +128,7 @@ function status() {
   state.className = "chip " + kind;
   text("time", store.t.length ? `t ${store.last.toFixed(2)} s` : "");
   const [first, last] = [pace[0], pace[pace.length - 1]];
-  const speed = pace.length > 2 ? (1000 * (last[1] - first[1])) / (last[0] - first[0]) : 0;
+  const speed = pace.length > 2 ? (last[1] - first[1]) / (last[0] - first[0]) : 0;
   const parts = [];
   if (speed > 0) parts.push(speed > 0.95 && speed < 1.05 ? "real time" : speed.toPrecision(2) + " × real time");
   if (thinned > 1.01) parts.push(`one row for ${thinned.toFixed(0)} steps`);

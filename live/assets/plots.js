@@ -102,7 +102,7 @@ class Plots {
       paper_bgcolor: colour("card"), plot_bgcolor: colour("card"), margin: { l: narrow ? 40 : 50, r: 12, t: 24, b: 28 },
       xaxis: { ...axis, range: [from, until], autorange: false, ticksuffix: " s", showticksuffix: "last" },
       yaxis: { ...axis, title: { text: plot.unit, standoff: 4 }, ...(plot.yRange ? { range: plot.yRange, autorange: false } : { autorange: true }) },
-      legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", font: { size: 11 }, bgcolor: "rgba(0,0,0,0)" },
+      legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", font: { size: narrow ? 10 : 11 }, itemwidth: 30, bgcolor: "rgba(0,0,0,0)" },
       showlegend: true, hovermode: "x unified", dragmode: "zoom", uirevision: "kept",
       hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"), font: { color: colour("ink") } },
     };

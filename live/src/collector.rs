@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde_json::json;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict};
+use whirlstand_vehicle::{Engine, Vehicle};
 
 use crate::events::{Event, EventKind, Events, adjusted};
 use crate::heard::Heard;
@@ -33,6 +34,8 @@ const AHEAD: u64 = 2 * whirlstand_bus::MAX_DEPTH as u64;
 pub(crate) struct Frame {
     /// Bench time of the newest row, s.
     pub t: Option<f64>,
+    /// Wall-clock time since the first frame, s.
+    pub wall_s: f64,
     /// All before is of another run.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub anew: bool,
@@ -56,6 +59,7 @@ pub struct Collector {
     /// The newest step when the last frame was made: what it lacked then has come by now.
     settled: Option<u64>,
     frames: u64,
+    began: Option<Instant>,
 }
 
 impl Collector {
@@ -69,8 +73,15 @@ impl Collector {
             anew: false,
             settled: None,
             frames: 0,
+            began: None,
             scene,
         }
+    }
+
+    /// The engine does this when the bench begins; it is flying unless it is said.
+    pub fn with_engine(mut self, engine: Engine) -> Self {
+        self.rows.set_engine(engine);
+        self
     }
 
     /// Tells every viewer what is flown.
@@ -83,7 +94,7 @@ impl Collector {
         let step = heard.head().step;
         match heard {
             Heard::Health(health) => return self.node(health, now),
-            Heard::Adjustment(m) => return self.happens(adjusted(&self.scene, m)),
+            Heard::Adjustment(m) => return self.adjusted(m),
             Heard::Disturbance(m) => {
                 let event = self.events.disturbed(&self.scene, m);
                 return self.happens(event);
@@ -99,8 +110,9 @@ impl Collector {
             }
             _ => {}
         }
-        // What the run before still says of its last steps is not of this one.
-        if self.rows.newest().is_none_or(|newest| step <= newest.saturating_add(AHEAD)) {
+        // What the run before still says of its last steps is not of this one; a measurement leads, however far it is ahead.
+        let leads = matches!(heard, Heard::Imu(_));
+        if leads || self.rows.newest().is_none_or(|newest| step <= newest.saturating_add(AHEAD)) {
             self.rows.hear(heard);
         }
     }
@@ -114,6 +126,7 @@ impl Collector {
         let nodes = self.frames.is_multiple_of(NODES_EVERY).then(|| self.nodes.rows(now));
         self.frames += 1;
         Frame {
+            wall_s: now.saturating_duration_since(*self.began.get_or_insert(now)).as_secs_f64(),
             t: rows.step.last().map(|step| *step as f64 * self.scene.period_s),
             anew: std::mem::take(&mut self.anew),
             rows,
@@ -148,6 +161,16 @@ impl Collector {
         }
     }
 
+    fn adjusted(&mut self, m: &Adjustment) {
+        let is_done = m.verdict == AdjustmentVerdict::Done as u32 && m.what == AdjustmentKind::Engine as u32;
+        let engines = [Engine::Off, Engine::On, Engine::Flying];
+        let engine = engines.into_iter().find(|e| is_done && f64::from(*e as u8) == m.value);
+        if let Some(engine) = engine {
+            self.rows.set_engine(engine);
+        }
+        self.happens(adjusted(&self.scene, m));
+    }
+
     fn happens(&mut self, event: Option<Event>) {
         if self.happened.len() < MOST_EVENTS {
             self.happened.extend(event);
@@ -164,6 +187,18 @@ mod tests {
     fn imu(step: u64) -> Heard {
         let head = Head { seq: step, step, stamp_ns: step * 5_000_000 };
         Heard::Imu(Imu { head, roll: 0.1, valid: valid::FIRST, ..Imu::zeroed() })
+    }
+
+    #[test]
+    fn a_bench_that_was_too_fast_is_shown_again_from_where_it_is() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let scene = Scene::new("lab", "", 5_000_000, &vehicle, Controls::Nothing);
+        let mut collector = Collector::new(scene, &vehicle, false);
+        let now = Instant::now();
+        (0..20_000).for_each(|step| collector.hear(&imu(step), now));
+        let all = collector.frame(now, 0, true).rows.step;
+        collector.hear(&imu(20_000), now);
+        assert_eq!(collector.frame(now, 0, true).rows.step, [20_000], "after {all:?}");
     }
 
     #[test]

@@ -6,6 +6,9 @@ use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Disturbance
 
 use crate::scene::{Scene, Signal};
 
+/// Bench time after which late commands are told again, s.
+const LATE_S: f64 = 1.0;
+
 /// How an event is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -33,11 +36,13 @@ pub(crate) struct Event {
 pub(crate) struct Events {
     disturbance: [f64; MAX_STATES],
     flags: u32,
+    /// Bench time at which commands were last said to be late, s.
+    told_late: Option<f64>,
 }
 
 impl Events {
     pub fn new() -> Self {
-        Self { disturbance: [0.0; MAX_STATES], flags: 0 }
+        Self { disturbance: [0.0; MAX_STATES], flags: 0, told_late: None }
     }
 
     /// The vehicle is pushed by something else now.
@@ -64,16 +69,21 @@ impl Events {
         let before = std::mem::replace(&mut self.flags, m.flags);
         let began = |flag| m.flags & flag != 0 && before & flag == 0;
         let ended = |flag| m.flags & flag == 0 && before & flag != 0;
+        let t = seconds(m.head.stamp_ns);
         let (kind, text) = if began(flags::FAILSAFE) {
             (EventKind::Warning, "failsafe: inputs at neutral")
         } else if ended(flags::FAILSAFE) {
             (EventKind::Note, "failsafe is over")
-        } else if began(flags::HELD) && m.flags & flags::FAILSAFE == 0 {
-            (EventKind::Warning, "a command was late, the last one is held")
+        } else if began(flags::HELD)
+            && m.flags & flags::FAILSAFE == 0
+            && self.told_late.is_none_or(|told| t > told + LATE_S)
+        {
+            self.told_late = Some(t);
+            (EventKind::Warning, "commands are late, the last one is held")
         } else {
             return None;
         };
-        Some(Event { t: seconds(m.head.stamp_ns), kind, text: text.into() })
+        Some(Event { t, kind, text: text.into() })
     }
 }
 
@@ -100,6 +110,11 @@ pub(crate) fn adjusted(scene: &Scene, m: &Adjustment) -> Option<Event> {
         AdjustmentKind::Setpoint => format!("setpoint of {}", valued(|s| &s.unit)),
         AdjustmentKind::Gain => format!("gain {}", number(m.value)),
         AdjustmentKind::Stop => "end of the run".into(),
+        AdjustmentKind::Effect => {
+            let effect = scene.effects.iter().find(|e| e.number == m.index + 1);
+            let effect = effect.map_or_else(|| format!("effect {}", m.index + 1), |e| e.text.clone());
+            format!("{effect} {}", if m.value == 0.0 { "off" } else { "on" })
+        }
     };
     let (kind, text) = match verdict {
         AdjustmentVerdict::Done => (EventKind::Asked, what),

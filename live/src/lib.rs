@@ -25,6 +25,6 @@ pub use bus_feed::BusFeed;
 pub use collector::Collector;
 pub use hub::Hub;
 pub use log_feed::{LogFeed, Playback};
-pub use scene::{Controls, Scene};
+pub use scene::{Controls, Scene, SwitchedEffect};
 pub use server::{Answer, Control, Server, ServerError};
 pub use terminal::Terminal;

@@ -1,5 +1,6 @@
 //! Plays a finished log, at any speed, from any place.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -15,6 +16,9 @@ const SPEEDS: (f64, f64) = (0.01, 1000.0);
 
 /// What is shown before the place that was asked for, s.
 const LEAD_S: f64 = 60.0;
+
+/// Messages that are read ahead: a queue full of every topic, and some.
+const AHEAD: usize = 10 * whirlstand_bus::MAX_DEPTH;
 
 /// Longest time between two frames.
 const HEARTBEAT: Duration = Duration::from_secs(1);
@@ -88,15 +92,13 @@ struct Play<'a> {
 pub struct LogFeed {
     log: Log,
     stream: LogStream,
-    /// Read, and not yet due.
-    next: Option<Heard>,
+    ahead: Ahead,
     collector: Collector,
     hub: Hub,
     playback: Playback,
     /// Bench time that was played, s.
     at_s: f64,
     end_s: f64,
-    ended: bool,
     last: Instant,
     /// What was told last, and when.
     told: Option<((State, f64), Instant)>,
@@ -113,20 +115,17 @@ impl LogFeed {
         let mut feed = Self {
             stream,
             log,
-            next: None,
+            ahead: Ahead::default(),
             collector,
             hub,
             playback,
             at_s: 0.0,
             end_s: 0.0,
-            ended: false,
             last: Instant::now(),
             told: None,
         };
-        while let Some(heard) = feed.read()? {
-            if let Some(t) = bench_s(&heard) {
-                feed.end_s = feed.end_s.max(t);
-            }
+        while let Some(heard) = read(&mut feed.stream)? {
+            feed.end_s = feed.end_s.max(bench_s(&heard).unwrap_or(0.0));
         }
         feed.stream = feed.log.stream()?;
         Ok(feed)
@@ -171,7 +170,7 @@ impl LogFeed {
 
     fn go_to(&mut self, place: f64) -> Result<(), ReadError> {
         self.stream = self.log.stream()?;
-        (self.next, self.ended) = (None, false);
+        self.ahead = Ahead::default();
         self.collector.begin_anew();
         let state = *self.playback.state();
         let now = Instant::now();
@@ -189,43 +188,71 @@ impl LogFeed {
     }
 
     fn skip_until(&mut self, until: f64) -> Result<(), ReadError> {
-        while let Some(heard) = self.due(until)? {
-            if !matches!(heard, Heard::Health(_)) && bench_s(&heard).is_some_and(|t| t >= until) {
-                self.next = Some(heard);
-                break;
-            }
-        }
+        while self.ahead.next(&mut self.stream, |t| t < until)?.is_some() {}
         Ok(())
     }
 
     fn play_until(&mut self, until: f64, now: Instant) -> Result<(), ReadError> {
-        while let Some(heard) = self.due(until)? {
+        while let Some(heard) = self.ahead.next(&mut self.stream, |t| t <= until)? {
             self.collector.hear(&heard, now);
         }
         Ok(())
     }
+}
 
-    /// The next message, if it is due.
-    fn due(&mut self, until: f64) -> Result<Option<Heard>, ReadError> {
-        if self.next.is_none() && !self.ended {
-            self.next = self.read()?;
-            self.ended = self.next.is_none();
-        }
-        let is_due = |heard: &Heard| bench_s(heard).is_none_or(|t| t <= until);
-        Ok(self.next.take_if(|heard| is_due(heard)))
-    }
+/// Messages that were read before they are due. A recorder writes a queue full of one topic after the other, so that those
+/// of a step stand far from each other in the file.
+#[derive(Default)]
+struct Ahead {
+    /// By the run of the plant, bench time in ns, and the order in the file.
+    waiting: BTreeMap<(u32, u64, u64), Heard>,
+    run: u32,
+    /// Step and time of the last truth or measurement.
+    newest: (u64, u64),
+    read: u64,
+    ended: bool,
+}
 
-    fn read(&mut self) -> Result<Option<Heard>, ReadError> {
-        while let Some(raw) = self.stream.next()? {
-            if let Some(heard) = Heard::decode(&raw)? {
-                return Ok(Some(heard));
+impl Ahead {
+    /// The next message in the order of bench time, if `is_due` says so of its time in s.
+    fn next(
+        &mut self,
+        stream: &mut LogStream,
+        is_due: impl Fn(f64) -> bool,
+    ) -> Result<Option<Heard>, ReadError> {
+        while !self.ended && self.waiting.len() < AHEAD {
+            match read(stream)? {
+                Some(heard) => self.take(heard),
+                None => self.ended = true,
             }
         }
-        Ok(None)
+        let entry = self.waiting.first_entry().filter(|entry| is_due(entry.key().1 as f64 * 1e-9));
+        Ok(entry.map(|entry| entry.remove()))
+    }
+
+    fn take(&mut self, heard: Heard) {
+        let head = *heard.head();
+        if let Heard::Imu(_) = heard {
+            self.run += u32::from(head.step < self.newest.0);
+            self.newest = (head.step, head.stamp_ns);
+        }
+        // Health has the wall clock's time: it is due with what was written before it.
+        let ns = if bench_s(&heard).is_some() { head.stamp_ns } else { self.newest.1 };
+        self.waiting.insert((self.run, ns, self.read), heard);
+        self.read += 1;
     }
 }
 
-/// Bench time, s; `None` for health, which has the wall clock's and is due when it is read.
+fn read(stream: &mut LogStream) -> Result<Option<Heard>, ReadError> {
+    while let Some(raw) = stream.next()? {
+        if let Some(heard) = Heard::decode(&raw)? {
+            return Ok(Some(heard));
+        }
+    }
+    Ok(None)
+}
+
+/// Bench time, s; `None` for health, which has the wall clock's.
 fn bench_s(heard: &Heard) -> Option<f64> {
     match heard {
         Heard::Health(_) => None,

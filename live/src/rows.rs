@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use serde::Serialize;
 use whirlstand_logs::SensorField;
 use whirlstand_msgs::{Estimate, Message};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Engine, Vehicle};
 
 use crate::chi_square::ChiSquareBand;
 use crate::heard::Heard;
@@ -66,6 +66,8 @@ pub(crate) struct Rows {
     fields: Vec<Option<SensorField>>,
     biases: [Option<usize>; BIASES.len()],
     nis: ChiSquareBand,
+    /// Variance of what each sensor adds, SI.
+    noise: Vec<f64>,
     rows: VecDeque<Row>,
     columns: usize,
     /// The last step that was sent.
@@ -82,6 +84,7 @@ impl Rows {
             fields: vehicle.outputs.iter().enumerate().map(|(i, o)| SensorField::of(&o.name, i)).collect(),
             biases: BIASES.map(|name| vehicle.output_index(name)),
             nis: ChiSquareBand::new(outputs),
+            noise: variances(vehicle, Engine::default()),
             rows: VecDeque::new(),
             columns: OF_OUTPUT.len() * outputs + OF_INPUT.len() * inputs + 3,
             sent: None,
@@ -136,6 +139,11 @@ impl Rows {
             }
             Heard::Disturbance(_) | Heard::Adjustment(_) | Heard::Health(_) => {}
         }
+    }
+
+    /// The engine does something else now, upon which the sensors feel another vibration.
+    pub fn set_engine(&mut self, engine: Engine) {
+        self.noise = variances(&self.vehicle, engine);
     }
 
     /// The newest step.
@@ -227,7 +235,7 @@ impl Rows {
             |i: usize| -> f64 { (0..v.states.len()).map(|j| (v.c[(i, j)] * m.std[j]).powi(2)).sum::<f64>() };
         // What the filter has not explained of a measurement after it has used it: R - C P C', by the Kalman gain.
         let band = |i: usize| {
-            let left = v.outputs[i].noise.powi(2) - variance(i);
+            let left = self.noise[i] - variance(i);
             if left > 0.0 { NORMAL_95 * left.sqrt() * self.factors.0[i] } else { f64::NAN }
         };
         let bands: Vec<_> = (0..v.outputs.len()).map(band).collect();
@@ -245,6 +253,10 @@ impl Rows {
             output[4] = output[0] - output[1];
         }
     }
+}
+
+fn variances(vehicle: &Vehicle, engine: Engine) -> Vec<f64> {
+    vehicle.outputs.iter().map(|output| output.sensor_std(engine, 0.0).powi(2)).collect()
 }
 
 /// One row of several: the last value that each column has.
@@ -302,7 +314,12 @@ mod tests {
             assert!((f64::from(at(name)) - radians.to_degrees()).abs() < 1e-4, "{name}: {}", at(name));
         }
         assert!(at("y.roll_rate").is_nan(), "it was not fresh");
-        assert!((f64::from(at("b.roll")) - NORMAL_95 * 0.08).abs() < 1e-4, "{}", at("b.roll"));
+        let declared = vehicle.outputs[vehicle.output_index("roll").unwrap()].sensor_std(Engine::Flying, 0.0);
+        assert!(
+            (f64::from(at("b.roll")) - (NORMAL_95 * declared).to_degrees()).abs() < 1e-4,
+            "{}",
+            at("b.roll")
+        );
         assert_eq!((at("a.u_roll"), at("nis")), (0.5, 2.0));
         assert!(at("nis_low") < 1.0 && at("nis_high") > 1.0);
     }

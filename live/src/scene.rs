@@ -1,6 +1,6 @@
 //! What is flown: the names, units and limits that every viewer needs once.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use whirlstand_logs::shown::{shown_factor, shown_unit};
 use whirlstand_vehicle::Vehicle;
 
@@ -36,6 +36,24 @@ fn per_second(unit: &str) -> String {
     }
 }
 
+/// An effect that can be switched.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SwitchedEffect {
+    /// Its number, from 1, those of the vehicle file first.
+    pub number: u32,
+    /// What and where it is.
+    pub text: String,
+}
+
+impl SwitchedEffect {
+    /// Those of a vehicle with all its effects.
+    pub fn all(vehicle: &Vehicle) -> Vec<Self> {
+        let numbered = (1..).zip(&vehicle.effects).filter(|(_, effect)| !effect.window().is_always());
+        let text = |e: &whirlstand_vehicle::Effect| format!("{} at {}", e.kind(), e.place());
+        numbered.map(|(number, effect)| Self { number, text: text(effect) }).collect()
+    }
+}
+
 /// Which controls a viewer has.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
@@ -64,6 +82,8 @@ pub struct Scene {
     pub period_s: f64,
     /// Which controls there are.
     pub controls: Controls,
+    /// Effects that can be switched.
+    pub effects: Vec<SwitchedEffect>,
     pub(crate) states: Vec<Signal>,
     pub(crate) inputs: Vec<Signal>,
     pub(crate) outputs: Vec<Signal>,
@@ -81,6 +101,7 @@ impl Scene {
             subtitle: subtitle.into(),
             period_s: period_ns as f64 * 1e-9,
             controls,
+            effects: SwitchedEffect::all(vehicle),
             states: states.map(|(s, bound)| Signal::new(&s.name, &si(&s.unit), -bound, bound)).collect(),
             inputs: vehicle
                 .inputs

@@ -10,13 +10,14 @@ message! {
         /// more and not done again.
         id: u64 => "uint64",
         /// The new value, SI: of the state's derivative for a gust, of the state for a setpoint, a factor for the gain, 0
-        /// (off), 1 (on, on the ground) or 2 (flying) for the engine; for the end of the run 0.
+        /// (off), 1 (on, on the ground) or 2 (flying) for the engine, 0 (off) or 1 (on) for an effect; for the end of the run 0.
         value: f64 => "float64",
         /// How long a gust acts, ns of bench time; for the others 0.
         length_ns: u64 => "uint64",
         /// An [`AdjustmentKind`].
         what: u32 => "uint32",
-        /// Which state, in the vehicle's order, of a gust or a setpoint; for the others 0.
+        /// Which state, in the vehicle's order, of a gust or a setpoint, or which effect, those of the vehicle file first and
+        /// then those of the launch file, from 0; for the others 0.
         index: u32 => "uint32",
         /// An [`AdjustmentVerdict`].
         verdict: u32 => "uint32",
@@ -39,6 +40,8 @@ pub enum AdjustmentKind {
     Gain = 4,
     /// The plant: the run ends in order after this step, as if it had been planned so.
     Stop = 5,
+    /// The plant: an effect that has a window acts, or does not, from now on whatever its window says.
+    Effect = 6,
 }
 
 /// What became of a request, as a number in [`Adjustment::verdict`].
@@ -61,6 +64,8 @@ pub enum AdjustmentVerdict {
     Busy = 6,
     /// This law has no such thing.
     NotOfThisLaw = 7,
+    /// The vehicle has no such effect, or it is one without a window.
+    NoSuchEffect = 8,
 }
 
 impl AdjustmentKind {
@@ -75,8 +80,10 @@ impl AdjustmentKind {
 impl AdjustmentVerdict {
     /// The verdict for a number in [`Adjustment::verdict`]; `None` for one that this version does not know.
     pub fn from_u32(value: u32) -> Option<Self> {
-        use AdjustmentVerdict::{Asked, Busy, Closed, Done, NoSuchState, NotOfThisLaw, OutOfRange, Unusable};
-        [Asked, Done, Closed, Unusable, NoSuchState, OutOfRange, Busy, NotOfThisLaw]
+        use AdjustmentVerdict::{
+            Asked, Busy, Closed, Done, NoSuchEffect, NoSuchState, NotOfThisLaw, OutOfRange, Unusable,
+        };
+        [Asked, Done, Closed, Unusable, NoSuchState, OutOfRange, Busy, NotOfThisLaw, NoSuchEffect]
             .into_iter()
             .find(|v| *v as u32 == value)
     }

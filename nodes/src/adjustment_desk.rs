@@ -32,6 +32,7 @@ pub fn refusal(verdict: AdjustmentVerdict, key: &str) -> String {
         }
         AdjustmentVerdict::Busy => "as many gusts blow already as there can be at once".into(),
         AdjustmentVerdict::NotOfThisLaw => "the law has no such thing".into(),
+        AdjustmentVerdict::NoSuchEffect => "the vehicle has no such effect with from_s or until_s".into(),
     }
 }
 
@@ -157,5 +158,6 @@ fn name(kind: AdjustmentKind) -> &'static str {
         AdjustmentKind::Setpoint => "a setpoint",
         AdjustmentKind::Gain => "a gain",
         AdjustmentKind::Stop => "an end of the run",
+        AdjustmentKind::Effect => "a switch of an effect",
     }
 }

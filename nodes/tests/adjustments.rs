@@ -156,8 +156,10 @@ fn what_cannot_be_is_refused_with_its_reason() {
     let mut verdict = |id, kind, index, value, length| {
         AdjustmentVerdict::from_u32(flight.ask(id, kind, index, value, length).verdict).unwrap()
     };
-    use AdjustmentKind::{Engine, Gain, Gust, Setpoint};
-    use AdjustmentVerdict::{Busy, Done, NoSuchState, OutOfRange, Unusable};
+    use AdjustmentKind::{Effect, Engine, Gain, Gust, Setpoint};
+    use AdjustmentVerdict::{Busy, Done, NoSuchEffect, NoSuchState, OutOfRange, Unusable};
+    assert_eq!(verdict(8, Effect, 7, 1.0, 0), NoSuchEffect);
+    assert_eq!(verdict(9, Effect, 0, 2.0, 0), Unusable);
     assert_eq!(verdict(1, Gust, 40, 1.0, 1_000_000), NoSuchState);
     assert_eq!(verdict(2, Gust, 0, f64::NAN, 1_000_000), Unusable);
     assert_eq!(verdict(3, Gust, 0, 1e300, 1_000_000), OutOfRange);

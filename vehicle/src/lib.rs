@@ -37,7 +37,7 @@ pub use builtin::{builtin_names, template_names};
 pub use discretise::{DiscretiseError, discretise, finite_horizon_gramian, matrix_exponential};
 pub use effects::{
     Effect, FieldValue, Kind, Matrix, Parameter, ParameterUnit, Place, PlaceKind, Requirement, SPECS, Scale,
-    Spec,
+    Spec, Window,
 };
 pub use error::{EffectError, FileError, SimulatorError, VehicleError};
 pub use free::{Free, Provenance, Target};

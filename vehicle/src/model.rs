@@ -105,6 +105,18 @@ pub struct Output {
     pub vibration: Option<Vibration>,
 }
 
+impl Output {
+    /// Standard deviation of what the sensor adds, SI: declared noise, rounding (its step over the square root of 12), the
+    /// root mean square of the vibration, and the variance `added` by effects.
+    pub fn sensor_std(&self, engine: Engine, added: f64) -> f64 {
+        let vibration = self.vibration.as_ref().map_or(0.0, |v| {
+            let power = v.harmonics.iter().map(|h| h * h).sum::<f64>() / 2.0;
+            v.amplitude(engine).powi(2) * power
+        });
+        (self.noise.powi(2) + self.quantization.powi(2) / 12.0 + vibration + added).sqrt()
+    }
+}
+
 /// A vehicle: dx/dt = A x + B u, y = C x + D u, its sensors, and effects on all of these. In memory everything is
 /// in SI.
 #[derive(Debug, Clone, PartialEq)]

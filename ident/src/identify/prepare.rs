@@ -35,7 +35,7 @@ impl Levels {
                     | Kind::Misalignment
             )
         };
-        if let Some(effect) = vehicle.effects.iter().find(|e| !shifts(e.kind())) {
+        if let Some(effect) = vehicle.effects.iter().find(|e| !shifts(e.kind()) || !e.window().is_always()) {
             let effect = format!("{} at '{}'", effect.kind(), effect.place());
             return Err(IdentifyError::Level { vehicle: vehicle.name.clone(), effect });
         }

@@ -36,11 +36,12 @@ pub(crate) struct InjectArgs {
     whirlstand set lab setpoint.roll=\"5 deg\" setpoint.pitch=0rad\n  \
     whirlstand set lab gain=1.5 engine=on\n\n\
     A setpoint takes the place of the launch file's. The gain, 0.1 to 10, is a factor on all feedback. The engine is off, on \
-    (on the ground) or flying, and sets the vibration that the sensors feel. run=stop ends the run in order. Exit code 2 when the bench refuses one.")]
+    (on the ground) or flying, and sets the vibration that the sensors feel. effect.N switches \
+    the Nth effect, those of the vehicle file first, if it has from_s or until_s. run=stop ends the run in order. Exit code 2 when the bench refuses one.")]
 pub(crate) struct SetArgs {
     /// Name of the bench, as `run` prints it.
     pub bench: String,
-    /// setpoint.STATE=VALUE, gain=FACTOR, engine=off|on|flying or run=stop.
+    /// setpoint.STATE=VALUE, gain=FACTOR, engine=off|on|flying, effect.N=on|off or run=stop.
     #[arg(required = true, value_name = "KEY=VALUE")]
     pub settings: Vec<String>,
     #[command(flatten)]

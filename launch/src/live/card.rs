@@ -4,7 +4,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_bus::{Bus, BusConfig, Transport, WaitStrategy};
-use whirlstand_nodes::config::{Mode, Role, VehicleSource};
+use whirlstand_live::SwitchedEffect;
+use whirlstand_nodes::config::{Engine, Mode, Role, VehicleSource};
 use whirlstand_vehicle::Vehicle;
 
 use crate::error::Failure;
@@ -30,6 +31,10 @@ pub(crate) struct BenchCard {
     pub period_ns: u64,
     /// The vehicle that it flies.
     pub vehicle: VehicleSource,
+    /// What the engine does when the bench begins.
+    pub engine: Engine,
+    /// Effects of vehicle and launch file that can be switched.
+    pub effects: Vec<SwitchedEffect>,
     /// Why the plant takes neither gusts nor a state of the engine; `None` when it does.
     pub plant_closed: Option<String>,
     /// Why the controller takes neither setpoints nor a gain; `None` when it does.
@@ -65,6 +70,8 @@ impl BenchCard {
             mode: config.mode,
             period_ns: config.period_ns,
             vehicle: config.vehicle.clone(),
+            engine: config.plant.engine,
+            effects: SwitchedEffect::all(&plan.vehicle),
             plant_closed: closed(vehicle, Role::Plant, config.plant.inject, "plant.inject"),
             controller_closed: closed(
                 autopilot,

@@ -49,8 +49,9 @@ impl Look {
             plant_closed: card.plant_closed.clone(),
             controller_closed: card.controller_closed.clone(),
         };
-        let scene = Scene::new(title, &subtitle, card.period_ns, &vehicle, controls);
-        let collector = Collector::new(scene, &vehicle, true);
+        let mut scene = Scene::new(title, &subtitle, card.period_ns, &vehicle, controls);
+        scene.effects = card.effects.clone();
+        let collector = Collector::new(scene, &vehicle, true).with_engine(card.engine.into());
         collector.greet(hub);
         Ok(Self { card: card.clone(), collector, hub: hub.clone() })
     }

@@ -43,7 +43,17 @@ pub(crate) enum Wanted {
     Gain(f64),
     /// The end of the run, in order.
     Stop,
+    /// An effect that has a window acts from now on, or does not.
+    Effect {
+        /// Its index among the vehicle's and the launch file's.
+        effect: usize,
+        /// Whether it acts.
+        on: bool,
+    },
 }
+
+/// What stands before the number of an effect.
+const EFFECT: &str = "effect.";
 
 impl Wanted {
     /// Reads `STATE=SIZE`, such as `roll_rate=150deg/s^2`.
@@ -57,7 +67,7 @@ impl Wanted {
         Ok(Self::Gust { state, size: amount(text, value, &unit)?, length_s })
     }
 
-    /// Reads `setpoint.STATE=VALUE`, `gain=FACTOR`, `engine=off|on|flying` or `run=stop`.
+    /// Reads `setpoint.STATE=VALUE`, `gain=FACTOR`, `engine=off|on|flying`, `effect.N=off|on` or `run=stop`.
     ///
     /// # Errors
     /// For another key, a state that the vehicle does not have, and a value that does not fit.
@@ -66,6 +76,9 @@ impl Wanted {
         if let Some(name) = key.strip_prefix(SETPOINT) {
             let (state, described) = state_of(name, vehicle)?;
             return Ok(Self::Setpoint { state, value: amount(text, value, described.unit.unit())? });
+        }
+        if let Some(number) = key.strip_prefix(EFFECT) {
+            return switch(text, number, value);
         }
         match key {
             "gain" => Ok(Self::Gain(amount(text, value, &Unit::ONE)?)),
@@ -83,7 +96,7 @@ impl Wanted {
                 let keys = ["engine", "gain", "run"].into_iter().chain(setpoints.iter().map(String::as_str));
                 let hint = did_you_mean(key, keys);
                 Err(Failure::Mend(format!(
-                    "'{key}' cannot be set in flight{hint}: engine, gain, run and setpoint.STATE can"
+                    "'{key}' cannot be set in flight{hint}: effect.N, engine, gain, run and setpoint.STATE can"
                 )))
             }
         }
@@ -111,6 +124,10 @@ impl Wanted {
                 AdjustmentKind::Gain
             }
             Self::Stop => AdjustmentKind::Stop,
+            Self::Effect { effect, on } => {
+                (request.index, request.value) = (effect as u32, f64::from(u8::from(on)));
+                AdjustmentKind::Effect
+            }
         };
         request.what = kind as u32;
         request
@@ -118,7 +135,7 @@ impl Wanted {
 
     /// Whether it is the plant's business; all else is the controller's.
     pub fn is_for_the_plant(&self) -> bool {
-        matches!(self, Self::Gust { .. } | Self::Engine(_) | Self::Stop)
+        !matches!(self, Self::Setpoint { .. } | Self::Gain(_))
     }
 
     /// Key of the launch file that opens the bench to it.
@@ -148,6 +165,9 @@ impl Wanted {
             }
             Self::Gain(factor) => format!("gain {factor}"),
             Self::Stop => "end of the run".into(),
+            Self::Effect { effect, on } => {
+                format!("effect {} {}", effect + 1, if on { "on" } else { "off" })
+            }
         }
     }
 }
@@ -157,6 +177,19 @@ fn assignment<'t>(text: &'t str, example: &str) -> Result<(&'t str, &'t str), Fa
     parts
         .filter(|(name, value)| !name.is_empty() && !value.is_empty())
         .ok_or_else(|| Failure::Mend(format!("'{text}' is no assignment: write NAME=VALUE, as in {example}")))
+}
+
+/// Effects are numbered from 1, those of the vehicle file first.
+fn switch(text: &str, number: &str, value: &str) -> Result<Wanted, Failure> {
+    let effect = number.parse::<u32>().ok().and_then(|n| n.checked_sub(1));
+    let effect = effect
+        .ok_or_else(|| Failure::Mend(format!("{text}: the number of an effect, from 1, is expected")))?;
+    let on = match value {
+        "on" => true,
+        "off" => false,
+        _ => return Err(Failure::Mend(format!("{text}: {}", unknown("state", value, ["on", "off"])))),
+    };
+    Ok(Wanted::Effect { effect: effect as usize, on })
 }
 
 fn state_of<'v>(name: &str, vehicle: &'v Vehicle) -> Result<(usize, &'v State), Failure> {
@@ -204,6 +237,8 @@ mod tests {
             ("roll=5deg", "did you mean 'setpoint.roll'?"),
             ("engine=of", "did you mean 'off'?"),
             ("run=stpo", "did you mean 'stop'?"),
+            ("effect.0=on", "from 1"),
+            ("effect.1=onn", "did you mean 'on'?"),
             ("gain", "NAME=VALUE"),
             ("gain=2 s", "no unit is expected"),
         ] {

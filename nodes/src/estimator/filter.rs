@@ -2,7 +2,7 @@
 
 use whirlstand_control::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, SampledPlant, Sensors};
 use whirlstand_msgs::{Estimate, Head, MAX_INPUTS, MAX_OUTPUTS, Message, flags};
-use whirlstand_vehicle::{Engine, LinearModel, Output, Vehicle};
+use whirlstand_vehicle::{Engine, LinearModel, Vehicle};
 
 use crate::config::NodeConfig;
 use crate::error::NodeError;
@@ -118,19 +118,8 @@ pub fn filter_of(
     let sensors = Sensors {
         c: linear.c.columns(0, linear.own).into_owned(),
         d: linear.d.clone(),
-        std: outputs.map(|(o, added)| noise(o, *added, engine)).collect(),
+        std: outputs.map(|(o, added)| o.sensor_std(engine, *added).max(LEAST_NOISE)).collect(),
         names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
     };
     Estimator::of(plant, &sensors, Some(&linear), options)
-}
-
-/// Standard deviation of what a sensor adds: declared noise, rounding (its step over the square root of 12),
-/// the root mean square of the vibration, and the variance that effects add.
-fn noise(output: &Output, added: f64, engine: Engine) -> f64 {
-    let vibration = output.vibration.as_ref().map_or(0.0, |v| {
-        let power = v.harmonics.iter().map(|h| h * h).sum::<f64>() / 2.0;
-        v.amplitude(engine).powi(2) * power
-    });
-    let variance = output.noise.powi(2) + output.quantization.powi(2) / 12.0 + vibration + added;
-    variance.sqrt().max(LEAST_NOISE)
 }

@@ -46,7 +46,8 @@ impl Outside {
         bounds: Vec<f64>,
         period_ns: u64,
     ) -> Result<Self, NodeError> {
-        let business = &[AdjustmentKind::Gust, AdjustmentKind::Engine, AdjustmentKind::Stop];
+        let business =
+            &[AdjustmentKind::Gust, AdjustmentKind::Engine, AdjustmentKind::Stop, AdjustmentKind::Effect];
         Ok(Self {
             inject: if is_open { Some(bus.subscriber_on(INJECT_TOPIC, INJECT_DEPTH)?) } else { None },
             desk: AdjustmentDesk::open(bus, business, "plant.inject", is_open)?,
@@ -83,6 +84,7 @@ impl Outside {
                 match kind {
                     AdjustmentKind::Engine => self.engine(&request, simulator),
                     AdjustmentKind::Stop => self.stop(&request),
+                    AdjustmentKind::Effect => switch(&request, simulator),
                     _ => self.gust(&request, head.step),
                 },
             );
@@ -162,5 +164,17 @@ impl Outside {
         }
         self.injected = newest.unwrap_or(self.injected);
         Ok(newest.is_some())
+    }
+}
+
+fn switch(request: &Adjustment, simulator: &mut Simulator) -> AdjustmentVerdict {
+    let on = match request.value {
+        0.0 => false,
+        1.0 => true,
+        _ => return AdjustmentVerdict::Unusable,
+    };
+    match simulator.switch(request.index as usize, on) {
+        true => AdjustmentVerdict::Done,
+        false => AdjustmentVerdict::NoSuchEffect,
     }
 }

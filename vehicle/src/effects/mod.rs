@@ -21,12 +21,14 @@ mod resolve;
 mod serial;
 mod table;
 mod units;
+mod window;
 
 pub use field::FieldValue;
 pub use kind::Kind;
 pub use place::{Matrix, Place};
 pub use table::{Parameter, PlaceKind, Requirement, SPECS, Scale, Spec};
 pub use units::ParameterUnit;
+pub use window::Window;
 
 use whirlstand_msgs::names::did_you_mean;
 use whirlstand_msgs::units::Dimension;
@@ -43,6 +45,7 @@ pub struct Effect {
     text: Option<String>,
     /// Dimensions of values that were written with a unit, until the vehicle is known that can confirm them.
     written: Vec<(usize, Dimension)>,
+    window: Window,
 }
 
 impl Effect {
@@ -103,6 +106,21 @@ impl Effect {
         Ok(())
     }
 
+    /// When it acts.
+    pub fn window(&self) -> Window {
+        self.window
+    }
+
+    /// The same effect for a part of the time.
+    ///
+    /// # Errors
+    /// When this effect cannot be switched, or the window is none.
+    pub fn during(mut self, window: Window) -> Result<Self, EffectError> {
+        self.window = window;
+        self.check_ranges()?;
+        Ok(self)
+    }
+
     /// The text parameter: `to` of a mode transition, `source` of a vibration.
     pub fn text(&self) -> Option<&str> {
         self.text.as_deref()
@@ -121,6 +139,7 @@ impl Effect {
                 .into_iter()
                 .chain(spec.parameters.iter().map(|p| p.name))
                 .chain(spec.text.map(|(name, _)| name))
+                .chain(window::KEYS.into_iter().filter(|_| self.kind.can_be_switched()))
         };
         format!(
             "'{name}' is not a key of {}{}; keys are {}",
@@ -140,6 +159,9 @@ impl Effect {
     }
 
     fn check_ranges(&self) -> Result<(), EffectError> {
+        if let Some((key, reason)) = self.window.fault(self.kind) {
+            return Err(self.error(Some(key), reason));
+        }
         let spec = self.kind.spec();
         for (p, value) in spec.parameters.iter().zip(&self.values) {
             let Some(value) = *value else { continue };

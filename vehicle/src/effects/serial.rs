@@ -10,6 +10,7 @@ use super::Effect;
 use super::field::FieldValue;
 use super::kind::Kind;
 use super::table::Requirement;
+use super::window::{KEYS, Window};
 use crate::error::EffectError;
 
 impl Effect {
@@ -29,6 +30,7 @@ impl Effect {
             values: vec![None; spec.parameters.len()],
             text: None,
             written: Vec::new(),
+            window: Window::default(),
         };
         for (name, value) in fields {
             effect.take_field(name.as_ref(), value)?;
@@ -68,6 +70,16 @@ impl Effect {
             self.text = Some(text);
             return Ok(());
         }
+        if let Some(key) = KEYS.iter().position(|key| *key == name) {
+            let end = match value {
+                FieldValue::Number(number) => number,
+                FieldValue::Text(text) => {
+                    seconds(&text).map_err(|e| self.error(Some(name), format!("is wrong: {e}")))?
+                }
+            };
+            *[&mut self.window.from_s, &mut self.window.until_s][key] = Some(end);
+            return Ok(());
+        }
         let Some(index) = spec.parameters.iter().position(|p| p.name == name) else {
             return Err(self.error(Some(name), self.unknown_field(name)));
         };
@@ -92,6 +104,11 @@ impl Effect {
     }
 }
 
+fn seconds(text: &str) -> Result<f64, UnitError> {
+    let quantity: Quantity = text.parse()?;
+    quantity.in_unit(&"s".parse()?)
+}
+
 impl Serialize for Effect {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
@@ -99,6 +116,9 @@ impl Serialize for Effect {
         map.serialize_entry("where", &self.place)?;
         for (name, value) in self.parameters() {
             map.serialize_entry(name, &value)?;
+        }
+        for (key, end) in self.window.ends() {
+            map.serialize_entry(key, &end)?;
         }
         if let (Some((name, _)), Some(text)) = (self.kind.spec().text, &self.text) {
             map.serialize_entry(name, text)?;
@@ -149,6 +169,17 @@ mod tests {
         assert_eq!(toml::from_str::<Effect>(&written).unwrap(), effect);
         let json = serde_json::to_string(&effect).unwrap();
         assert_eq!(serde_json::from_str::<Effect>(&json).unwrap(), effect);
+    }
+
+    #[test]
+    fn an_effect_that_acts_for_a_time_says_when() {
+        let text = "effect = \"input_gain\"\nwhere = \"u\"\nfactor = 0.5\nfrom_s = \"500 ms\"\nuntil_s = 2\n";
+        let effect: Effect = toml::from_str(text).unwrap();
+        assert_eq!((effect.window().from_s, effect.window().until_s), (Some(0.5), Some(2.0)));
+        assert_eq!(toml::from_str::<Effect>(&toml::to_string(&effect).unwrap()).unwrap(), effect);
+        let text = "effect = \"input_delay\"\nwhere = \"u\"\ndelay_s = 0.1\nfrom_s = 1.0";
+        let error = toml::from_str::<Effect>(text).unwrap_err().to_string();
+        assert!(error.contains("input_delay cannot be switched"), "{error}");
     }
 
     #[test]

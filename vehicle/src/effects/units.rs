@@ -104,7 +104,8 @@ impl Effect {
     /// parameter, or the vehicle no such place.
     pub fn unit_at(kind: Kind, place: &str, parameter: &str, vehicle: &Vehicle) -> Option<ParameterUnit> {
         let values = vec![None; kind.spec().parameters.len()];
-        let effect = Self { kind, place: place.into(), values, text: None, written: Vec::new() };
+        let (place, written, window) = (place.into(), Vec::new(), Default::default());
+        let effect = Self { kind, place, values, text: None, written, window };
         effect.unit(parameter, vehicle)
     }
 

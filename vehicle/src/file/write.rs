@@ -142,6 +142,9 @@ fn push_effects(text: &mut String, effects: &[Effect], vehicle: &Vehicle) {
             let written = effect.unit(name, vehicle).map_or(format!("{value:?}"), |unit| unit.written(value));
             push(text, &format!("{name} = {written}"));
         }
+        for (key, end) in effect.window().ends() {
+            push(text, &format!("{key} = {end:?}"));
+        }
         if let (Some((name, _)), Some(value)) = (effect.kind().spec().text, effect.text()) {
             push(text, &format!("{name} = {}", quoted(value)));
         }

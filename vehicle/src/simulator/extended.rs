@@ -36,11 +36,12 @@ impl Extended {
     ) -> Result<Self, SimulatorError> {
         let (mut chains, mut delays) = (Vec::new(), Vec::new());
         for (i, &neutral) in neutral.iter().enumerate() {
-            let own = effects.iter().filter(move |(_, p)| *p == Place::Input(i)).map(|(e, _)| e);
+            let own = effects.iter().enumerate().filter(move |(_, (_, p))| *p == Place::Input(i));
+            let own = own.map(|(index, (e, _))| (index, e));
             let mut chain = Chain::new(own.clone(), neutral, period_s);
             let delay_s = own
-                .filter(|e| e.kind() == crate::effects::Kind::InputDelay)
-                .map(|e| e.get("delay_s"))
+                .filter(|(_, e)| e.kind() == crate::effects::Kind::InputDelay)
+                .map(|(_, e)| e.get("delay_s"))
                 .sum::<f64>();
             delays.push(Delay::new(delay_s, period_s, chain.clone().next(neutral, 0.0)));
             chains.push(std::mem::take(&mut chain));
@@ -90,6 +91,11 @@ impl Extended {
             delay.push(chain.next(*applied, t));
             *drive = if delay.fraction_s > 0.0 { delay.older() } else { delay.newer() };
         }
+    }
+
+    /// Switches an effect on an input; whether there is such a one.
+    pub fn switch(&mut self, effect: usize, on: bool) -> bool {
+        self.chains.iter_mut().any(|chain| chain.switch(effect, on))
     }
 
     /// Moves z over one period, substep by substep; `drive` holds the inputs, then what is added to the derivatives.

@@ -1,5 +1,6 @@
 //! What happens to an input before it reaches the linear model: limits, static nonlinearities, delay.
 
+use super::switch::Switch;
 use crate::effects::{Effect, Kind};
 
 /// A rate limit on a sampled signal.
@@ -71,7 +72,7 @@ enum Link {
 
 /// The static effects on one input, in the simulator's order.
 #[derive(Debug, Clone, Default)]
-pub struct Chain(Vec<Link>);
+pub struct Chain(Vec<(Switch, Link)>);
 
 /// The order in which the effects on an input act.
 const ORDER: [Kind; 7] = [
@@ -86,11 +87,15 @@ const ORDER: [Kind; 7] = [
 
 impl Chain {
     /// `effects` are those at this input; rate limit and backlash start from rest at `neutral`.
-    pub fn new<'a>(effects: impl Iterator<Item = &'a Effect> + Clone, neutral: f64, period_s: f64) -> Self {
+    pub fn new<'a>(
+        effects: impl Iterator<Item = (usize, &'a Effect)> + Clone,
+        neutral: f64,
+        period_s: f64,
+    ) -> Self {
         let mut links = Vec::new();
         let mut rest = neutral;
         for kind in ORDER {
-            for effect in effects.clone().filter(|e| e.kind() == kind) {
+            for (index, effect) in effects.clone().filter(|(_, e)| e.kind() == kind) {
                 let mut link = match kind {
                     Kind::InputGain => Link::Gain(effect.get("factor")),
                     Kind::GainDrift => Link::Drift(effect.get("rate_per_s")),
@@ -100,8 +105,9 @@ impl Chain {
                     Kind::RateLimit => Link::Rate(RateLimit::new(effect.get("limit_per_s"), period_s, rest)),
                     _ => Link::Backlash(Backlash::new(effect.get("width"), rest)),
                 };
-                rest = link.next(rest, 0.0);
-                links.push(link);
+                let switch = Switch::new(index, effect);
+                rest = link.next_if(&switch, rest, 0.0);
+                links.push((switch, link));
             }
         }
         Self(links)
@@ -109,11 +115,29 @@ impl Chain {
 
     /// The signal behind all links for command `u` at time `t`.
     pub fn next(&mut self, u: f64, t: f64) -> f64 {
-        self.0.iter_mut().fold(u, |u, link| link.next(u, t))
+        self.0.iter_mut().fold(u, |u, (switch, link)| link.next_if(switch, u, t))
+    }
+
+    /// Switches an effect, if it is one of these; whether it is.
+    pub fn switch(&mut self, effect: usize, on: bool) -> bool {
+        self.0.iter_mut().any(|(switch, _)| switch.set(effect, on))
     }
 }
 
 impl Link {
+    /// As [`Self::next`] while the link acts; otherwise the signal passes, and what has a memory follows it.
+    fn next_if(&mut self, switch: &Switch, u: f64, t: f64) -> f64 {
+        if switch.is_on(t) {
+            return self.next(u, switch.since(t));
+        }
+        match self {
+            Self::Rate(limit) => limit.position = u,
+            Self::Backlash(play) => play.position = u,
+            _ => {}
+        }
+        u
+    }
+
     fn next(&mut self, u: f64, t: f64) -> f64 {
         match self {
             Self::Gain(factor) => *factor * u,
@@ -231,7 +255,7 @@ mod tests {
             effect(Kind::GainDrift, &[("rate_per_s", -0.01)]),
             effect(Kind::InputGain, &[("factor", 0.5)]),
         ];
-        let mut chain = Chain::new(effects.iter(), 0.0, 0.01);
+        let mut chain = Chain::new(effects.iter().enumerate(), 0.0, 0.01);
         let expected = 0.5 * 0.9 * 1.2 + 0.2 - 0.1;
         assert!((chain.next(1.2, 10.0) - expected).abs() < 1e-15);
         assert_eq!(chain.next(100.0, 10.0), 1.0);

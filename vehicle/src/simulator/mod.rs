@@ -13,6 +13,7 @@
 //!    (declared and `sensor_bias`), `sensor_drift`, vibration (declared and effect), noise (declared and effect),
 //!    rounding (declared, then `quantization`), `output_saturation`, `dropouts`, `outliers`.
 //!
+//! An effect with a window acts in it only; a drift then grows from the window's beginning.
 //! Time t counts from the simulator's start. Before it, commands were neutral and filters at rest.
 //! A `parameter_change` is one of the vehicle itself, not of the one that a `mode_transition` leads to.
 
@@ -24,7 +25,9 @@ mod kernel;
 mod linear_model;
 mod nonlinear;
 mod schedule;
+mod sensor;
 mod sensors;
+mod switch;
 mod tap;
 #[cfg(test)]
 mod tests;
@@ -340,6 +343,16 @@ impl Simulator {
         self.disturbances.acting()
     }
 
+    /// Switches the effect of that index in the vehicle, from now on whatever its window says; false for one that has no
+    /// window.
+    pub fn switch(&mut self, effect: usize, on: bool) -> bool {
+        let on_input = match &mut self.dynamics {
+            Dynamics::Plain(_) => false,
+            Dynamics::Extended(extended) => extended.switch(effect, on),
+        };
+        on_input || self.sensors.switch(effect, on)
+    }
+
     /// What the engine does.
     pub fn engine(&self) -> Engine {
         self.engine
@@ -358,11 +371,6 @@ impl Simulator {
     /// Time since the start, s.
     pub fn time_s(&self) -> f64 {
         self.step as f64 * self.period_s
-    }
-
-    /// The sample period, s.
-    pub fn period_s(&self) -> f64 {
-        self.period_s
     }
 
     /// True when a state has grown beyond any meaning.

@@ -1,59 +1,13 @@
 //! From the motion to what the sensors report.
 
-use std::f64::consts::TAU;
-
-use super::compile::{Row, System};
+use super::compile::System;
 use super::disturbances::consumer;
+use super::sensor::{Sensor, declared, phase};
+use super::switch::Switch;
 use super::tap::Tap;
 use crate::effects::{Effect, Kind, Place};
-use crate::model::{Engine, Output, Vehicle};
+use crate::model::{Engine, Vehicle};
 use crate::random::Stream;
-
-/// Rounds to a multiple of the step.
-pub fn quantize(value: f64, step: f64) -> f64 {
-    if step == 0.0 { value } else { step * libm::round(value / step) }
-}
-
-#[derive(Debug, Clone)]
-struct Tone {
-    frequency_hz: f64,
-    amplitude: f64,
-    phase_rad: f64,
-}
-
-/// Declared vibration: harmonics of one of the sensors' common frequencies.
-#[derive(Debug, Clone)]
-struct EngineTone {
-    frequency: usize,
-    /// Relative amplitude times cosine and sine of each harmonic's phase.
-    harmonics: Vec<[f64; 2]>,
-    amplitudes: [f64; 3],
-}
-
-#[derive(Debug, Clone)]
-struct Sensor {
-    /// The motion, without and with the sensor's own lag.
-    ideal: Row,
-    lagged: Row,
-    tap: Option<Tap>,
-    every: u64,
-    /// The step from which on a new value is due.
-    due: u64,
-    gain: f64,
-    offset: f64,
-    drift: f64,
-    tones: Vec<Tone>,
-    engine: Option<EngineTone>,
-    noise: Vec<(f64, Stream)>,
-    rounding: Vec<f64>,
-    limits: Vec<(f64, f64)>,
-    dropouts: Vec<(f64, Stream)>,
-    outliers: Vec<(f64, f64, Stream)>,
-    /// Last value before outliers: what a dropout repeats.
-    delivered: Option<f64>,
-    /// Scale, offset and drift are all there is while the engine is off.
-    plain: bool,
-}
 
 /// All sensors of a vehicle.
 #[derive(Debug, Clone)]
@@ -101,7 +55,7 @@ impl Sensors {
                 Place::Output(i) if effect.kind() == Kind::SensorDelay => delays[i] += effect.get("delay_s"),
                 Place::Output(i) => {
                     let stream = seed.map(|seed| Stream::new(seed, &consumer(effects, index)));
-                    sensors[i].add(effect, stream);
+                    sensors[i].add(effect, Switch::new(index, effect), stream);
                 }
                 _ => {}
             }
@@ -205,167 +159,12 @@ impl Sensors {
         &self.values
     }
 
+    /// Switches an effect on a sensor; whether there is such a one.
+    pub fn switch(&mut self, effect: usize, on: bool) -> bool {
+        self.sensors.iter_mut().any(|sensor| sensor.switch(effect, on))
+    }
+
     pub fn fresh(&self) -> &[bool] {
         &self.fresh
-    }
-}
-
-fn declared(
-    output: &Output,
-    (ideal, lagged): &(Row, Row),
-    frequencies: &mut Vec<(f64, f64, f64)>,
-    seed: Option<u64>,
-) -> Sensor {
-    let engine = output.vibration.as_ref().map(|v| {
-        let known = frequencies.iter().position(|(f, _, _)| *f == v.frequency_hz);
-        let frequency = known.unwrap_or_else(|| {
-            frequencies.push((v.frequency_hz, 0.0, 1.0));
-            frequencies.len() - 1
-        });
-        let phases = v.harmonics.iter().zip(1u32..).map(|(relative, h)| {
-            let (sine, cosine) = libm::sincos(f64::from(h) * v.phase_rad);
-            [relative * cosine, relative * sine]
-        });
-        let amplitudes = [Engine::Off, Engine::On, Engine::Flying].map(|engine| v.amplitude(engine));
-        EngineTone { frequency, harmonics: phases.collect(), amplitudes }
-    });
-    let stream = |seed| Stream::new(seed, &format!("noise/{}", output.name));
-    let noise = seed.filter(|_| output.noise > 0.0).map(|seed| (output.noise, stream(seed)));
-    Sensor {
-        ideal: ideal.clone(),
-        lagged: lagged.clone(),
-        tap: None,
-        every: if seed.is_some() { u64::from(output.every) } else { 1 },
-        due: 0,
-        gain: 1.0,
-        offset: output.bias,
-        drift: 0.0,
-        tones: Vec::new(),
-        engine,
-        noise: noise.into_iter().collect(),
-        rounding: Some(output.quantization).filter(|q| seed.is_some() && *q > 0.0).into_iter().collect(),
-        limits: Vec::new(),
-        dropouts: Vec::new(),
-        outliers: Vec::new(),
-        delivered: None,
-        plain: false,
-    }
-}
-
-impl Sensor {
-    /// Adds an effect; random ones and rounding only act with a stream.
-    fn add(&mut self, effect: &Effect, stream: Option<Stream>) {
-        match (effect.kind(), stream) {
-            (Kind::SensorBias, _) => self.offset += effect.get("offset"),
-            (Kind::SensorDrift, _) => self.drift += effect.get("rate_per_s"),
-            (Kind::SensorScale, _) => self.gain *= effect.get("factor"),
-            (Kind::Vibration, _) => self.tones.push(Tone {
-                frequency_hz: effect.get("frequency_hz"),
-                amplitude: effect.get("amplitude"),
-                phase_rad: effect.get("phase_rad"),
-            }),
-            (Kind::OutputSaturation, _) => self.limits.push((effect.get("lower"), effect.get("upper"))),
-            (Kind::Noise, Some(stream)) => self.noise.push((effect.get("std"), stream)),
-            (Kind::Quantization, Some(_)) => self.rounding.push(effect.get("step")),
-            (Kind::Dropouts, Some(stream)) => self.dropouts.push((effect.get("fraction"), stream)),
-            (Kind::Outliers, Some(stream)) => {
-                self.outliers.push((effect.get("fraction"), effect.get("magnitude"), stream));
-            }
-            _ => {}
-        }
-    }
-
-    fn is_plain(&self) -> bool {
-        self.tones.is_empty()
-            && self.noise.is_empty()
-            && self.rounding.is_empty()
-            && self.limits.is_empty()
-            && self.dropouts.is_empty()
-            && self.outliers.is_empty()
-    }
-
-    fn value(&mut self, motion: f64, t: f64, engine: Engine, frequencies: &[(f64, f64, f64)]) -> f64 {
-        let mut value = self.gain * motion + self.offset + self.drift * t;
-        for tone in &self.tones {
-            let (sine, cosine) = phase(tone.frequency_hz, t);
-            let (phase_sine, phase_cosine) = libm::sincos(tone.phase_rad);
-            value += tone.amplitude * (sine * phase_cosine + cosine * phase_sine);
-        }
-        if let Some(tone) = &self.engine {
-            let amplitude = tone.amplitudes[engine as usize];
-            if amplitude != 0.0 {
-                let (_, sine, cosine) = frequencies[tone.frequency];
-                value += amplitude * harmonics(&tone.harmonics, sine, cosine);
-            }
-        }
-        for (std, stream) in &mut self.noise {
-            value += *std * stream.normal();
-        }
-        for step in &self.rounding {
-            value = quantize(value, *step);
-        }
-        for (lower, upper) in &self.limits {
-            value = value.max(*lower).min(*upper);
-        }
-        for (fraction, stream) in &mut self.dropouts {
-            // The chance is drawn in any case, so that every sample takes the same numbers.
-            if stream.chance(*fraction) {
-                value = self.delivered.unwrap_or(value);
-            }
-        }
-        self.delivered = Some(value);
-        for (fraction, magnitude, stream) in &mut self.outliers {
-            let (hit, positive) = (stream.chance(*fraction), stream.chance(0.5));
-            if hit {
-                value += if positive { *magnitude } else { -*magnitude };
-            }
-        }
-        value
-    }
-}
-
-/// Sine and cosine of 2 pi f t.
-fn phase(frequency_hz: f64, t: f64) -> (f64, f64) {
-    let turns = frequency_hz * t;
-    libm::sincos(TAU * (turns - turns.floor()))
-}
-
-/// Sum over h of c sin(h a) + s cos(h a), from sine and cosine of a by rotation.
-fn harmonics(coefficients: &[[f64; 2]], sine: f64, cosine: f64) -> f64 {
-    let (mut s, mut c) = (sine, cosine);
-    let mut sum = 0.0;
-    for [with_sine, with_cosine] in coefficients {
-        sum += with_sine * s + with_cosine * c;
-        (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
-    }
-    sum
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantization_rounds_to_the_nearest_multiple() {
-        for (value, expected) in [(0.26, 0.25), (0.38, 0.5), (-0.38, -0.5), (-0.1, 0.0)] {
-            assert_eq!(quantize(value, 0.25), expected);
-        }
-        assert_eq!(quantize(0.123, 0.0), 0.123);
-    }
-
-    #[test]
-    fn harmonics_are_their_sum_of_sines() {
-        let phase = 0.4f64;
-        let relative = [1.0, 0.5, 0.25, 0.1];
-        let coefficients: Vec<[f64; 2]> = relative
-            .iter()
-            .zip(1u32..)
-            .map(|(r, h)| [r * (f64::from(h) * phase).cos(), r * (f64::from(h) * phase).sin()])
-            .collect();
-        for a in [0.0f64, 0.3, 2.0, 5.9] {
-            let expected: f64 =
-                relative.iter().zip(1u32..).map(|(r, h)| r * (f64::from(h) * (a + phase)).sin()).sum();
-            assert!((harmonics(&coefficients, a.sin(), a.cos()) - expected).abs() < 1e-14);
-        }
     }
 }

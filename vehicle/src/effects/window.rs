@@ -1,0 +1,66 @@
+//! When an effect acts.
+
+use super::kind::Kind;
+
+/// Keys of a window.
+pub(super) const KEYS: [&str; 2] = ["from_s", "until_s"];
+
+/// A part of the time axis, from the simulator's start: from the first moment on, until before the second.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Window {
+    /// Beginning, s; always so far without it.
+    pub from_s: Option<f64>,
+    /// End, s; for ever without it.
+    pub until_s: Option<f64>,
+}
+
+impl Window {
+    /// Whether the whole time is meant.
+    pub fn is_always(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Whether a moment lies in it.
+    pub fn holds(&self, t: f64) -> bool {
+        self.from_s.is_none_or(|from| t >= from) && self.until_s.is_none_or(|until| t < until)
+    }
+
+    /// Both ends that are given, by the names of their keys.
+    pub(crate) fn ends(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
+        KEYS.into_iter().zip([self.from_s, self.until_s]).filter_map(|(key, end)| Some((key, end?)))
+    }
+
+    /// What is wrong with it, if anything, and at which key.
+    pub(super) fn fault(&self, kind: Kind) -> Option<(&'static str, String)> {
+        let (first, _) = self.ends().next()?;
+        if !kind.can_be_switched() {
+            let reason = format!(
+                "{kind} cannot be switched: only what acts sample by sample on inputs and sensors can"
+            );
+            return Some((first, reason));
+        }
+        if let Some((key, end)) = self.ends().find(|(_, end)| !(end.is_finite() && *end >= 0.0)) {
+            return Some((key, format!("must be at least 0 s, but is {end} s")));
+        }
+        let (from, until) = (self.from_s?, self.until_s?);
+        (from >= until).then(|| (KEYS[1], format!("is {until} s, not after from_s = {from} s")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_window_has_its_beginning_and_not_its_end() {
+        let window = Window { from_s: Some(1.0), until_s: Some(2.0) };
+        assert_eq!([0.99, 1.0, 1.99, 2.0].map(|t| window.holds(t)), [false, true, true, false]);
+        assert!(Window::default().holds(7.0) && Window::default().is_always());
+        assert_eq!(window.fault(Kind::SensorBias), None);
+        assert_eq!(window.fault(Kind::InputDelay).unwrap().0, "from_s");
+        let turned = Window { from_s: Some(2.0), until_s: Some(2.0) };
+        assert_eq!(turned.fault(Kind::Noise).unwrap().0, "until_s");
+        let negative = Window { from_s: Some(-1.0), until_s: None };
+        assert!(negative.fault(Kind::Noise).is_some());
+    }
+}
