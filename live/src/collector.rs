@@ -18,7 +18,7 @@ use crate::scene::Scene;
 pub(crate) const FRAME: Duration = Duration::from_millis(50);
 
 /// Rows of a frame: every step of a bench up to 2 kHz, a part of those of a faster one.
-const MOST_ROWS: usize = 100;
+pub(crate) const MOST_ROWS: usize = 100;
 
 /// Frames from one with nodes to the next.
 const NODES_EVERY: u64 = 10;
@@ -82,6 +82,11 @@ impl Collector {
     pub fn with_engine(mut self, engine: Engine) -> Self {
         self.rows.set_engine(engine);
         self
+    }
+
+    /// Period of the loop, s.
+    pub(crate) fn period_s(&self) -> f64 {
+        self.scene.period_s
     }
 
     /// Tells every viewer what is flown.

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use whirlstand_logs::{Log, LogStream, ReadError};
 
-use crate::collector::{Collector, FRAME};
+use crate::collector::{Collector, FRAME, MOST_ROWS};
 use crate::heard::Heard;
 use crate::hub::Hub;
 
@@ -19,6 +19,13 @@ const LEAD_S: f64 = 60.0;
 
 /// Messages that are read ahead: a queue full of every topic, and some.
 const AHEAD: usize = 10 * whirlstand_bus::MAX_DEPTH;
+
+/// Most frames at once: those of a turn, and those up to a place that somebody goes to. A viewer can be behind by more.
+const FRAMES_OF_A_TURN: usize = 16;
+const FRAMES_OF_A_PLACE: usize = 128;
+
+/// Longest time that counts as one turn.
+const LONGEST_TURN: Duration = Duration::from_millis(100);
 
 /// Longest time between two frames.
 const HEARTBEAT: Duration = Duration::from_secs(1);
@@ -141,10 +148,10 @@ impl LogFeed {
         if let Some(place) = place {
             self.go_to(place.min(self.end_s))?;
         } else if !state.paused {
-            let passed = now.saturating_duration_since(self.last).min(Duration::from_secs(1));
+            // A player that was held up goes on from where it was.
+            let passed = now.saturating_duration_since(self.last).min(LONGEST_TURN);
             let until = (self.at_s + passed.as_secs_f64() * state.speed).min(self.end_s);
-            self.play_until(until, now)?;
-            self.at_s = until;
+            self.show_until(until, FRAMES_OF_A_TURN, now, &state)?;
         }
         self.last = now;
         // While nothing moves a frame now and then says that somebody is there.
@@ -175,15 +182,25 @@ impl LogFeed {
         let state = *self.playback.state();
         let now = Instant::now();
         // What lies before the place is read without being shown, but for what a viewer can look back on.
-        let mut shown_until = (place - LEAD_S).max(0.0);
-        self.skip_until(shown_until)?;
-        while shown_until < place {
-            shown_until = (shown_until + 0.5).min(place);
-            self.play_until(shown_until, now)?;
-            self.at_s = shown_until;
-            self.show(now, &state);
+        self.at_s = (place - LEAD_S).max(0.0);
+        self.skip_until(self.at_s)?;
+        self.show_until(place, FRAMES_OF_A_PLACE, now, &state)
+    }
+
+    /// Plays until a time, in as many frames as show every step, but no more than so many.
+    fn show_until(&mut self, until: f64, most: usize, now: Instant, state: &State) -> Result<(), ReadError> {
+        let (from, steps) = (self.at_s, (until - self.at_s) / self.collector.period_s());
+        // Both ends of a piece may have a row.
+        let frames = ((steps / (MOST_ROWS - 1) as f64).ceil() as usize).clamp(1, most);
+        for i in 1..=frames {
+            let part = from + (until - from) * i as f64 / frames as f64;
+            self.play_until(part, now)?;
+            self.at_s = part;
+            if i < frames {
+                self.show(now, state);
+            }
         }
-        self.at_s = place;
+        self.at_s = until;
         Ok(())
     }
 

@@ -6,12 +6,13 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, BusConfig, Publisher, Subscriber, Transport};
 use whirlstand_msgs::{
-    Adjustment, AdjustmentKind, AdjustmentVerdict, Command, Disturbance, Message, Setpoint, Truth,
+    Adjustment, AdjustmentKind, AdjustmentVerdict, Command, Disturbance, Imu, Message, Setpoint, Truth,
 };
 use whirlstand_nodes::ADJUST_TOPIC;
 use whirlstand_nodes::clock::Turn;
 use whirlstand_nodes::config::{LawKind, NodeConfig};
 use whirlstand_nodes::inproc::Bench;
+use whirlstand_vehicle::{Effect, Kind, Window};
 
 /// A bench with somebody outside who asks.
 struct Flight {
@@ -132,6 +133,28 @@ fn the_gain_multiplies_the_feedback() {
     plain.fly(200);
     let plain = command_at(&mut commands, answer.head.step);
     assert!(plain != 0.0 && (doubled - 2.0 * plain).abs() < 1e-12, "{plain} {doubled}");
+}
+
+#[test]
+fn an_effect_with_a_window_is_switched_by_hand() {
+    let mut config = open("effect");
+    let late = Window { from_s: Some(1e6), until_s: None };
+    let bias = Effect::new(Kind::SensorBias, "roll", &[("offset", 1.0)]).unwrap();
+    config.effects.push(bias.during(late).unwrap());
+    let mut flight = Flight::new(&config);
+    let mut measured = flight.bus.subscriber::<Imu>(64).unwrap();
+    let mut greatest = |flight: &mut Flight| {
+        flight.fly(20);
+        let mut greatest: f64 = 0.0;
+        while let Some(imu) = measured.try_recv().unwrap() {
+            greatest = greatest.max(imu.roll);
+        }
+        greatest
+    };
+    let before = greatest(&mut flight);
+    assert_eq!(flight.ask(1, AdjustmentKind::Effect, 0, 1.0, 0).verdict, DONE);
+    let after = greatest(&mut flight);
+    assert!(after > before + 0.8, "{before} {after}");
 }
 
 #[test]

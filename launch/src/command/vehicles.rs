@@ -113,7 +113,10 @@ fn check_text(v: &Vehicle, poles: &[(f64, f64)]) -> String {
             let value = effect.unit(name, v).map_or_else(|| clean(value), |unit| unit.shown(value));
             format!("{name} = {value}")
         };
-        let parameters: Vec<_> = effect.parameters().map(shown).collect();
+        let window = effect.window();
+        let ends = [("from", window.from_s), ("until", window.until_s)];
+        let ends = ends.into_iter().filter_map(|(word, end)| Some(format!("{word} {} s", clean(end?))));
+        let parameters: Vec<_> = effect.parameters().map(shown).chain(ends).collect();
         row("effect", format!("{} at {}: {}", effect.kind(), effect.place(), parameters.join(", ")));
     }
     let pole =
@@ -143,6 +146,7 @@ fn description(v: &Vehicle, poles: &[(f64, f64)]) -> Value {
             "quantization": y.quantization, "every": y.every })).collect::<Vec<_>>(),
         "effects": v.effects.iter().map(|e| json!({
             "effect": e.kind().name(), "where": e.place(),
+            "from_s": e.window().from_s, "until_s": e.window().until_s,
             "parameters": e.parameters().collect::<BTreeMap<_, _>>(),
             "units": e.parameters().map(|(name, _)| (name, e.unit(name, v).map(|u| u.si_symbol())))
                 .collect::<BTreeMap<_, _>>() })).collect::<Vec<_>>(),
