@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, BusConfig, Publisher, Subscriber, Transport};
 use whirlstand_msgs::{
-    Adjustment, AdjustmentKind, AdjustmentVerdict, Command, Disturbance, Imu, Message, Setpoint, Truth,
+    Adjustment, AdjustmentKind, AdjustmentVerdict, Command, Disturbance, Imu, Message, Setpoint,
 };
 use whirlstand_nodes::ADJUST_TOPIC;
 use whirlstand_nodes::clock::Turn;
@@ -160,15 +160,15 @@ fn an_effect_with_a_window_is_switched_by_hand() {
 #[test]
 fn a_run_ends_in_order_when_it_is_asked_to() {
     let mut flight = Flight::new(&open("stop"));
-    let mut truths = flight.bus.subscriber::<Truth>(64).unwrap();
+    let mut measured = flight.bus.subscriber::<Imu>(64).unwrap();
     let refused = flight.ask(1, AdjustmentKind::Stop, 0, 1.0, 0);
     assert_eq!(refused.verdict, AdjustmentVerdict::Unusable as u32);
     let answer = flight.ask(2, AdjustmentKind::Stop, 0, 0.0, 0);
     assert_eq!(answer.verdict, DONE);
     let ended = (0..10_000).any(|_| flight.bench.round().unwrap() == Turn::Ended);
     let mut last = None;
-    while let Some(truth) = truths.try_recv().unwrap() {
-        last = Some(truth.head.step);
+    while let Some(imu) = measured.try_recv().unwrap() {
+        last = Some(imu.head.step);
     }
     assert_eq!((ended, last), (true, Some(answer.head.step)));
 }
