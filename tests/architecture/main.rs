@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use source_graph::SourceGraph;
 
 /// Each room, and the rooms that it may depend on besides for its tests. `launch` ties all of them together.
-const ROOMS: [(&str, &[&str]); 15] = [
+const ROOMS: [(&str, &[&str]); 16] = [
     ("msgs", &[]),
     ("bus", &["msgs"]),
     ("linalg", &[]),
@@ -22,10 +22,11 @@ const ROOMS: [(&str, &[&str]); 15] = [
     ("live", &["bus", "logs", "msgs", "report", "vehicle"]),
     ("bridge", &["msgs", "vehicle"]),
     ("nodes", &["bridge", "bus", "control", "diagnose", "logs", "msgs", "vehicle"]),
+    ("fmu", &["msgs", "vehicle"]),
     (
         "launch",
         &[
-            "blind", "bridge", "bus", "control", "diagnose", "evaluate", "ident", "live", "logs", "msgs",
+            "blind", "bridge", "bus", "control", "diagnose", "evaluate", "fmu", "ident", "live", "logs", "msgs",
             "nodes", "report", "vehicle",
         ],
     ),

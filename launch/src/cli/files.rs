@@ -145,6 +145,28 @@ pub(crate) enum VehicleCommand {
         #[command(flatten)]
         json: JsonArg,
     },
+    Fmu(VehicleFmuArgs),
+}
+
+/// Export a vehicle as a functional mock-up unit (FMU) of FMI 3.0 for co-simulation, as Simulink, Dymola, OpenModelica and
+/// FMPy take it.
+///
+/// It flies with all effects and sensors, as the plant does. It contains the vehicle file and a library for this kind
+/// of machine; whoever uses it needs neither Whirlstand nor a compiler.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  whirlstand vehicle fmu mine.toml --out mine.fmu")]
+pub(crate) struct VehicleFmuArgs {
+    /// Built-in vehicle or path of a vehicle file.
+    pub vehicle: String,
+    /// The FMU to write.
+    #[arg(long, value_name = "FILE.fmu")]
+    pub out: PathBuf,
+    /// Rate at which sensors measure and inputs act, in Hz or with a unit.
+    #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = 200.0)]
+    pub rate: f64,
+    /// Seed of the sensors' noise, where the tool sets no other.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
 }
 
 #[derive(Debug, Subcommand)]

@@ -19,7 +19,9 @@ use clap::{Args, Parser, Subcommand};
 use whirlstand_live::Address;
 
 pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
-pub(crate) use files::{DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleNewArgs};
+pub(crate) use files::{
+    DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleFmuArgs, VehicleNewArgs,
+};
 pub(crate) use json::JsonArg;
 pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
 pub(crate) use live::{EchoArgs, InjectArgs, PlayArgs, SetArgs, WatchArgs};

@@ -21,6 +21,7 @@ pub(crate) mod node;
 pub(crate) mod shell;
 pub(crate) mod simulate;
 pub(crate) mod stage_line;
+pub(crate) mod vehicle_fmu;
 pub(crate) mod vehicle_new;
 pub(crate) mod vehicles;
 pub(crate) mod watch;

@@ -1,4 +1,4 @@
-//! `whirlstand vehicle new|list|show|check`.
+//! `whirlstand vehicle new|list|show|check|fmu`.
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;
@@ -9,6 +9,7 @@ use whirlstand_nodes::signals::check_room;
 use whirlstand_vehicle::{Vehicle, builtin_names, template_names};
 
 use super::tell;
+use super::vehicle_fmu::vehicle_fmu;
 use super::vehicle_new::vehicle_new;
 use crate::cli::{JsonArg, VehicleCommand};
 use crate::error::Failure;
@@ -21,6 +22,7 @@ pub(crate) fn vehicles(command: &VehicleCommand) -> Result<ExitCode, Failure> {
         VehicleCommand::List { json } => list(json)?,
         VehicleCommand::Show { vehicle } => super::print_data(&find(vehicle)?.source_text)?,
         VehicleCommand::Check { vehicle, json } => check(&find(vehicle)?, json)?,
+        VehicleCommand::Fmu(args) => vehicle_fmu(&find(&args.vehicle)?, args)?,
     }
     Ok(ExitCode::SUCCESS)
 }

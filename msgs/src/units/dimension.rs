@@ -49,6 +49,11 @@ impl Dimension {
         *self == NONE
     }
 
+    /// Exponents of kg, m, s, A, K, rad and samples, in this order.
+    pub fn exponents(&self) -> [i8; BASES] {
+        self.0
+    }
+
     /// This dimension times a power of another; `None` when an exponent leaves the range of i8.
     pub fn times(self, other: Self, power: i8) -> Option<Self> {
         let mut product = self;

@@ -1,0 +1,154 @@
+//! Writing the archive: description, library, and the vehicle file with those that it leads to.
+
+use std::collections::BTreeMap;
+use std::io::{Seek, Write};
+use std::path::{Component, Path};
+
+use whirlstand_vehicle::{Kind, Vehicle, VehicleError};
+use zip::ZipWriter;
+use zip::write::SimpleFileOptions;
+
+use crate::contents::{SETTINGS_FILE, Settings, VEHICLE_FILE, token};
+use crate::description::{STATE_PREFIX, description, model_identifier};
+use crate::instance::Instance;
+use crate::library::{PLATFORM, SUFFIX};
+
+/// Why a vehicle cannot be exported.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The vehicle was made in memory; there is no file to pack.
+    #[error("{0}: this vehicle was not read from a file, and an FMU contains the file")]
+    NoText(String),
+    /// Two variables of the FMU would have the same name.
+    #[error(
+        "{vehicle}: {first} and {second} have the same name '{name}', and variables of an FMU need names of their own: \
+         rename one of them"
+    )]
+    SameName {
+        /// Name of the vehicle.
+        vehicle: String,
+        /// The name.
+        name: String,
+        /// What has it first.
+        first: &'static str,
+        /// What has it too.
+        second: &'static str,
+    },
+    /// A mode transition leads to a file that cannot be packed beside the vehicle file.
+    #[error(
+        "{vehicle}: the mode transition to '{to}' leads out of the vehicle file's folder, and within an FMU there is nothing \
+         else: put the file beside the vehicle file, or below it"
+    )]
+    Outside {
+        /// Name of the vehicle.
+        vehicle: String,
+        /// The path.
+        to: String,
+    },
+    /// The file of a mode transition cannot be read.
+    #[error(transparent)]
+    Vehicle(#[from] VehicleError),
+    /// The vehicle cannot be simulated with this period.
+    #[error("{vehicle}: {reason}")]
+    Simulate {
+        /// Name of the vehicle.
+        vehicle: String,
+        /// Why.
+        reason: String,
+    },
+    /// The archive cannot be written.
+    #[error("cannot write the FMU: {0}")]
+    Write(#[from] zip::result::ZipError),
+    /// The settings cannot be written as TOML: the period or the seed is no number of it.
+    #[error("cannot write the settings into the FMU: {0}")]
+    Settings(#[from] toml::ser::Error),
+}
+
+/// Writes the FMU of a vehicle with this `library`, which is [`find_library`](crate::find_library)'s.
+///
+/// # Errors
+/// [`ExportError`] when the vehicle cannot become an FMU, or `out` does not take it.
+pub fn write_archive(
+    vehicle: &Vehicle,
+    settings: Settings,
+    library: &[u8],
+    out: impl Write + Seek,
+) -> Result<(), ExportError> {
+    if vehicle.source_text.is_empty() {
+        return Err(ExportError::NoText(vehicle.name.clone()));
+    }
+    check_names(vehicle)?;
+    Instance::new(vehicle.clone(), settings)
+        .map_err(|e| ExportError::Simulate { vehicle: vehicle.name.clone(), reason: e.to_string() })?;
+    let settings_text = toml::to_string(&settings)?;
+    let text = with_name(vehicle);
+    let token = token(&text, &settings_text);
+    let identifier = model_identifier(vehicle);
+    let mut files = BTreeMap::from([
+        ("modelDescription.xml".to_string(), description(vehicle, settings, &token).into_bytes()),
+        (format!("binaries/{PLATFORM}/{identifier}{SUFFIX}"), library.to_vec()),
+        (format!("resources/{VEHICLE_FILE}"), text.into_bytes()),
+        (format!("resources/{SETTINGS_FILE}"), settings_text.into_bytes()),
+    ]);
+    add_successors(vehicle, Path::new(""), &mut files)?;
+    let mut archive = ZipWriter::new(out);
+    for (name, bytes) in files {
+        // Without a time of writing the same vehicle gives the same archive.
+        archive.start_file(name, SimpleFileOptions::default())?;
+        archive.write_all(&bytes).map_err(zip::result::ZipError::from)?;
+    }
+    archive.finish()?;
+    Ok(())
+}
+
+/// The file's text; a vehicle that takes its name from its file's gets it written down.
+fn with_name(vehicle: &Vehicle) -> String {
+    let table: Result<toml::Table, _> = vehicle.source_text.parse();
+    if table.is_ok_and(|table| table.contains_key("name")) {
+        return vehicle.source_text.clone();
+    }
+    format!("name = {}\n{}", toml::Value::from(vehicle.name.as_str()), vehicle.source_text)
+}
+
+fn check_names(vehicle: &Vehicle) -> Result<(), ExportError> {
+    let inputs = vehicle.inputs.iter().map(|u| ("an input", u.name.clone()));
+    let outputs = vehicle.outputs.iter().map(|y| ("an output", y.name.clone()));
+    let states = vehicle.states.iter().map(|x| ("a state", format!("{STATE_PREFIX}{}", x.name)));
+    let own = ["time", "seed", "noise"].map(|name| ("a variable of every FMU", name.to_string()));
+    let mut seen = BTreeMap::new();
+    for (what, name) in own.into_iter().chain(inputs).chain(outputs).chain(states) {
+        if let Some(first) = seen.insert(name.clone(), what) {
+            return Err(ExportError::SameName { vehicle: vehicle.name.clone(), name, first, second: what });
+        }
+    }
+    Ok(())
+}
+
+/// The vehicle files that mode transitions lead to, under the paths by which they are found from the vehicle file.
+fn add_successors(
+    vehicle: &Vehicle,
+    folder: &Path,
+    files: &mut BTreeMap<String, Vec<u8>>,
+) -> Result<(), ExportError> {
+    for effect in vehicle.effects.iter().filter(|e| e.kind() == Kind::ModeTransition) {
+        let to = effect.text().unwrap_or_default();
+        let next = Vehicle::find_from(to, vehicle.folder.as_deref())?;
+        if next.folder.is_none() && Vehicle::builtin(to).is_ok() {
+            continue;
+        }
+        let path = folder.join(to);
+        let mut components = path.components();
+        if !components.all(|c| matches!(c, Component::Normal(_) | Component::CurDir)) {
+            return Err(ExportError::Outside { vehicle: vehicle.name.clone(), to: to.into() });
+        }
+        let parts: Vec<_> = path.components().filter(|c| *c != Component::CurDir).collect();
+        let parts: Vec<_> = parts.iter().map(|c| c.as_os_str().to_string_lossy()).collect();
+        if files
+            .insert(format!("resources/{}", parts.join("/")), next.source_text.clone().into_bytes())
+            .is_none()
+        {
+            add_successors(&next, path.parent().unwrap_or(Path::new("")), files)?;
+        }
+    }
+    Ok(())
+}

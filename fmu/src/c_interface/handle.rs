@@ -1,0 +1,129 @@
+//! What the tool holds: an instance with the tool's callback for messages, behind a pointer.
+
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use crate::contents::read;
+use crate::description::LOG_CATEGORY;
+use crate::instance::{CallError, Instance};
+
+/// `fmi3Status`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Status {
+    Ok = 0,
+    Error = 3,
+    Fatal = 4,
+}
+
+/// `fmi3LogMessageCallback`; tools may give none.
+pub type LogMessage = Option<unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char)>;
+
+/// `fmi3Instance` points to one.
+pub struct Handle {
+    pub instance: Instance,
+    listener: Listener,
+}
+
+/// Whom messages go to.
+pub struct Listener {
+    pub environment: *mut c_void,
+    pub log: LogMessage,
+    /// The tool may switch messages off.
+    pub on: bool,
+}
+
+impl Listener {
+    pub fn tell(&self, status: Status, text: &str) {
+        let (Some(log), true) = (self.log, self.on) else { return };
+        // Neither text has a zero in it but by an error of ours, and then it is better not told than cut.
+        let (Ok(category), Ok(text)) = (CString::new(LOG_CATEGORY), CString::new(text)) else { return };
+        // SAFETY: the standard has the tool keep the callback and its environment valid as long as the instance is;
+        // both texts live until the call returns.
+        unsafe { log(self.environment, status as c_int, category.as_ptr(), text.as_ptr()) };
+    }
+}
+
+/// A text of the tool, if it is one.
+///
+/// # Safety
+/// `text` is null or points to a text that ends with a zero.
+pub unsafe fn text<'a>(text: *const c_char) -> Option<&'a str> {
+    if text.is_null() {
+        return None;
+    }
+    // SAFETY: as the caller has it.
+    unsafe { CStr::from_ptr(text) }.to_str().ok()
+}
+
+/// The first `count` values at `start`; none when there is nothing.
+///
+/// # Safety
+/// `start` is null, or `count` values can be read there until the caller returns.
+pub unsafe fn values<'a, T>(start: *const T, count: usize) -> &'a [T] {
+    if start.is_null() || count == 0 {
+        return &[];
+    }
+    // SAFETY: as the caller has it.
+    unsafe { std::slice::from_raw_parts(start, count) }
+}
+
+/// As [`values`], to be written.
+///
+/// # Safety
+/// `start` is null, or `count` values can be written there until the caller returns, by nobody else.
+pub unsafe fn values_mut<'a, T>(start: *mut T, count: usize) -> &'a mut [T] {
+    if start.is_null() || count == 0 {
+        return &mut [];
+    }
+    // SAFETY: as the caller has it.
+    unsafe { std::slice::from_raw_parts_mut(start, count) }
+}
+
+/// Makes an instance from the archive's resources; what is wrong is told to `listener`.
+pub fn instantiate(resources: Option<&str>, token: Option<&str>, listener: Listener) -> *mut Handle {
+    let made = catch_unwind(|| {
+        let resources =
+            resources.ok_or("the tool gives no folder of resources, which contains the vehicle file")?;
+        let (vehicle, settings) =
+            read(Path::new(resources), token.unwrap_or_default()).map_err(|e| e.to_string())?;
+        Instance::new(vehicle, settings).map_err(|e| e.to_string())
+    });
+    match made {
+        Ok(Ok(instance)) => Box::into_raw(Box::new(Handle { instance, listener })),
+        Ok(Err(reason)) => {
+            listener.tell(Status::Error, &reason);
+            std::ptr::null_mut()
+        }
+        Err(_) => std::ptr::null_mut(),
+    }
+}
+
+/// Does something with an instance: an error is told to the tool, and a panic, which must not reach C, ends the instance.
+///
+/// # Safety
+/// `handle` is null or comes from [`instantiate`], is not freed, and no other call uses it now.
+pub unsafe fn with(handle: *mut Handle, call: impl FnOnce(&mut Instance) -> Result<(), CallError>) -> Status {
+    // SAFETY: as the caller has it.
+    let Some(handle) = (unsafe { handle.as_mut() }) else { return Status::Error };
+    match catch_unwind(AssertUnwindSafe(|| call(&mut handle.instance))) {
+        Ok(Ok(())) => Status::Ok,
+        Ok(Err(error)) => {
+            handle.listener.tell(Status::Error, &error.to_string());
+            Status::Error
+        }
+        Err(_) => Status::Fatal,
+    }
+}
+
+/// Switches messages on or off.
+///
+/// # Safety
+/// As [`with`].
+pub unsafe fn set_logging(handle: *mut Handle, on: bool) -> Status {
+    // SAFETY: as the caller has it.
+    let Some(handle) = (unsafe { handle.as_mut() }) else { return Status::Error };
+    handle.listener.on = on;
+    Status::Ok
+}
