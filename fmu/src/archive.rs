@@ -81,13 +81,12 @@ pub fn write_archive(
     Instance::new(vehicle.clone(), settings)
         .map_err(|e| ExportError::Simulate { vehicle: vehicle.name.clone(), reason: e.to_string() })?;
     let settings_text = toml::to_string(&settings)?;
-    let text = with_name(vehicle);
-    let token = token(&text, &settings_text);
+    let token = token(&vehicle.source_text, &settings_text);
     let identifier = model_identifier(vehicle);
     let mut files = BTreeMap::from([
         ("modelDescription.xml".to_string(), description(vehicle, settings, &token).into_bytes()),
         (format!("binaries/{PLATFORM}/{identifier}{SUFFIX}"), library.to_vec()),
-        (format!("resources/{VEHICLE_FILE}"), text.into_bytes()),
+        (format!("resources/{VEHICLE_FILE}"), vehicle.source_text.clone().into_bytes()),
         (format!("resources/{SETTINGS_FILE}"), settings_text.into_bytes()),
     ]);
     add_successors(vehicle, Path::new(""), &mut files)?;
@@ -99,15 +98,6 @@ pub fn write_archive(
     }
     archive.finish()?;
     Ok(())
-}
-
-/// The file's text; a vehicle that takes its name from its file's gets it written down.
-fn with_name(vehicle: &Vehicle) -> String {
-    let table: Result<toml::Table, _> = vehicle.source_text.parse();
-    if table.is_ok_and(|table| table.contains_key("name")) {
-        return vehicle.source_text.clone();
-    }
-    format!("name = {}\n{}", toml::Value::from(vehicle.name.as_str()), vehicle.source_text)
 }
 
 fn check_names(vehicle: &Vehicle) -> Result<(), ExportError> {
