@@ -78,6 +78,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Play(args) => command::watch::play(args),
         Command::Bench(args) => command::bench::bench(args),
         Command::Bridge(command) => command::bridge::bridge(command),
+        Command::Relay(command) => command::relay::relay(command),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Soak(args) => soak::soak(args),
         Command::Clean(args) => command::clean::clean(args),

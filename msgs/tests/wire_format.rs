@@ -1,5 +1,5 @@
 //! The wire format is what `docs/` says it is: the layout tables of `docs/wire-format.md`, the vectors of
-//! `docs/wire-vectors.json` and the layouts of the Python example are compared with the types.
+//! `docs/wire-vectors.json` and the layouts of the Python and C examples are compared with the types.
 //!
 //! After a wanted change raise `whirlstand_msgs::VERSION` and run this test with `WHIRLSTAND_BLESS=1` to write them anew.
 
@@ -114,6 +114,52 @@ fn python<M: Message>() -> String {
     text + "    ]\n"
 }
 
+/// Runs of fields of one type, as the header has them: letter and number of elements.
+fn runs<M: Message>() -> Vec<(char, usize)> {
+    let mut runs: Vec<(char, usize)> = Vec::new();
+    for f in M::FIELDS {
+        let (letter, count) = match f.kind {
+            "Head" => ('q', 3),
+            "f64" => ('d', f.count),
+            "u64" => ('q', f.count),
+            "u32" => ('i', f.count),
+            _ => ('b', f.count),
+        };
+        match runs.last_mut() {
+            Some((last, n)) if *last == letter => *n += count,
+            _ => runs.push((letter, count)),
+        }
+    }
+    runs
+}
+
+fn c_header<M: Message>() -> String {
+    let name = M::TYPE_NAME.rsplit('/').next().unwrap_or_default();
+    let name = format!("whirlstand_{}", name.to_lowercase());
+    let mut text = format!("\n/* topic {}, {} bytes */\ntypedef struct {{\n", M::TOPIC, size_of::<M>());
+    for Field { name, kind, count, .. } in M::FIELDS {
+        let kind = match *kind {
+            "f64" => "double",
+            "u64" => "uint64_t",
+            "u32" => "uint32_t",
+            "u8" => "uint8_t",
+            _ => "whirlstand_head",
+        };
+        let times = if *count == 1 { String::new() } else { format!("[{count}]") };
+        let _ = writeln!(text, "    {kind} {name}{times};");
+    }
+    let runs = runs::<M>();
+    assert!(runs.len() < 16, "{name}: make whirlstand_layout.fields longer");
+    let runs: Vec<String> = runs.iter().map(|(letter, count)| format!("{{'{letter}', {count}}}")).collect();
+    let _ = writeln!(
+        text,
+        "}} {name};\nstatic const whirlstand_layout {name}_layout = {{{:#018x}u, sizeof({name}), {{{}}}}};",
+        M::SCHEMA_HASH,
+        runs.join(", ")
+    );
+    text
+}
+
 /// Compares the part of a file between two marks with what it should be, or writes it.
 fn check(file: &str, marks: Option<(&str, &str)>, wanted: &str) {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..").join(file);
@@ -156,6 +202,63 @@ fn the_python_layouts_are_those_of_the_types() {
     let classes = for_each_message!(python).concat();
     let marks = ("# layouts: begin\n", "# layouts: end");
     check("examples/python/whirlstand_messages.py", Some(marks), &(classes + "\n\n"));
+}
+
+#[test]
+fn the_c_header_is_that_of_the_types() {
+    let layouts = for_each_message!(c_header).concat();
+    let marks = ("/* layouts: begin */\n", "/* layouts: end */");
+    check("examples/c/whirlstand.h", Some(marks), &(layouts + "\n"));
+}
+
+/// A program that writes down each golden vector that it read and wrote as C has it.
+fn c_vectors<M: Message>() -> String {
+    let name = M::TYPE_NAME.rsplit('/').next().unwrap_or_default();
+    let name = format!("whirlstand_{}", name.to_lowercase());
+    let mut wire = Vec::new();
+    encode(&sample::<M>(), &mut wire);
+    let list = |bytes: &[u8]| bytes.iter().map(|b| b.to_string()).collect::<Vec<_>>().join(",");
+    format!(
+        "{{ static const uint8_t wire[] = {{{}}}, memory[] = {{{}}};\n\
+         {name} message; uint8_t again[WHIRLSTAND_MAX_BYTES];\n\
+         if (sizeof message != sizeof memory) return 1;\n\
+         if (!whirlstand_decode(&{name}_layout, &message, wire, sizeof wire)) return 2;\n\
+         if (memcmp(&message, memory, sizeof memory)) return 3;\n\
+         if (whirlstand_encode(&{name}_layout, &message, again, sizeof again) != sizeof wire) return 4;\n\
+         if (memcmp(again, wire, sizeof wire)) return 5;\n\
+         for (size_t n = 0; n < sizeof wire; n++)\n\
+         if (whirlstand_decode(&{name}_layout, &message, wire, n)) return 6;\n\
+         memcpy(again, wire, sizeof wire);\n\
+         if (whirlstand_decode(&{name}_layout, &message, again, sizeof wire + 1)) return 7;\n\
+         again[0] ^= 1;\n\
+         if (whirlstand_decode(&{name}_layout, &message, again, sizeof wire)) return 8; }}\n",
+        list(&wire),
+        list(bytemuck::bytes_of(&sample::<M>()))
+    )
+}
+
+/// Every C compiler that is here reads and writes the golden vectors with the header, without a warning.
+#[test]
+fn the_c_header_reads_and_writes_the_vectors() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let text = format!(
+        "#include \"whirlstand.h\"\nint main(void) {{\n{}return 0;\n}}\n",
+        for_each_message!(c_vectors).concat()
+    );
+    std::fs::write(path("vectors.c"), text).unwrap();
+    let include = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/c");
+    let strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1"];
+    let built = std::process::Command::new("cc")
+        .args(strict)
+        .arg("-I")
+        .arg(include)
+        .args([path("vectors.c"), PathBuf::from("-o"), path("vectors")])
+        .status();
+    // A linker of Rust needs a C compiler on most machines, so one is here.
+    assert!(built.expect("cc is installed").success());
+    let code = std::process::Command::new(path("vectors")).status().unwrap().code();
+    assert_eq!(code, Some(0), "the number says which line of the program failed");
 }
 
 /// The vectors pin the types; this pins the vectors to what this document's rules say, worked out by hand.

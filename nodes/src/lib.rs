@@ -59,6 +59,7 @@ mod ports;
 pub mod process;
 mod ready;
 pub mod recorder;
+pub mod relay;
 pub mod setup;
 pub mod signals;
 pub mod topics;

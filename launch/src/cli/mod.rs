@@ -9,6 +9,7 @@ mod machine;
 mod overrides;
 mod quantity;
 mod records;
+mod relay;
 mod shell;
 mod soak;
 mod tune;
@@ -33,6 +34,7 @@ use quantity::seconds;
 pub(crate) use records::{
     CompareArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
 };
+pub(crate) use relay::{RelayCommand, RelayRos2Args, RelayUdpArgs};
 pub(crate) use shell::{CompletionsArgs, ManArgs};
 pub(crate) use soak::{FaultArg, SoakArgs};
 pub(crate) use tune::TuneArgs;
@@ -96,6 +98,9 @@ pub(crate) enum Command {
     /// Look at real hardware that takes a node's place.
     #[command(subcommand)]
     Bridge(BridgeCommand),
+    /// Let a controller fly that is no program of a bench: over UDP, or in ROS 2.
+    #[command(subcommand)]
+    Relay(RelayCommand),
     Doctor(DoctorArgs),
     Soak(SoakArgs),
     Clean(CleanArgs),

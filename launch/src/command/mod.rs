@@ -18,6 +18,7 @@ pub(crate) mod keys;
 pub(crate) mod launch_files;
 pub(crate) mod log;
 pub(crate) mod node;
+pub(crate) mod relay;
 pub(crate) mod shell;
 pub(crate) mod simulate;
 pub(crate) mod stage_line;

@@ -247,10 +247,15 @@ impl Start<'_> {
     /// Any other program, told of the bench by its environment.
     fn foreign(&self, node: &PlannedNode, exec: &[String]) -> Result<CommandLine, Failure> {
         let config = &self.plan.config;
+        let mode = match config.mode {
+            Mode::Realtime => "realtime",
+            Mode::Lockstep => "lockstep",
+        };
         let mut env = vec![
             ("WHIRLSTAND_BENCH".to_string(), config.bench.clone()),
             ("WHIRLSTAND_NODE".into(), node.name.clone()),
             ("WHIRLSTAND_TRANSPORT".into(), config.transport.to_string()),
+            ("WHIRLSTAND_MODE".into(), mode.into()),
             ("WHIRLSTAND_RATE_HZ".into(), (1e9 / config.period_ns as f64).to_string()),
             ("WHIRLSTAND_VEHICLE".into(), config.vehicle.origin.clone()),
             ("WHIRLSTAND_OUT".into(), self.out.to_string_lossy().into_owned()),

@@ -1,0 +1,45 @@
+//! Relays: a controller that is no program of a bench, because it speaks UDP or ROS 2, takes part through one.
+//!
+//! A relay is a node of its own (`exec = ["whirlstand", "relay", ...]`). It hands on what belongs to a step, and puts
+//! the answer on the bus as the command of that step.
+
+pub mod ros2;
+mod udp;
+
+pub use udp::run_udp;
+
+use whirlstand_bus::{Bus, Publisher};
+use whirlstand_msgs::Command;
+
+use crate::error::NodeError;
+
+/// Queue for what comes over the bus.
+const DEPTH: usize = 64;
+
+/// Puts commands on the bus: a repeated one under its own number, as the plant knows it.
+struct Answers {
+    commands: Publisher<Command>,
+    last: Option<Command>,
+}
+
+impl Answers {
+    fn open(bus: &Bus) -> Result<Self, NodeError> {
+        Ok(Self { commands: bus.publisher()?, last: None })
+    }
+
+    fn send(&mut self, command: &Command) -> Result<(), NodeError> {
+        match self.last {
+            Some(last) if last.head.step == command.head.step => self.commands.send_again(&last)?,
+            _ => {
+                self.commands.send(command)?;
+                self.last = Some(*command);
+            }
+        }
+        Ok(())
+    }
+
+    /// The command that was sent for a step already.
+    fn of(&self, step: u64) -> Option<Command> {
+        self.last.filter(|last| last.head.step == step)
+    }
+}

@@ -1,0 +1,122 @@
+//! Controllers that are no programs of a bench fly through a relay: one in C over UDP, one as it would be in ROS 2.
+
+mod support;
+
+use std::net::{TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use support::{FAULTS_ALLOWED, json, refused, run, spawn, whirlstand};
+use whirlstand_test_harness::{Missing, Outcome, python_with};
+
+const WHIRLSTAND: &str = env!("CARGO_BIN_EXE_whirlstand");
+
+fn free_port() -> u16 {
+    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// The example, built as its head says, and without a warning.
+fn c_controller(folder: &Path) -> Result<PathBuf, Missing> {
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/c/controller.c");
+    let program = folder.join("controller");
+    let strict = ["-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o"];
+    let built = Command::new("cc").args(strict).args([&program, &example]).status();
+    let built = built
+        .map_err(|_| Missing::installable("no C compiler", "install it, on Debian: apt-get install gcc"))?;
+    assert!(built.success(), "the example does not compile");
+    Ok(program)
+}
+
+/// Arguments of a run whose controller is behind a relay.
+fn flight(transport: &str, out: &Path, sets: &[String]) -> Vec<String> {
+    let out = out.display().to_string();
+    let fixed = ["run", "quadrotor-lqr", "--mode", "lockstep", "--transport", transport, "--out", &out];
+    let mut arguments: Vec<String> = fixed.map(String::from).to_vec();
+    for set in sets.iter().map(String::as_str).chain([FAULTS_ALLOWED]) {
+        arguments.extend(["--set".into(), set.into()]);
+    }
+    arguments
+}
+
+/// The run was flown to its end, and the vehicle came back from the gust at 6 s.
+#[track_caller]
+fn flown(out: &Path, stderr: &str) {
+    let run = &json(out.join("summary.json"))["runs"][0];
+    assert_eq!(run["ended"]["how"], "complete", "{stderr}");
+    assert_eq!(run["steps"], 2400);
+    let roll = &run["outputs"]["roll"];
+    assert_eq!(roll["recovered"], true, "{roll}");
+    let peak = roll["peak"].as_f64().unwrap();
+    assert!((0.02..0.35).contains(&peak), "the gust was felt and held: {roll}");
+}
+
+fn relay_to(port: u16) -> String {
+    let (peer, own) = (format!("127.0.0.1:{port}"), format!("127.0.0.1:{}", free_port()));
+    format!("nodes.controller.exec=[{WHIRLSTAND:?}, 'relay', 'udp', '--peer', {peer:?}, '--listen', {own:?}]")
+}
+
+fn a_c_program_is_the_controller() -> Outcome {
+    let dir = tempfile::tempdir().unwrap();
+    let (program, out, port) = (c_controller(dir.path())?, dir.path().join("out"), free_port());
+    let beside = format!("nodes.own={{exec=[{program:?}, '{port}'], ready='start'}}");
+    let end = run(flight("iceoryx2", &out, &[relay_to(port), beside])).success();
+    flown(&out, &end.stderr);
+    assert!(end.stderr.contains("step 2300"), "{}", end.stderr);
+    Ok(())
+}
+
+fn a_controller_may_come_after_the_bench() -> Outcome {
+    let dir = tempfile::tempdir().unwrap();
+    let (program, out, port) = (c_controller(dir.path())?, dir.path().join("out"), free_port());
+    let mut bench = spawn(whirlstand(flight("zenoh", &out, &[relay_to(port)])));
+    bench.wait_for_stderr("waiting for the first command");
+    let mut late = Command::new(program);
+    late.arg(port.to_string());
+    let controller = spawn(late);
+    let end = bench.finish().success();
+    flown(&out, &end.stderr);
+    drop(controller);
+    Ok(())
+}
+
+fn a_program_of_ros_2_is_the_controller() -> Outcome {
+    let python = python_with("rosbags")?;
+    let dir = tempfile::tempdir().unwrap();
+    let (out, report) = (dir.path().join("out"), dir.path().join("report.json"));
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros2/controller.py");
+    let relay = format!("{WHIRLSTAND:?}, 'relay', 'ros2', '--domain', '7', '--connect', {endpoint:?}");
+    let sets = [
+        format!("nodes.controller.exec=[{relay}]"),
+        format!("nodes.viewer.exec=[{relay}, '--namespace', '/viewer']"),
+        format!(
+            "nodes.own={{exec=[{python:?}, {script:?}, '--listen', {endpoint:?}, '--report', {report:?}], ready='start'}}"
+        ),
+    ];
+    let end = run(flight("iceoryx2", &out, &sets)).success();
+    flown(&out, &end.stderr);
+    let report = json(&report);
+    assert_eq!(report["faults"], serde_json::json!([]), "{report}");
+    for topic in ["imu", "odom", "tf", "viewer/imu", "viewer/odom"] {
+        let count = report["counts"][topic].as_u64().unwrap_or(0);
+        assert!(count > 2000, "{topic}: {report}");
+    }
+    assert!(end.stderr.contains("cannot be used"), "nonsense is told: {}", end.stderr);
+    Ok(())
+}
+
+fn what_a_relay_cannot_be_told_is_refused() {
+    refused(
+        &["relay", "udp", "--peer", "127.0.0.1:1"],
+        &["WHIRLSTAND_BENCH is not set", "[nodes.controller]"],
+    );
+    refused(&["relay", "udp", "--peer", "here"], &["--peer"]);
+}
+
+whirlstand_test_harness::tests!(
+    a_c_program_is_the_controller,
+    a_controller_may_come_after_the_bench,
+    a_program_of_ros_2_is_the_controller,
+    what_a_relay_cannot_be_told_is_refused
+);
