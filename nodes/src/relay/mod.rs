@@ -9,14 +9,15 @@ mod udp;
 pub use udp::run_udp;
 
 use whirlstand_bus::{Bus, Publisher};
-use whirlstand_msgs::Command;
+use whirlstand_msgs::{Command, flags};
 
 use crate::error::NodeError;
 
 /// Queue for what comes over the bus.
 const DEPTH: usize = 64;
 
-/// Puts commands on the bus: a repeated one under its own number, as the plant knows it.
+/// Puts commands on the bus: a repeated one under its own number, as the plant knows it. That there is none is no answer
+/// for good: a command may still come.
 struct Answers {
     commands: Publisher<Command>,
     last: Option<Command>,
@@ -28,9 +29,9 @@ impl Answers {
     }
 
     fn send(&mut self, command: &Command) -> Result<(), NodeError> {
-        match self.last {
-            Some(last) if last.head.step == command.head.step => self.commands.send_again(&last)?,
-            _ => {
+        match self.of(command.head.step) {
+            Some(last) => self.commands.send_again(&last)?,
+            None => {
                 self.commands.send(command)?;
                 self.last = Some(*command);
             }
@@ -40,6 +41,6 @@ impl Answers {
 
     /// The command that was sent for a step already.
     fn of(&self, step: u64) -> Option<Command> {
-        self.last.filter(|last| last.head.step == step)
+        self.last.filter(|last| last.head.step == step && last.flags & flags::WITHHELD == 0)
     }
 }

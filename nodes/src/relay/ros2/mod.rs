@@ -1,9 +1,9 @@
 //! A controller in ROS 2: what the vehicle does is published for it, and what it publishes flies the vehicle.
 //!
 //! The relay speaks Zenoh as `rmw_zenoh` does, so that the tools of ROS 2 find its topics. A command of ROS 2 says of no
-//! step that it belongs to it. In lockstep the first that comes after a step was published answers it. In real time the
-//! newest one does, at once when it comes within [`ANSWER_SHARE`] of the period; after [`HELD_S`] without one, none does,
-//! upon which the plant goes to its failsafe.
+//! step that it belongs to it. In lockstep, and at step 0 always, the first that comes after a step was published answers
+//! it. In real time the newest one does, at once when it comes within [`ANSWER_SHARE`] of the period; after [`HELD_S`]
+//! without one, none does, upon which the plant goes to its failsafe.
 
 mod messages;
 mod names;
@@ -136,9 +136,9 @@ impl<'a> Relay<'a> {
         Time::from_ns(epoch_ns.saturating_add(head.stamp_ns))
     }
 
-    /// The command for a step; in lockstep none until there is one.
+    /// The command for a step; in lockstep, and at step 0, with which the clock starts, none until there is one.
     fn command(&mut self, head: Head) -> Option<Command> {
-        let realtime = self.options.mode == Mode::Realtime;
+        let realtime = self.options.mode == Mode::Realtime && head.step > 0;
         let window = if realtime { self.options.period.mul_f64(ANSWER_SHARE) } else { LOOK };
         match self.ros.commands.recv_timeout(window) {
             Ok(values) => self.held = Some((values, Instant::now())),

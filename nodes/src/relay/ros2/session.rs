@@ -5,6 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 use serde_json::json;
+use whirlstand_bus::WaitStrategy;
 use zenoh::Wait;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::qos::CongestionControl;
@@ -12,6 +13,7 @@ use zenoh::qos::CongestionControl;
 use super::messages::{Float64MultiArray, Imu, Odometry, RosType, TfMessage, decode, encode};
 use super::names::{Entity, attachment, gid};
 use super::options::Ros2Options;
+use crate::config::Mode;
 use crate::error::NodeError;
 
 /// Commands that wait for the relay; more are dropped, for the newest would be too late anyway.
@@ -42,12 +44,21 @@ fn failed(action: &'static str, error: impl std::fmt::Display) -> NodeError {
 
 /// As the sessions of `rmw_zenoh` are: a peer that finds others through the router that it connects to.
 fn configuration(options: &Ros2Options) -> Result<zenoh::Config, NodeError> {
+    // As the bus has it: in lockstep nothing gets lost to a peer that is slow for a moment, in real time nobody waits.
+    let congestion = match options.mode {
+        Mode::Lockstep => WaitStrategy::lockstep(),
+        Mode::Realtime => WaitStrategy::realtime(),
+    }
+    .congestion;
     let settings = json!({
         "mode": "peer",
         "connect": { "endpoints": options.connect, "timeout_ms": -1, "exit_on_failure": false },
         "listen": { "endpoints": options.listen },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": true } },
         "timestamping": { "enabled": true },
+        "transport": { "link": { "tx": { "queue": { "congestion_control": {
+            "drop": { "wait_before_drop": congestion.as_micros() as u64 },
+        } } } } },
     });
     zenoh::Config::from_json5(&settings.to_string())
         .map_err(|e| failed("configure a Zenoh session with ROS 2", e))
