@@ -129,6 +129,7 @@ fn the_check_says_which_axis_of_the_telemetry_is_turned() {
             ["ok", "pitch: +"],
             ["ok", "yaw: +"],
             ["not checked", "channel 1: the vehicle does not tell its channels"],
+            ["not checked", "channel 1: which way it turns the vehicle"],
         ] {
             assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
         }

@@ -271,12 +271,14 @@ fn a_serial_autopilot_is_flown_unplugged_and_plugged_in_again() -> Outcome {
     Ok(())
 }
 
-fn the_check_says_which_axis_is_turned_and_that_each_channel_arrives() -> Outcome {
+fn the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives() -> Outcome {
     let python = python()?;
     let dir = tempfile::tempdir().unwrap();
     let (port, report) = (free_port(), dir.path().join("autopilot.json"));
     let file = launch(dir.path(), port, "");
-    let vehicle = autopilot(&python, port, &report, &["--arm-after", "1e9", "--hand", "--turned", "pitch"]);
+    // Whoever flies this vehicle by its own radio rolls it right with channel 1 going down.
+    let wrong = ["--arm-after", "1e9", "--hand", "--turned", "pitch", "--reversed", "roll"];
+    let vehicle = autopilot(&python, port, &report, &wrong);
     let check =
         whirlstand(["bridge", "check", "plant", "--launch", file.to_str().unwrap(), "--timeout", "30"]);
     let (vehicle, check) = spawn_listening(vehicle, check);
@@ -290,6 +292,12 @@ fn the_check_says_which_axis_is_turned_and_that_each_channel_arrives() -> Outcom
         ["ok", "yaw: +"],
         ["ok", "channel 1: +100 us"],
         ["ok", "channel 2: +100 us"],
+        ["u_roll + -> channel 1 down", "the vehicle rolls left and pitches nose down"],
+        [
+            "WRONG",
+            "channel 1: -300 us for the roll stick to the right, and the bridge has it the other way round",
+        ],
+        ["ok", "channel 2: +300 us for the pitch stick back"],
     ] {
         assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
     }
@@ -322,6 +330,6 @@ whirlstand_test_harness::tests!(
     signed_links_work_and_strangers_are_not_believed,
     mavsdk_reads_the_attitude_through_the_bridge,
     a_serial_autopilot_is_flown_unplugged_and_plugged_in_again,
-    the_check_says_which_axis_is_turned_and_that_each_channel_arrives,
+    the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives,
     wrong_options_are_told_with_their_line
 );

@@ -19,6 +19,8 @@ pub mod pilot;
 mod quantity;
 pub mod sbus;
 pub mod sensors;
+pub mod sign_watch;
 mod stream;
+pub mod turning;
 pub mod vehicle;
 pub mod watch;

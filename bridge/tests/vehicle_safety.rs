@@ -337,3 +337,43 @@ fn impossible_options_are_told_with_their_key() {
         assert!(told.starts_with(key) && told.contains(word), "{key}: {told}");
     }
 }
+
+#[test]
+fn a_vehicle_that_turns_against_its_commands_ends_it_and_is_told() {
+    for (turns_as_commanded, wanted) in [(1.0, Mode::Automatic), (-1.0, Mode::Failed(Reason::WrongSign))] {
+        let mut pair = Pair::with(&config(), support::turning(-0.02));
+        pair.armed = true;
+        let (mut roll, mut rate) = (0.02f32, 0.0f32);
+        let mut ended = None;
+        for k in 0..600 {
+            pair.now += Duration::from_millis(5);
+            pair.say(&pair.heartbeat());
+            let time_boot_ms = (pair.now + pair.boot).as_millis() as u32;
+            pair.say(&MavMessage::ATTITUDE(dialect::ATTITUDE_DATA {
+                time_boot_ms,
+                roll,
+                rollspeed: rate,
+                ..Default::default()
+            }));
+            // Back to level, by a vehicle file in which a positive input rolls to the left.
+            let u = f64::from(4.0 * roll + 3.0 * rate) / 0.02;
+            pair.vehicle.command(&[u.clamp(-20.0, 20.0), 0.0], pair.now);
+            pair.listen();
+            // It rolls right on stick right, or left when somebody has turned its channel.
+            let stick = pair.channels().map_or(0.0, |[us, _]| (f32::from(us) - 1500.0) / 500.0);
+            rate += turns_as_commanded * 0.4 * stick * 0.005;
+            roll += rate * 0.005;
+            if ended.is_none() && pair.vehicle.mode() == Mode::Failed(Reason::WrongSign) {
+                ended = Some((k, roll));
+                assert_eq!(pair.channels(), Some(NEUTRAL));
+            }
+        }
+        assert_eq!(pair.vehicle.mode(), wanted, "{ended:?}");
+        if let Some((k, roll)) = ended {
+            assert!(k < 500 && roll < 0.26, "after {k} steps at {roll} rad");
+            let notes = pair.notes();
+            assert!(notes.iter().any(|n| n.contains("FAILSAFE") && n.contains("wrong sign")), "{notes:?}");
+            assert!(notes.iter().any(|n| n.starts_with("roll: commanded one way")), "{notes:?}");
+        }
+    }
+}

@@ -25,7 +25,11 @@ from pymavlink.dialects.v20 import common as mav  # noqa: E402
 from hand import Hand  # noqa: E402
 
 IGNORE = 65535
-FULL = 20.0
+# The vehicle of a bench is any quadrotor: it rolls right on stick right and pitches up on stick back. Its inputs of the paper
+# have the other sign, so that full stick is this.
+FULL_STICK = -20.0
+# A stick that somebody holds, us from the middle.
+HELD = 300
 # Overrides in a row that show that a state lasts.
 LASTING = 5
 
@@ -55,7 +59,7 @@ class Autopilot:
         self.disarmed = False
         self.events = json.loads(options.events)
         self.neutral, self.lasted = None, 0
-        self.hand = Hand(options.turned.split(",")) if options.hand else None
+        self.hand = Hand(options.turned.split(","), options.reversed.split(",")) if options.hand else None
         self.rc = [1500, 1500, 1000, 1500] + [1500] * 12
         self.requested = {}
 
@@ -141,10 +145,12 @@ class Autopilot:
         others = [getattr(m, f"chan{i}_raw") for i in range(3, 9)]
         if any(value != IGNORE for value in others):
             self.fault(f"channels that nobody mapped are {others}")
-        for i, value in enumerate(us):
-            if 1000 <= value <= 2000:
-                self.rc[i] = value
         released = us[0] == 0
+        for i, value in enumerate(us):
+            if released:
+                self.rc[i] = 1500 + (self.hand.sticks[i] * HELD if self.hand else 0)
+            elif 1000 <= value <= 2000:
+                self.rc[i] = value
         if not self.armed() and not released and us != [1500, 1500]:
             # One that was on its way while this end disarmed is no fault; a second later it is.
             self.moved_before_armed += 1
@@ -158,7 +164,7 @@ class Autopilot:
         self.neutral = neutral
         if not self.history or self.history[-1][1] != neutral:
             self.history.append((round(now, 4), neutral, us))
-        self.u = [0.0, 0.0] if released else [(value - 1500) / 500 * FULL for value in us]
+        self.u = [0.0, 0.0] if released else [(value - 1500) / 500 * FULL_STICK for value in us]
 
     def arm_when_due(self):
         due = self.first_override is not None and self.now() > self.first_override + self.options.arm_after
@@ -291,6 +297,7 @@ def main():
     parser.add_argument("--events", default="[]", help='JSON: [{"when": "moved" or "neutral", "do": ...}, ...]')
     parser.add_argument("--hand", action="store_true", help="somebody turns it as standard input asks")
     parser.add_argument("--turned", default="", help="axes that are told with the wrong sign then")
+    parser.add_argument("--reversed", default="", help="axes whose stick moves its channel the other way")
     parser.add_argument("--key", default="", help="secret of a signed link, 64 hexadecimal digits")
     parser.add_argument("--report", default="")
     options = parser.parse_args()

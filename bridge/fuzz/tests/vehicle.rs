@@ -84,9 +84,15 @@ fn fuzz_vehicle() {
     )
     .unwrap();
     let config = BridgeConfig { kind: BridgeKind::Mavlink, options };
-    let inputs = ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: 1.0 }).to_vec();
+    let inputs = ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: 1.0, turns: [1.0; 3] }).to_vec();
     check!().for_each(|bytes: &[u8]| {
-        let bench = Bench { inputs: inputs.clone(), rate_hz: 200.0, wants_odometry: true, signing: None };
+        let bench = Bench {
+            inputs: inputs.clone(),
+            own: [[0.0; 6]; 3],
+            rate_hz: 200.0,
+            wants_odometry: true,
+            signing: None,
+        };
         let Ok(mut vehicle) = Vehicle::new(&config, bench) else { panic!("the options are right") };
         let mut now = Duration::from_secs(1);
         for piece in pieces(bytes) {

@@ -49,6 +49,8 @@ pub struct Conditions {
     pub finite: bool,
     /// Whether the estimate follows the measurements.
     pub estimate: bool,
+    /// Whether no axis was seen to turn the other way than it is commanded.
+    pub signs: bool,
     /// State of the pilot's stick; `None` without a pilot.
     pub pilot: Option<PilotView>,
 }
@@ -88,6 +90,11 @@ pub enum Reason {
     /// The estimate left the measurements.
     #[error("the estimator diverges from what is measured")]
     Diverged,
+    /// An axis turns the other way than it is commanded.
+    #[error(
+        "the vehicle answers its commands with the wrong sign; whirlstand bridge check finds the channel"
+    )]
+    WrongSign,
     /// The pilot's stick is not heard.
     #[error("the pilot's stick is not heard")]
     PilotLost,
@@ -239,6 +246,7 @@ impl Arming {
             (c.data_age.is_some_and(|age| age <= self.policy.stale), Reason::Stale),
             (c.vehicle_well, Reason::VehicleFailsafe),
             (c.finite, Reason::NotFinite),
+            (c.signs, Reason::WrongSign),
             (c.commands, Reason::NoCommand),
             (c.estimate, Reason::Diverged),
         ]

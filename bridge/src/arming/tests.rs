@@ -9,6 +9,7 @@ const GOOD: Conditions = Conditions {
     commands: true,
     finite: true,
     estimate: true,
+    signs: true,
     pilot: None,
 };
 const PILOT: PilotView = PilotView { present: true, neutral: true, automatic: true };
@@ -120,13 +121,13 @@ fn a_bench_without_a_pilot_may_come_back_when_it_was_told_to() {
 
 prop_compose! {
     fn conditions()(
-        bits in prop::array::uniform6(prop::bool::weighted(0.9)),
+        bits in prop::array::uniform7(prop::bool::weighted(0.9)),
         age in prop::option::weighted(0.95, 0u64..300),
         pilot in prop::option::of((prop::bool::weighted(0.9), any::<bool>(), any::<bool>())),
     ) -> Conditions {
-        let [arm, link, vehicle_well, commands, finite, estimate] = bits;
+        let [arm, link, vehicle_well, commands, finite, estimate, signs] = bits;
         let pilot = pilot.map(|(present, neutral, automatic)| PilotView { present, neutral, automatic });
-        Conditions { arm, link, data_age: age.map(at), vehicle_well, commands, finite, estimate, pilot }
+        Conditions { arm, link, data_age: age.map(at), vehicle_well, commands, finite, estimate, signs, pilot }
     }
 }
 
@@ -140,7 +141,7 @@ proptest! {
         for (i, c) in sequence.iter().enumerate() {
             a.update(c, at(i as u64 * 5));
             if a.mode() == Mode::Automatic {
-                prop_assert!(c.link && c.vehicle_well && c.commands && c.finite && c.estimate);
+                prop_assert!(c.link && c.vehicle_well && c.commands && c.finite && c.estimate && c.signs);
                 prop_assert!(c.data_age.is_some_and(|age| age <= STALE));
                 prop_assert!(c.arm || arm == ArmBy::Start);
                 prop_assert!(c.pilot.is_none_or(|p| p.present && p.automatic));

@@ -22,14 +22,16 @@ use std::time::Duration;
 use whirlstand_msgs::{Imu, Odometry};
 
 use crate::arming::{ArmBy, Arming, Conditions, Mode, Policy, Reason};
-use crate::channels::{CHANNELS, Input, Mapping};
+use crate::channels::{ANGLES, CHANNELS, Input, Mapping, Steering};
 use crate::config::{
     BridgeConfig, BridgeKind, ConfigError, MavlinkConfig, Output, PilotSource, SafetyConfig,
 };
 use crate::crsf;
 use crate::mavlink::{Deframer, Signing};
-use crate::pilot::Pilot;
+use crate::pilot::{Axis, Pilot};
 use crate::sbus;
+use crate::sign_watch::SignWatch;
+use crate::turning::OwnMotion;
 use crate::watch::EstimateWatch;
 use autopilot::Autopilot;
 pub use figures::Figures;
@@ -63,6 +65,8 @@ pub enum Port {
 pub struct Bench {
     /// The inputs, in the vehicle's order.
     pub inputs: Vec<Input>,
+    /// What the vehicle's attitude does to its own acceleration.
+    pub own: OwnMotion,
     /// Rate of the loop, Hz.
     pub rate_hz: f64,
     /// Whether the vehicle file has positions or speeds.
@@ -92,6 +96,7 @@ pub struct Vehicle {
     mapping: Mapping,
     arming: Arming,
     watch: EstimateWatch,
+    signs: SignWatch,
     pilot: Option<Pilot>,
     pilot_source: Option<PilotSource>,
     pilot_crsf: crsf::Parser,
@@ -100,7 +105,9 @@ pub struct Vehicle {
     ground: Deframer,
     refused_controls: u64,
     explained: Option<Reason>,
+    /// The inputs as the controller asks for them, and as they act behind limits, rates and who is in charge.
     inputs: Vec<f64>,
+    acting: Vec<f64>,
     command_at: Option<Duration>,
     command_timeout: Duration,
     finite: bool,
@@ -108,6 +115,8 @@ pub struct Vehicle {
     sent_at: Option<Duration>,
     least_interval: Duration,
     released: bool,
+    /// The vehicle's own radio has the channels while it is checked.
+    lent: bool,
     outputs: u64,
     notes: Notes,
 }
@@ -166,9 +175,13 @@ impl Vehicle {
             stale: Duration::from_secs_f64(safety.stale_s),
             recover_after: safety.recover_after_s.map(Duration::from_secs_f64),
         };
+        let mapping = Mapping::new(&options.channels, &bench.inputs, pilot.is_some())?;
+        let mut notes = Notes::default();
+        mapping.sentences(&bench.inputs).into_iter().for_each(|sentence| notes.info(sentence));
         Ok(Self {
             telemetry: Telemetry::new(&options.measured)?,
-            mapping: Mapping::new(&options.channels, &bench.inputs, pilot.is_some())?,
+            mapping,
+            signs: SignWatch::new(&bench.inputs, bench.own),
             arming: Arming::new(policy),
             watch: EstimateWatch::new(safety.max_innovation),
             command_timeout: Duration::from_secs_f64(safety.command_timeout_s),
@@ -185,14 +198,16 @@ impl Vehicle {
             refused_controls: 0,
             explained: None,
             inputs: vec![0.0; bench.inputs.len()],
+            acting: vec![0.0; bench.inputs.len()],
             command_at: None,
             finite: true,
             out: Default::default(),
             sent_at: None,
             least_interval,
             released: false,
+            lent: false,
             outputs: 0,
-            notes: Notes::default(),
+            notes,
         })
     }
 
@@ -302,6 +317,18 @@ impl Vehicle {
         }
     }
 
+    /// Lends the channels to the vehicle's own radio while nobody is in charge, so that its sticks can be seen, or takes
+    /// them back.
+    pub fn lend(&mut self, lent: bool, now: Duration) {
+        self.lent = lent && self.arming.mode() == Mode::Disarmed;
+        self.send(now);
+    }
+
+    /// The channels that carry inputs which turn the vehicle, and a sentence for every channel.
+    pub fn steering(&self, inputs: &[Input]) -> (Vec<Steering>, Vec<String>) {
+        (self.mapping.steering(inputs), self.mapping.sentences(inputs))
+    }
+
     /// The channels that the vehicle says it receives, us, when it said so within `age`.
     pub fn sent_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
         match &self.source {
@@ -336,6 +363,7 @@ impl Vehicle {
             commands: self.command_at.is_some_and(|at| now.saturating_sub(at) <= self.command_timeout),
             finite: self.finite,
             estimate: self.watch.is_good(),
+            signs: self.signs.wrong().is_none(),
             pilot: self.pilot.as_ref().map(|p| p.view(now)),
         }
     }
@@ -346,6 +374,12 @@ impl Vehicle {
         if let Some(mode) = self.arming.update(&conditions, now) {
             if mode == Mode::Automatic {
                 self.watch.reset();
+            }
+            if let (Mode::Failed(Reason::WrongSign), Some(axis)) = (mode, self.signs.wrong()) {
+                let axis = Axis::name(ANGLES[axis]);
+                self.notes.warn(format!("{axis}: commanded one way, the vehicle accelerates the other"));
+            } else {
+                self.signs.reset();
             }
             self.announce(mode);
             self.send(now);

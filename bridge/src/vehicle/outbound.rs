@@ -44,7 +44,17 @@ impl Vehicle {
             Mode::Failed(_) => self.safety.on_failure == OnFailure::Release,
             // The stick of a pilot who flies by the vehicle's own radio needs no relay.
             Mode::Manual => self.pilot_source == Some(PilotSource::Mavlink),
-            Mode::Disarmed | Mode::Automatic => false,
+            Mode::Disarmed => self.lent,
+            Mode::Automatic => false,
+        }
+    }
+
+    /// Holds what acts against how the vehicle turns.
+    fn watch_signs(&mut self, now: Duration) {
+        self.mapping.acting(&mut self.acting);
+        if let (Mode::Automatic, Some(angles)) = (self.arming.mode(), self.telemetry.values(Group::Attitude))
+        {
+            self.signs.observe(&self.acting, angles, self.telemetry.values(Group::Rates), now);
         }
     }
 
@@ -55,6 +65,7 @@ impl Vehicle {
             self.mapping.reset();
         } else {
             self.mapping.apply(self.arming.mode(), &self.inputs, self.pilot.as_ref(), now);
+            self.watch_signs(now);
         }
         let first_release = released && !std::mem::replace(&mut self.released, released);
         let (us, in_use) = (self.mapping.us(), self.mapping.in_use());

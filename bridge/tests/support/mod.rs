@@ -32,8 +32,15 @@ pub fn releasing(mut config: BridgeConfig) -> BridgeConfig {
 }
 
 pub fn bench() -> Bench {
-    let inputs = ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: FULL }).to_vec();
-    Bench { inputs, rate_hz: 200.0, wants_odometry: true, signing: None }
+    turning(1.0)
+}
+
+/// A bench whose `u_roll` accelerates roll and `u_pitch` pitch, by so much each.
+pub fn turning(by: f64) -> Bench {
+    let mut inputs =
+        ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: FULL, turns: [0.0; 3] });
+    (inputs[0].turns[0], inputs[1].turns[1]) = (by, by);
+    Bench { inputs: inputs.to_vec(), own: [[0.0; 6]; 3], rate_hz: 200.0, wants_odometry: true, signing: None }
 }
 
 /// Both ends and the time between them.
@@ -52,8 +59,13 @@ pub struct Pair {
 
 impl Pair {
     pub fn new(config: &BridgeConfig) -> Self {
+        Self::with(config, bench())
+    }
+
+    /// A bridge to this bench.
+    pub fn with(config: &BridgeConfig, bench: Bench) -> Self {
         Self {
-            vehicle: Vehicle::new(config, bench()).unwrap(),
+            vehicle: Vehicle::new(config, bench).unwrap(),
             autopilot: Encoder::new(1, 1),
             listener: Deframer::new(),
             now: Duration::from_secs(1),

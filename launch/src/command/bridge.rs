@@ -20,7 +20,7 @@ pub(crate) fn bridge(command: &BridgeCommand) -> Result<ExitCode, Failure> {
     }
 }
 
-/// Exit code 1 when an axis is wrong.
+/// Exit code 1 when an axis is wrong, or something could not be checked.
 fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
     let overrides = OverrideArgs { set: args.set.clone(), ..OverrideArgs::default() };
     let jobs = jobs(&args.launch, &overrides, true)?;
@@ -51,12 +51,15 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
         arm: args.arm,
     };
     let check = if bridge.kind.is_vehicle() { check_vehicle } else { check_autopilot };
-    let mut wrong = 0;
+    let (mut wrong, mut unknown) = (0, 0);
     check(&config, bridge, &options, &mut |finding| {
         let text = match finding {
-            Finding::Ask(text) => format!("{text}\n"),
+            Finding::Ask(text) | Finding::Told(text) => format!("{text}\n"),
             Finding::Good(text) => format!("{} {text}\n", style::good("ok")),
-            Finding::Unknown(text) => format!("{} {text}\n", style::dim("not checked")),
+            Finding::Unknown(text) => {
+                unknown += 1;
+                format!("{} {text}\n", style::dim("not checked"))
+            }
             Finding::Wrong(text) => {
                 wrong += 1;
                 format!("{} {text}\n", style::bad("WRONG"))
@@ -69,5 +72,8 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
     if wrong > 0 {
         print(&format!("{}\n", style::bad(&format!("{wrong} findings are wrong"))))?;
     }
-    Ok(ExitCode::from(u8::from(wrong > 0)))
+    if unknown > 0 {
+        print(&format!("{}\n", style::bad(&format!("{unknown} things were not checked"))))?;
+    }
+    Ok(ExitCode::from(u8::from(wrong + unknown > 0)))
 }

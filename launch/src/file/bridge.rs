@@ -2,11 +2,11 @@
 
 use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, ConfigError};
+use whirlstand_bridge::turning::{inputs_of, own_motion_of};
 use whirlstand_bridge::vehicle::{Bench, Vehicle};
 use whirlstand_bus::Transport;
 use whirlstand_msgs::units::{Unit, two_readings};
 use whirlstand_nodes::bridge::link::Address;
-use whirlstand_nodes::bridge::vehicle::inputs_of;
 use whirlstand_nodes::config::{Mode, Role};
 
 use super::amount::Amount;
@@ -102,6 +102,7 @@ impl Planner<'_> {
     fn check_vehicle_bridge(&self, file: &LaunchFile, config: &BridgeConfig) -> Result<(), LaunchError> {
         let bench = Bench {
             inputs: inputs_of(self.vehicle),
+            own: own_motion_of(self.vehicle),
             rate_hz: file.rate_hz,
             wants_odometry: false,
             signing: None,

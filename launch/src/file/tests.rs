@@ -1,7 +1,12 @@
 //! The built-in launch files, the examples of the manual, and what overrides and variants make of a file.
 
+use std::time::Duration;
+
+use whirlstand_bridge::arming::Mode;
+use whirlstand_bridge::channels::Mapping;
+use whirlstand_bridge::turning::inputs_of;
 use whirlstand_bus::Transport;
-use whirlstand_nodes::config::{LawKind, Mode, Role};
+use whirlstand_nodes::config::{LawKind, Mode as LoopMode, Role};
 
 use super::builtin::{BUILTIN, DEFAULT, FoundFile};
 use super::document::{Document, LaunchError};
@@ -29,7 +34,7 @@ fn every_built_in_file_reads_and_is_disturbed_at_6_s() {
             let onset = job.plan.config.effects.iter().filter_map(|e| e.parameter("at_s"));
             let is_real = job.plan.config.bridge.as_ref().is_some_and(|b| b.kind.is_vehicle());
             assert!(is_real || onset.into_iter().any(|t| t == 6.0), "{name}");
-            assert_eq!(job.plan.config.mode, Mode::Realtime);
+            assert_eq!(job.plan.config.mode, LoopMode::Realtime);
             assert!(!job.plan.expect.is_empty() || job.variant.as_deref() == Some("manual"), "{name}");
         }
     }
@@ -52,6 +57,37 @@ fn one_line_swaps_hardware_and_simulation() {
         assert!(taken[0].contains(config.kind.name()), "{name}");
     }
     assert_eq!(bridged, 4, "Betaflight has its example, with a vehicle of its own");
+}
+
+/// A vehicle that rolls right on stick right, pitches up on stick back and turns right on stick right must be accelerated by each
+/// channel as its file says that the input accelerates it: the other sign is positive feedback.
+#[test]
+fn every_channel_of_a_built_in_bridge_turns_the_vehicle_as_its_input_does() {
+    let mut channels = 0;
+    for (name, text) in BUILTIN {
+        let Some(bridge) = plain(text).unwrap().runs.swap_remove(0).plan.config.bridge else { continue };
+        if !bridge.kind.is_vehicle() {
+            continue;
+        }
+        let vehicle = whirlstand_vehicle::Vehicle::builtin("quadrotor").unwrap();
+        let inputs = inputs_of(&vehicle);
+        let mut mapping =
+            Mapping::new(&bridge.options.channels, &inputs, bridge.options.pilot.is_some()).unwrap();
+        for (i, axis) in ["roll", "pitch"].into_iter().enumerate() {
+            let mut u = [0.0; 2];
+            u[i] = 1.0;
+            let us = *mapping.apply(Mode::Automatic, &u, None, Duration::from_secs(1));
+            let sticks = [us[0] - 1500.0, us[1] - 1500.0];
+            let rate = vehicle.state_index(&format!("{axis}_rate")).unwrap();
+            let ours = vehicle.b[(rate, i)];
+            assert!(
+                sticks[i] * ours > 0.0 && sticks[1 - i] == 0.0,
+                "{name}, {axis}: {sticks:?} us for {ours}"
+            );
+            channels += 1;
+        }
+    }
+    assert_eq!(channels, 4);
 }
 
 #[test]
@@ -159,7 +195,7 @@ fn the_command_line_is_stronger_than_a_variant_and_a_variant_than_the_file() {
         .collect();
     assert_eq!(found, [("one", LawKind::Lqr, 9, 600), ("two", LawKind::Ppc, 9, 600)]);
     let config = &runs[0].plan.config;
-    assert_eq!((config.mode, config.transport), (Mode::Lockstep, Transport::Zenoh));
+    assert_eq!((config.mode, config.transport), (LoopMode::Lockstep, Transport::Zenoh));
     let kept = &config.recorder.as_ref().unwrap().launch_text;
     assert!(kept.contains("# overridden: --seed 9") && kept.contains("--set plant.engine=off"), "{kept}");
     let file_alone = plain(&text).unwrap().runs;

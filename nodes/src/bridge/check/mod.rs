@@ -2,6 +2,7 @@
 
 mod autopilot;
 mod reaction;
+mod sticks;
 mod tilt;
 mod vehicle;
 
@@ -28,6 +29,8 @@ pub struct CheckOptions {
 pub enum Finding {
     /// Something that the user is to do.
     Ask(String),
+    /// Something that the user should know.
+    Told(String),
     /// Something is right.
     Good(String),
     /// Something is wrong.

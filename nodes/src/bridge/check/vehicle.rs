@@ -1,21 +1,24 @@
 //! The check of a vehicle.
 //!
 //! First the vehicle is moved by hand, axis by axis, and its attitude and rates must follow with the right sign, that axis
-//! most of all. Then each channel is moved by 100 us and read back where the vehicle tells it (`RC_CHANNELS`). What
-//! is sent passes the same limits as in flight, and an armed vehicle is refused.
+//! most of all. Then each channel is moved by 100 us and read back where the vehicle tells it (`RC_CHANNELS`), and the
+//! sticks of the vehicle's own radio say which way each channel turns it. What is sent passes the same limits as in
+//! flight, and an armed vehicle is refused.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use whirlstand_bridge::channels::{Input, Steering};
 use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bridge::sensors::wrapped;
+use whirlstand_bridge::turning::inputs_of;
 use whirlstand_bridge::vehicle::Group;
 use whirlstand_msgs::valid;
 
 use super::super::vehicle::links::VehicleLinks;
 use super::super::vehicle::open_vehicle;
 use super::super::vehicle::shared_vehicle::{SharedVehicle, lock};
-use super::{CheckOptions, Finding};
+use super::{CheckOptions, Finding, sticks};
 use crate::config::NodeConfig;
 use crate::error::NodeError;
 use crate::gate::Gate;
@@ -74,6 +77,7 @@ pub fn check_vehicle(
     }
     if options.outputs {
         check.outputs();
+        check.signs(&inputs_of(&setup.vehicle), bridge);
     }
     let mut shared = lock(&check.shared);
     let now = shared.now();
@@ -216,6 +220,65 @@ impl Check<'_> {
                 _ => Finding::Wrong(format!("channel {number} was moved, and nothing moved at the vehicle")),
             });
         }
+    }
+
+    /// Which way each channel turns the vehicle, from the radio that flies it.
+    fn signs(&mut self, inputs: &[Input], bridge: &BridgeConfig) {
+        let (steering, sentences) = lock(&self.shared).vehicle.steering(inputs);
+        for sentence in sentences {
+            (self.say)(Finding::Told(sentence));
+        }
+        let lent = sticks::has_own_radio(bridge) && self.lend(true);
+        for steering in steering {
+            let rest = if lent { self.resting() } else { None };
+            let finding = match rest {
+                Some(rest) => self.stick(steering, &rest),
+                None => Finding::Unknown(format!(
+                    "channel {}: which way it turns the vehicle, because the vehicle tells nothing of a radio of its own",
+                    steering.channel + 1
+                )),
+            };
+            (self.say)(finding);
+        }
+        self.lend(false);
+    }
+
+    /// Lends the channels to the vehicle's own radio, or takes them back.
+    fn lend(&mut self, lent: bool) -> bool {
+        let mut shared = lock(&self.shared);
+        let now = shared.now();
+        shared.vehicle.lend(lent, now);
+        shared.flush();
+        lent
+    }
+
+    /// The vehicle's channels when nobody of us has moved them for a while.
+    fn resting(&mut self) -> Option<Vec<f64>> {
+        let begun = Instant::now();
+        self.until(2 * PULSE_TIME, |shared| {
+            let now = shared.now();
+            let channels = shared.vehicle.sent_channels(PULSE_TIME / 2, now)?;
+            (begun.elapsed() > PULSE_TIME).then_some(channels)
+        })
+    }
+
+    fn stick(&mut self, steering: Steering, rest: &[f64]) -> Finding {
+        let (name, place) = steering.stick();
+        (self.say)(Finding::Ask(format!("now hold the {name} stick of the vehicle's own radio {place}")));
+        let moved = self.until(self.timeout, |shared| {
+            let now = shared.now();
+            sticks::moved(rest, &shared.vehicle.sent_channels(PULSE_TIME, now)?)
+        });
+        let finding = sticks::judge(steering, moved);
+        if moved.is_some() {
+            (self.say)(Finding::Ask("and let it go".into()));
+            let _: Option<()> = self.until(self.timeout, |shared| {
+                let now = shared.now();
+                let channels = shared.vehicle.sent_channels(PULSE_TIME, now)?;
+                sticks::moved(rest, &channels).is_none().then_some(())
+            });
+        }
+        finding
     }
 
     /// The vehicle's channels after one of ours was pushed for a while.

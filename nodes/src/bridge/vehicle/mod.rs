@@ -36,7 +36,7 @@ use bus_receiver::BusReceiver;
 use commands::Commands;
 use duplicate_filter::Reader;
 use links::VehicleLinks;
-pub use open::{inputs_of, open_vehicle};
+pub use open::open_vehicle;
 use shared_vehicle::{SharedVehicle, lock};
 
 /// Longest sleep: a request to end that comes just before the sleep is noticed after it.

@@ -2,24 +2,15 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use whirlstand_bridge::channels::Input;
 use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bridge::mavlink::Signing;
+use whirlstand_bridge::turning::{inputs_of, own_motion_of};
 use whirlstand_bridge::vehicle::{Bench, FIELDS, Vehicle};
 
 use super::requirements::read_key;
 use crate::config::NodeConfig;
 use crate::error::NodeError;
 use crate::setup::Setup;
-
-/// The inputs of a vehicle, as a bridge wants them.
-pub fn inputs_of(vehicle: &whirlstand_vehicle::Vehicle) -> Vec<Input> {
-    let input = |i: &whirlstand_vehicle::Input| Input {
-        name: i.name.clone(),
-        full: i.upper.abs().max(i.lower.abs()),
-    };
-    vehicle.inputs.iter().map(input).collect()
-}
 
 /// The state machine for a bench.
 ///
@@ -43,6 +34,7 @@ pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -
     }
     let bench = Bench {
         inputs: inputs_of(&setup.vehicle),
+        own: own_motion_of(&setup.vehicle),
         rate_hz: 1e9 / config.period_ns as f64,
         wants_odometry: setup.map.has_odometry(),
         signing,

@@ -1,4 +1,10 @@
 //! From inputs and sticks to channels: mapping, trims, limits and rates, the last thing before the wire.
+//!
+//! A channel that goes up turns the vehicle right, nose up or clockwise; one with a negative `span_us` does the opposite.
+//! Which way an input moves its channel follows from B of the vehicle file: as far as a positive input accelerates its axis
+//! to the left, nose down or counter-clockwise, it moves the channel down.
+
+mod sentences;
 
 use std::time::Duration;
 
@@ -6,6 +12,7 @@ use crate::arming::Mode;
 use crate::config::{ChannelConfig, ConfigError};
 use crate::limit::{Limiter, OutputLimit};
 use crate::pilot::{Axis, Pilot};
+pub use sentences::Steering;
 
 /// Channels on the wire.
 pub const CHANNELS: usize = 16;
@@ -31,8 +38,10 @@ struct Mapped {
     index: usize,
     source: Source,
     trim_us: f64,
-    /// For an input of 1.
+    /// For an input of 1, with the sign of B.
     span_us: f64,
+    /// Whether the channel goes up when the vehicle is to turn the negative way: `span_us` of the launch file is negative.
+    reversed: bool,
 }
 
 /// An input of the vehicle.
@@ -42,7 +51,28 @@ pub struct Input {
     pub name: String,
     /// The greater of its limits' magnitudes; infinite without limits.
     pub full: f64,
+    /// What one of it adds to the acceleration about roll, pitch and yaw, rad/s^2.
+    pub turns: [f64; 3],
 }
+
+impl Input {
+    /// The axis that it steers, 0 to 2: that of its name, or else the one that it accelerates most.
+    pub fn axis(&self) -> Option<usize> {
+        let acts = |axis: usize| self.turns[axis] != 0.0;
+        let named = ANGLES.iter().position(|axis| self.name.contains(axis.name()));
+        named
+            .or_else(|| (0..3).max_by(|a, b| self.turns[*a].abs().total_cmp(&self.turns[*b].abs())))
+            .filter(|a| acts(*a))
+    }
+
+    /// The sign with which it turns its axis; 1 for one that turns none.
+    fn sign(&self) -> f64 {
+        self.axis().map_or(1.0, |axis| self.turns[axis].signum())
+    }
+}
+
+/// The axes that can turn, in the order of [`Input::turns`].
+pub(crate) const ANGLES: [Axis; 3] = [Axis::Roll, Axis::Pitch, Axis::Yaw];
 
 /// Sixteen channels.
 #[derive(Debug, Clone)]
@@ -133,16 +163,16 @@ impl Row<'_> {
         if !self.config.span_us.is_finite() {
             return Err(self.wrong("span_us", "a finite number is expected"));
         }
-        let full = match source {
-            Source::Input(i, _) => self.config.full.unwrap_or(inputs[i].full),
-            _ => 1.0,
+        let (full, sign) = match source {
+            Source::Input(i, _) => (self.config.full.unwrap_or(inputs[i].full), inputs[i].sign()),
+            _ => (1.0, 1.0),
         };
         if !(full > 0.0 && full.is_finite()) {
             let message =
                 "the input's value at full span is expected here, above 0: the vehicle file has no limits";
             return Err(self.wrong("full", message));
         }
-        Ok(self.config.span_us / full)
+        Ok(sign * self.config.span_us / full)
     }
 }
 
@@ -165,7 +195,8 @@ impl Mapping {
             let source = row.source(inputs, has_pilot)?;
             limits.push(row.limit(source)?);
             let span_us = row.span_us(source, inputs)?;
-            mapped.push(Mapped { index, source, trim_us: config.trim_us, span_us });
+            let reversed = config.span_us < 0.0;
+            mapped.push(Mapped { index, source, trim_us: config.trim_us, span_us, reversed });
         }
         for (i, Input { name, .. }) in inputs.iter().enumerate() {
             if !mapped.iter().any(|m| matches!(m.source, Source::Input(input, _) if input == i)) {
@@ -197,8 +228,10 @@ impl Mapping {
                 (Mode::Automatic, Source::Input(i, _)) => {
                     m.trim_us + m.span_us * inputs.get(i).copied().unwrap_or(f64::NAN)
                 }
-                (Mode::Manual, Source::Input(_, Some(axis))) => pilot
-                    .map_or(limit.neutral, |p| m.trim_us + m.span_us.signum() * (p.axis_us(axis) - 1500.0)),
+                (Mode::Manual, Source::Input(_, Some(axis))) => pilot.map_or(limit.neutral, |p| {
+                    let stick = p.axis_us(axis) - 1500.0;
+                    m.trim_us + if m.reversed { -stick } else { stick }
+                }),
                 (_, Source::Input(..)) => limit.neutral,
                 // A vehicle in the air needs its throttle also when the controller has failed.
                 (_, Source::Stick(axis)) => pilot.map_or(limit.neutral, |p| p.axis_us(axis)),
@@ -219,6 +252,20 @@ impl Mapping {
     /// The channels as they were last, us; those not in use are 1500.
     pub fn us(&self) -> &[f64; CHANNELS] {
         &self.us
+    }
+
+    /// The inputs that the channels carry as they were last: what is left of a command behind limits and rates. An input
+    /// is 0 where no channel moves with it.
+    pub fn acting(&self, inputs: &mut [f64]) {
+        inputs.fill(0.0);
+        for m in &self.mapped {
+            if let Source::Input(i, _) = m.source
+                && m.span_us != 0.0
+                && let Some(input) = inputs.get_mut(i)
+            {
+                *input = (self.us[m.index] - m.trim_us) / m.span_us;
+            }
+        }
     }
 
     /// Which channels are in use.
@@ -251,7 +298,8 @@ impl Mapping {
 
 fn source(name: &str, inputs: &[Input]) -> Option<Source> {
     if let Some(i) = inputs.iter().position(|n| n.name == name) {
-        let stick = [Axis::Roll, Axis::Pitch, Axis::Yaw].into_iter().find(|a| name.contains(a.name()));
+        let stick = inputs[i].axis().map(|axis| ANGLES[axis]);
+        let stick = stick.or_else(|| ANGLES.into_iter().find(|a| name.contains(a.name())));
         return Some(Source::Input(i, stick));
     }
     let stick = name.strip_prefix("pilot.")?;
@@ -285,99 +333,4 @@ fn usual(inputs: &[Input], has_pilot: bool) -> Result<Vec<ChannelConfig>, Config
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::arming::Reason;
-    use crate::config::PilotConfig;
-
-    const NOW: Duration = Duration::from_secs(1);
-
-    fn input(name: &str) -> Input {
-        Input { name: name.into(), full: 20.0 }
-    }
-
-    fn inputs() -> Vec<Input> {
-        vec![input("u_roll"), input("u_pitch")]
-    }
-
-    fn pilot() -> Pilot {
-        let config: PilotConfig = serde_json::from_str(r#"{"source": "sbus"}"#).unwrap();
-        let mut pilot = Pilot::new(&config).unwrap();
-        pilot.update(&[1600.0, 1450.0, 1300.0, 1550.0, 2000.0, 2000.0, 1234.0], false, NOW);
-        pilot
-    }
-
-    #[test]
-    fn who_is_in_charge_moves_the_channels() {
-        let mut m = Mapping::new(&[], &inputs(), true).unwrap();
-        let pilot = pilot();
-        let mut at = |mode| m.apply(mode, &[10.0, -4.0], Some(&pilot), NOW)[..4].to_vec();
-        assert_eq!(at(Mode::Disarmed), [1500.0, 1500.0, 1000.0, 1500.0]);
-        assert_eq!(at(Mode::Automatic), [1750.0, 1400.0, 1300.0, 1550.0]);
-        assert_eq!(at(Mode::Manual), [1600.0, 1450.0, 1300.0, 1550.0]);
-        assert_eq!(at(Mode::Failed(Reason::Stale)), [1500.0, 1500.0, 1300.0, 1550.0]);
-    }
-
-    #[test]
-    fn each_axis_moves_its_channel_alone_both_ways() {
-        for (axis, other) in [(0, 1), (1, 0)] {
-            for sign in [1.0, -1.0] {
-                let mut m = Mapping::new(&[], &inputs(), false).unwrap();
-                let mut u = [0.0; 2];
-                u[axis] = 10.0 * sign;
-                let us = m.apply(Mode::Automatic, &u, None, NOW);
-                assert_eq!((us[axis], us[other]), (1500.0 + 250.0 * sign, 1500.0));
-            }
-        }
-    }
-
-    #[test]
-    fn trims_spans_limits_and_fixed_channels_are_kept() {
-        let channels = [
-            ChannelConfig {
-                trim_us: 1480.0,
-                span_us: -400.0,
-                lower_us: 1300.0,
-                ..ChannelConfig::new(2, Some("u_roll".into()))
-            },
-            ChannelConfig { full: Some(1.0), ..ChannelConfig::new(8, Some("u_pitch".into())) },
-            ChannelConfig { trim_us: 2000.0, neutral_us: Some(1000.0), ..ChannelConfig::new(5, None) },
-        ];
-        let mut m = Mapping::new(&channels, &inputs(), false).unwrap();
-        let us = *m.apply(Mode::Automatic, &[5.0, f64::NAN], None, NOW);
-        assert_eq!((us[1], us[7], us[4]), (1380.0, 1500.0, 2000.0));
-        assert_eq!(m.apply(Mode::Automatic, &[90.0, 0.0], None, NOW)[1], 1300.0);
-        assert_eq!(m.apply(Mode::Disarmed, &[90.0, 0.0], None, NOW)[4], 1000.0);
-        assert_eq!(m.in_use().iter().filter(|u| **u).count(), 3);
-    }
-
-    #[test]
-    fn mistakes_are_told_with_their_key() {
-        let roll = || ChannelConfig::new(1, Some("u_roll".into()));
-        let pitch = || ChannelConfig::new(2, Some("u_pitch".into()));
-        for (channels, key, word) in [
-            (vec![ChannelConfig { channel: 17, ..roll() }], "channels.0.channel", "1 to 16"),
-            (vec![roll(), ChannelConfig { channel: 1, ..pitch() }], "channels.1.channel", "twice"),
-            (vec![roll()], "channels", "u_pitch"),
-            (vec![ChannelConfig { from: Some("u_rol".into()), ..roll() }], "channels.0.from", "u_roll"),
-            (
-                vec![ChannelConfig { from: Some("pilot.yaw".into()), ..roll() }],
-                "channels.0.from",
-                "[bridge.pilot]",
-            ),
-            (vec![ChannelConfig { trim_us: 900.0, ..roll() }], "channels.0.trim_us", "limits"),
-            (vec![ChannelConfig { upper_us: f64::NAN, ..roll() }], "channels.0.upper_us", "2200"),
-            (
-                vec![ChannelConfig { rate_us_per_s: Some(0.0), ..roll() }],
-                "channels.0.rate_us_per_s",
-                "above 0",
-            ),
-        ] {
-            let error = Mapping::new(&channels, &inputs(), false).unwrap_err();
-            assert_eq!(error.path.join("."), key);
-            assert!(error.message.contains(word), "{error}");
-        }
-        let error = Mapping::new(&[], &[input("u_collective")], false).unwrap_err();
-        assert!(error.message.contains("u_collective"), "{error}");
-    }
-}
+mod tests;
