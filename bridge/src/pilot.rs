@@ -144,6 +144,11 @@ impl Pilot {
         if self.config.reversed.iter().any(|n| n == axis.name()) { 3000.0 - us } else { us }
     }
 
+    /// All channels as they were heard last, us.
+    pub fn all_us(&self) -> &[f64; STICKS] {
+        &self.us
+    }
+
     /// Pulse width of a channel, 1 to 16, us.
     pub fn channel_us(&self, number: usize) -> f64 {
         self.us.get(number.wrapping_sub(1)).copied().unwrap_or(1500.0)

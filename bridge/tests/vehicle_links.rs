@@ -150,3 +150,38 @@ fn another_peer_is_another_vehicle_and_nobody_is_in_charge_of_it() {
     assert_eq!(pair.channels(), Some([1500, 1500]), "armed already is not armed again");
     assert!(pair.vehicle.telemetry().values(Group::Attitude).is_some());
 }
+
+#[test]
+fn no_more_outputs_go_to_a_line_than_it_carries_and_the_newest_count() {
+    for (link, output, extra, most) in [
+        // 25 bytes of 12 bits, 90 % of 100,000 baud: 300 a second, more than the loop's 200.
+        ("udpin://127.0.0.1:1", "sbus", r#", "output_link": "serial:///dev/x:100000:8E2""#, 200),
+        // 90 % of 57,600 baud: 172 a second.
+        ("udpin://127.0.0.1:1", "sbus", r#", "output_link": "serial:///dev/x:57600:8E2""#, 172),
+        ("serial:///dev/x:57600", "rc-override", "", 92),
+        ("serial:///dev/x:921600", "rc-override", "", 200),
+    ] {
+        let text = format!(r#"{{"link": "{link}", "output": "{output}"{extra}}}"#);
+        let mut config = config();
+        config.options.mavlink = Some(support::mavlink(&text));
+        let mut pair = Pair::flying(&config);
+        let told = pair.notes().iter().any(|n| n.contains("more than") && n.contains("carries"));
+        assert_eq!(told, most < 200, "{text}");
+        let before = pair.vehicle.figures().outputs;
+        for _ in 0..200 {
+            pair.vehicle.output(Port::Output).clear();
+            pair.step([5.0, 0.0]);
+        }
+        let sent = pair.vehicle.figures().outputs - before;
+        assert!(sent <= most + 2 && sent + 1 >= most / 2, "{text}: {sent} in a second");
+        // What was held back is not sent later: the next is the newest.
+        pair.vehicle.output(Port::Output).clear();
+        (0..5).for_each(|_| pair.step([-5.0, 0.0]));
+        assert_eq!(pair.vehicle.channels().0[0], 1375.0, "{text}");
+    }
+    let asked = r#"{"link": "serial:///dev/x:57600", "output_rate_hz": 250.0}"#;
+    let mut config = config();
+    config.options.mavlink = Some(support::mavlink(asked));
+    let error = Vehicle::new(&config, support::bench()).err().unwrap().to_string();
+    assert!(error.contains("output_rate_hz") && error.contains("at most 92"), "{error}");
+}

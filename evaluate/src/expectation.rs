@@ -9,13 +9,15 @@ use crate::metrics::Timing;
 use crate::summary::{Figure, INPUT_KEYS, OUTPUT_KEYS, RunSummary};
 
 /// Keys of counts and times of the whole bench that can be limited, with their SI unit.
-pub const BENCH_LIMITS: [(&str, &str); 9] = [
+pub const BENCH_LIMITS: [(&str, &str); 11] = [
     ("max_deadline_misses", ""),
+    ("max_disarmed_share", ""),
     ("max_failsafe_at_end", ""),
     ("max_failsafe_share", ""),
     ("max_latency_p99_s", "s"),
     ("max_latency_s", "s"),
     ("max_lost", ""),
+    ("max_pilot_share", ""),
     ("max_refused_commands", ""),
     ("max_rejected", ""),
     ("max_restarts", ""),
@@ -37,6 +39,16 @@ pub fn strict_limits(realtime: bool) -> [Expectation; 5] {
         limit("max_rejected", 0.0),
         limit("max_restarts", 0.0),
     ]
+}
+
+/// The limits that hold beside them for every run with a bridge: one in which nobody was in charge, or the pilot, says nothing of
+/// the controller.
+pub fn strict_bridge_limits() -> [Expectation; 2] {
+    ["max_disarmed_share", "max_pilot_share"].map(|key| Expectation {
+        key: key.into(),
+        limit: 0.0,
+        unit: String::new(),
+    })
 }
 
 /// One figure that must not be greater than its limit.
@@ -128,6 +140,8 @@ fn figure(key: &str, timing: &Timing, figures: Option<&RunSummary>) -> Option<Fi
         "max_restarts" => Some(Figure::Value(timing.restarts as f64)),
         "max_failsafe_share" => Some(Figure::Value(timing.failsafe_share)),
         "max_failsafe_at_end" => Some(Figure::Value(timing.failsafe_at_end as f64)),
+        "max_disarmed_share" => Some(Figure::Value(timing.disarmed_share)),
+        "max_pilot_share" => Some(Figure::Value(timing.pilot_share)),
         "max_refused_commands" => Some(Figure::Value(rejected(timing, |node| node == "plant"))),
         "max_rejected" => Some(Figure::Value(rejected(timing, |node| node != "plant"))),
         "max_latency_p99_s" => plant.map(|l| Figure::Value(l.p99_us * 1e-6)),

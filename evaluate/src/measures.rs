@@ -103,7 +103,10 @@ impl<'a> Measures<'a> {
             BenchMessage::Imu(m) => self.take_measured(m, coming),
             BenchMessage::Odometry(m) => self.take_measured(m, coming),
             BenchMessage::Outputs(m) => self.take_measured(m, coming),
-            BenchMessage::Disturbance(_) | BenchMessage::Health(_) => {}
+            BenchMessage::Disturbance(_)
+            | BenchMessage::Sent(_)
+            | BenchMessage::Autopilot(_)
+            | BenchMessage::Health(_) => {}
         }
     }
 

@@ -28,7 +28,10 @@ pub(crate) fn place(message: &BenchMessage) -> Option<(usize, u64)> {
         BenchMessage::Imu(m) => at(4, m),
         BenchMessage::Odometry(m) => at(5, m),
         BenchMessage::Outputs(m) => at(6, m),
-        BenchMessage::Disturbance(_) | BenchMessage::Health(_) => None,
+        BenchMessage::Disturbance(_)
+        | BenchMessage::Sent(_)
+        | BenchMessage::Autopilot(_)
+        | BenchMessage::Health(_) => None,
     }
 }
 

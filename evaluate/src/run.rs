@@ -93,7 +93,8 @@ impl Run {
         let layout = Layout::new(&vehicle);
         let survey = Survey::of(&log, &vehicle, &layout, period_s)?;
         let measures = measure(&log, Measures::new(&vehicle, &layout, &survey, period_s), &survey)?;
-        let measured = measures.finish(&vehicle, &survey.health);
+        let mut measured = measures.finish(&vehicle, &survey.health);
+        measured.timing.witness_charge(&survey.charge);
         let mut disturbances = survey.onsets;
         disturbances.truncate(crate::summary::MOST_LISTED);
         let figures = RunSummary {

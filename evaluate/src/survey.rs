@@ -9,7 +9,7 @@ use crate::health::NodeHealth;
 use crate::kept::{Again, Kept};
 use crate::layout::{Layout, NS, seconds};
 use crate::merge::{TOPICS, place};
-use crate::metrics::{Changes, DisturbanceEvent, Onsets, Part, SetpointSteps};
+use crate::metrics::{Changes, ChargeSteps, DisturbanceEvent, Onsets, Part, SetpointSteps};
 
 /// Most messages on disturbances that are held; a run with more of them is read once more for its onsets.
 const MOST_DISTURBANCES: usize = 1 << 14;
@@ -30,6 +30,8 @@ pub(crate) struct Survey {
     pub claimed: Vec<f64>,
     /// What could not be written.
     pub holes: Vec<Hole>,
+    /// Whose will a bridge followed.
+    pub charge: ChargeSteps,
     /// Time and new value of the setpoint's steps, output by output.
     steps: Vec<Vec<(f64, f64)>>,
     period_s: f64,
@@ -44,6 +46,7 @@ struct Reading<'a> {
     steps: Vec<SetpointSteps>,
     disturbances: Disturbances,
     claimed: Vec<f64>,
+    charge: ChargeSteps,
     /// When the estimator first said that it has converged, s.
     converged_s: Option<f64>,
 }
@@ -91,6 +94,7 @@ impl Survey {
             steps: vec![SetpointSteps::new(); layout.outputs()],
             disturbances: Disturbances::new(layout.states),
             claimed: Vec::new(),
+            charge: ChargeSteps::default(),
             converged_s: None,
         };
         let mut messages = log.bench_messages()?;
@@ -108,6 +112,7 @@ impl Survey {
             onsets,
             tracked: reading.tracked,
             claimed: reading.claimed,
+            charge: reading.charge,
             holes: messages.holes(),
             steps: reading.steps.into_iter().map(SetpointSteps::finish).collect(),
             period_s,
@@ -164,6 +169,8 @@ impl Reading<'_> {
             BenchMessage::Disturbance(message) => self.disturbances.take(message),
             BenchMessage::Setpoint(setpoint) => self.take_setpoint(setpoint),
             BenchMessage::Estimate(estimate) => self.take_estimate(estimate),
+            BenchMessage::Sent(sent) => self.charge.take_sent(sent),
+            BenchMessage::Autopilot(told) => self.charge.take_autopilot(told),
             _ => {}
         }
         if let Some((topic, ns)) = place(message) {

@@ -221,6 +221,43 @@ class Disturbance(Message):
     ]
 
 
+class Sent(Message):
+    TOPIC = "sent"
+    TYPE_NAME = "whirlstand/msg/Sent"
+    SCHEMA_HASH = 0x626298cbd73834b9
+    _fields_ = [
+        ("head", Head),
+        ("channels", c_double * 16),
+        ("u", c_double * 8),
+        ("stick", c_double * 16),
+        ("link_quality", c_double),
+        ("messages", c_uint64),
+        ("count", c_uint32),
+        ("in_charge", c_uint32),
+        ("armed", c_uint32),
+        ("reason", c_uint32),
+    ]
+
+
+class Autopilot(Message):
+    TOPIC = "autopilot"
+    TYPE_NAME = "whirlstand/msg/Autopilot"
+    SCHEMA_HASH = 0xdb83c7e7279a1f93
+    _fields_ = [
+        ("head", Head),
+        ("outputs", c_double * 16),
+        ("rc", c_double * 16),
+        ("gyro", c_double * 3),
+        ("accel", c_double * 3),
+        ("mag", c_double * 3),
+        ("pressure", c_double),
+        ("fix", c_double * 3),
+        ("velocity", c_double * 3),
+        ("armed", c_uint32),
+        ("fault", c_uint32),
+    ]
+
+
 class Health(Message):
     TOPIC = "health"
     TYPE_NAME = "whirlstand/msg/Health"

@@ -1,8 +1,8 @@
 //! The messages of a bench's log, each as its own type: which topics a bench records, in one list, and how they are read.
 
 use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Health, Imu, MAX_OUTPUTS, Message, Odometry, Outputs, Setpoint, Truth,
-    valid,
+    Autopilot, Command, Disturbance, Estimate, Health, Imu, MAX_OUTPUTS, Message, Odometry, Outputs, Sent,
+    Setpoint, Truth, valid,
 };
 
 use crate::hole::Hole;
@@ -26,6 +26,8 @@ macro_rules! loop_topics {
             estimate: Estimate,
             command: Command,
             setpoint: Setpoint,
+            sent: Sent,
+            autopilot: Autopilot,
         }
     };
 }

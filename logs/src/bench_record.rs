@@ -3,7 +3,7 @@
 //! | signal | from |
 //! |---|---|
 //! | outputs (`roll`, `roll_rate`, `lateral_speed`, ...) | `Imu`, `Odometry` and `Outputs`; NaN at steps where the sensor gave no fresh value |
-//! | inputs (`u_roll`, ...) | `Truth`: what the plant applied from this step on; without `Truth`, the `Command` of the step before |
+//! | inputs (`u_roll`, ...) | `Truth`: what the plant applied from this step on; of a real vehicle `Sent`: what acted while the controller was in charge, NaN while it was not; without both, the `Command` of the step before |
 //! | `truth.NAME` | states of `Truth` |
 //! | `estimate.NAME`, `estimate.std.NAME` | states of `Estimate` and their standard deviation |
 //! | `setpoint.NAME` | states of `Setpoint` that are tracked; NaN at steps where they are not |
@@ -12,7 +12,7 @@
 //! | `disturbance.NAME` | `Disturbance`, held from message to message |
 
 use whirlstand_msgs::units::Unit;
-use whirlstand_msgs::{Imu, Message, Odometry, Outputs, flags};
+use whirlstand_msgs::{Imu, MAX_INPUTS, Message, Odometry, Outputs, charge, flags};
 
 use crate::bench_info::{BenchInfo, SignalInfo};
 use crate::bench_log::{BenchMessage, SensorField, wanted};
@@ -101,6 +101,7 @@ impl Axis {
 struct Groups {
     axis: Axis,
     any_truth: bool,
+    sent: Group,
     sensors: Vec<(Group, Vec<SensorField>)>,
     applied: Group,
     truth: Group,
@@ -131,6 +132,7 @@ impl Groups {
         Self {
             axis: Axis::default(),
             any_truth: false,
+            sent: Group::new("", &info.inputs, asked),
             sensors: sensors.into(),
             truth: group("truth.", &info.states),
             estimate: group("estimate.", &info.states),
@@ -168,7 +170,12 @@ impl Groups {
             BenchMessage::Command(m) if m.flags & flags::WITHHELD != 0 => {}
             BenchMessage::Command(m) => self.command.push(m.head.stamp_ns, &m.u),
             BenchMessage::Disturbance(m) => self.disturbance.push(m.head.stamp_ns, &m.dx),
-            BenchMessage::Health(_) => {}
+            BenchMessage::Sent(m) if m.in_charge == charge::CONTROLLER => {
+                self.sent.push(m.head.stamp_ns, &m.u)
+            }
+            // What somebody else does to the vehicle is no input of ours.
+            BenchMessage::Sent(m) => self.sent.push(m.head.stamp_ns, &[f64::NAN; MAX_INPUTS]),
+            BenchMessage::Autopilot(_) | BenchMessage::Health(_) => {}
         }
     }
 
@@ -184,7 +191,9 @@ impl Groups {
         period_ns: u64,
         asked: &dyn Fn(&str) -> bool,
     ) -> Result<Record, RecordError> {
-        if !self.any_truth {
+        if !self.any_truth && !self.sent.stamps.is_empty() {
+            std::mem::swap(&mut self.applied, &mut self.sent);
+        } else if !self.any_truth {
             // A real vehicle tells no truth: it applies Command k over [t_k+1, t_k+2).
             self.applied.values.clone_from(&self.command.values);
             self.applied.stamps = self.command.stamps.iter().map(|t| t.saturating_add(period_ns)).collect();

@@ -6,8 +6,8 @@ use std::path::Path;
 use proptest::prelude::*;
 use whirlstand_logs::{BenchInfo, Ending, Log, LogWriter, ReadError, SignalInfo, bench_record};
 use whirlstand_msgs::{
-    Command, Disturbance, Estimate, Head, Health, Imu, MAX_INPUTS, MAX_STATES, Message, Odometry, Setpoint,
-    Truth, valid,
+    Command, Disturbance, Estimate, Head, Health, Imu, MAX_INPUTS, MAX_STATES, Message, Odometry, Sent,
+    Setpoint, Truth, charge, valid,
 };
 
 const PERIOD_NS: u64 = 5_000_000;
@@ -163,6 +163,33 @@ fn without_truth_the_input_is_the_command_of_the_step_before() {
     let u = &record.signal("u_roll").unwrap().values;
     assert!(u[0].is_nan());
     assert_eq!(u[1..], [100.0, 101.0, 102.0, 103.0, 104.0]);
+}
+
+#[test]
+fn the_input_of_a_real_vehicle_is_what_acted_while_the_controller_was_in_charge() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log.mcap");
+    let mut log = LogWriter::create(&path, &info()).unwrap();
+    let (commands, sent) = (log.channel::<Command>().unwrap(), log.channel::<Sent>().unwrap());
+    use charge::{CONTROLLER, FAILSAFE, NOBODY, PILOT};
+    for (k, in_charge) in
+        [NOBODY, CONTROLLER, CONTROLLER, PILOT, FAILSAFE, CONTROLLER].into_iter().enumerate()
+    {
+        log.write(&commands, &command(k as u64)).unwrap();
+        let mut message = Sent { head: head(k as u64), count: 1, in_charge, ..Sent::zeroed() };
+        message.u[0] = k as f64;
+        log.write(&sent, &message).unwrap();
+    }
+    log.finish().unwrap();
+    let record = bench_record(&Log::open(&path).unwrap()).unwrap();
+    let u = &record.signal("u_roll").unwrap().values;
+    let acted: Vec<Option<f64>> = u.iter().map(|u| u.is_finite().then_some(*u)).collect();
+    assert_eq!(acted, [None, Some(1.0), Some(2.0), None, None, Some(5.0)]);
+    assert_eq!(
+        record.signal("command.u_roll").unwrap().values[3],
+        103.0,
+        "what was asked for is there as well"
+    );
 }
 
 #[test]

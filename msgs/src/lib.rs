@@ -30,7 +30,8 @@ pub use define::{Field, Message};
 pub use head::Head;
 pub use health::{Health, LATENCY_BUCKETS, NodeState, latency_bucket, latency_bucket_upper_ns};
 pub use types::{
-    Command, Disturbance, Estimate, Imu, Odometry, Outputs, Progress, Setpoint, Truth, flags, valid,
+    Autopilot, Command, Disturbance, Estimate, Imu, Odometry, Outputs, Progress, Sent, Setpoint, Truth,
+    armed, charge, flags, valid,
 };
 pub use wire::{DecodeError, SCHEMA_HASH_BYTES, decode, encode};
 

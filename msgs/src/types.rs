@@ -28,6 +28,28 @@ pub mod flags {
     pub const WITHHELD: u32 = 32;
 }
 
+/// Values of `in_charge` in [`Sent`]: whose will the outputs of a bridge to a vehicle follow.
+pub mod charge {
+    /// Nobody's: outputs at neutral.
+    pub const NOBODY: u32 = 0;
+    /// The pilot's.
+    pub const PILOT: u32 = 1;
+    /// The controller's.
+    pub const CONTROLLER: u32 = 2;
+    /// Nobody's any more: something broke in flight.
+    pub const FAILSAFE: u32 = 3;
+}
+
+/// Values of `armed` in [`Sent`] and [`Autopilot`].
+pub mod armed {
+    /// It says that it is not armed.
+    pub const NO: u32 = 0;
+    /// It says that it is armed.
+    pub const YES: u32 = 1;
+    /// It does not say.
+    pub const UNKNOWN: u32 = 2;
+}
+
 message! {
     /// Inertial measurement: attitude and angular rates, as the sensor reports them.
     Imu on "imu" {
@@ -157,6 +179,58 @@ message! {
         count: u32 => "uint32",
         /// Zero.
         reserved: u32 => "uint32",
+    }
+}
+
+message! {
+    /// What a bridge sent to a real vehicle last before step k, behind limits and rates, and whose will that was: it acts
+    /// over `[t_k, t_k+1)`.
+    Sent on "sent" {
+        /// The channels, us; NaN for those that are not in use or were handed over.
+        channels: f64[16] => "float64[16]",
+        /// The inputs that the channels stand for, in the vehicle's order; unused ones are zero.
+        u: f64[MAX_INPUTS] => "float64[8]",
+        /// The pilot's channels, us; NaN while he is not heard.
+        stick: f64[16] => "float64[16]",
+        /// Packets that reach the vehicle by its own word, 0 to 1; NaN where the link does not say.
+        link_quality: f64 => "float64",
+        /// Messages sent since the bridge started.
+        messages: u64 => "uint64",
+        /// Number of inputs in use.
+        count: u32 => "uint32",
+        /// [`charge`].
+        in_charge: u32 => "uint32",
+        /// [`armed`].
+        armed: u32 => "uint32",
+        /// Why nobody is in charge, as the bridge's document numbers it; 0 for no reason.
+        reason: u32 => "uint32",
+    }
+}
+
+message! {
+    /// What was exchanged with an autopilot that flies the bench's vehicle: the sensors of step k, and the outputs that answer
+    /// them.
+    Autopilot on "autopilot" {
+        /// Its outputs: 0 to 1 for a motor, -1 to 1 for a servo; NaN for all before the first and when they are too old.
+        outputs: f64[MAX_OUTPUTS] => "float64[32]",
+        /// The pilot's channels that were sent, us.
+        rc: f64[16] => "float64[16]",
+        /// Turn rate as sent, rad/s, FRD.
+        gyro: f64[3] => "float64[3]",
+        /// Specific force as sent, m/s^2, FRD.
+        accel: f64[3] => "float64[3]",
+        /// Magnetic field as sent, T, FRD.
+        mag: f64[3] => "float64[3]",
+        /// Static pressure as sent, Pa.
+        pressure: f64 => "float64",
+        /// Latitude and longitude of the last fix as sent, degrees, and its height above the sea, m.
+        fix: f64[3] => "float64[3]",
+        /// Velocity over ground of the last fix as sent, m/s, NED.
+        velocity: f64[3] => "float64[3]",
+        /// [`armed`].
+        armed: u32 => "uint32",
+        /// Why there is no command: 0 there is one, 1 no outputs or too old ones, 2 they make no number, 3 not armed.
+        fault: u32 => "uint32",
     }
 }
 

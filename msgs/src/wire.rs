@@ -63,7 +63,8 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
 mod tests {
     use super::*;
     use crate::{
-        Adjustment, Command, Disturbance, Estimate, Health, Imu, Odometry, Outputs, Progress, Setpoint, Truth,
+        Adjustment, Autopilot, Command, Disturbance, Estimate, Health, Imu, Odometry, Outputs, Progress,
+        Sent, Setpoint, Truth,
     };
     use proptest::prelude::*;
 
@@ -108,6 +109,8 @@ mod tests {
         contiguous::<Setpoint>();
         contiguous::<Truth>();
         contiguous::<Disturbance>();
+        contiguous::<Sent>();
+        contiguous::<Autopilot>();
         contiguous::<Health>();
         contiguous::<Progress>();
         contiguous::<Adjustment>();

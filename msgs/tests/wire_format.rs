@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 use whirlstand_msgs::{
-    Adjustment, Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Outputs, Progress,
-    Setpoint, Truth, VERSION, decode, encode,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Outputs,
+    Progress, Sent, Setpoint, Truth, VERSION, decode, encode,
 };
 
 /// Calls a generic function for each message type.
@@ -24,6 +24,8 @@ macro_rules! for_each_message {
             $function::<Setpoint>(),
             $function::<Truth>(),
             $function::<Disturbance>(),
+            $function::<Sent>(),
+            $function::<Autopilot>(),
             $function::<Health>(),
             $function::<Progress>(),
             $function::<Adjustment>(),

@@ -1,8 +1,8 @@
 //! Which role publishes which topic: what a protected bench allows.
 
 use whirlstand_msgs::{
-    Adjustment, Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint,
-    Truth,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress,
+    Sent, Setpoint, Truth,
 };
 
 use crate::config::Role;
@@ -17,9 +17,10 @@ pub fn published_by(role: Role) -> &'static [&'static str] {
             Truth::TOPIC,
             Disturbance::TOPIC,
             Adjustment::TOPIC,
+            Sent::TOPIC,
         ],
         Role::Estimator => &[Estimate::TOPIC],
-        Role::Controller => &[Command::TOPIC, Setpoint::TOPIC, Adjustment::TOPIC],
+        Role::Controller => &[Command::TOPIC, Setpoint::TOPIC, Adjustment::TOPIC, Autopilot::TOPIC],
         Role::Recorder => &[Progress::TOPIC],
     }
 }

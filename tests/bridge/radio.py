@@ -102,7 +102,7 @@ class Module:
                 self.faults.append(f"a damaged frame {body.hex()}")
                 continue
             self.frames += 1
-            self.channels = [round(988 + (t - 172) * 1024 / 1639) for t in unpack(body[1:-1])]
+            self.channels = [round(1500 + (t - 992) * 5 / 8) for t in unpack(body[1:-1])]
 
 
 class Radio:

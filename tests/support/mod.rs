@@ -24,7 +24,7 @@ use wait_timeout::ChildExt;
 pub const HUNG: Duration = Duration::from_secs(120);
 
 /// What a run with injected faults, or in which a foreign program takes its time, may cost: with `--set`.
-pub const FAULTS_ALLOWED: &str = "expect={max_failsafe_share=1, max_failsafe_at_end=1e9, max_refused_commands=1e9, \
+pub const FAULTS_ALLOWED: &str = "expect={max_failsafe_share=1, max_disarmed_share=1, max_pilot_share=1, max_failsafe_at_end=1e9, max_refused_commands=1e9, \
                                   max_rejected=1e9, max_restarts=1e9}";
 
 /// What a finished command left behind.

@@ -101,6 +101,9 @@ pub enum Reason {
     /// The stick is not in the middle.
     #[error("the pilot's stick is not in the middle")]
     StickNotNeutral,
+    /// This bridge itself was started again in the middle of a run.
+    #[error("the bridge was started again: whoever arms has to do it anew")]
+    BridgeRestarted,
     /// The vehicle's clock went back.
     #[error("the vehicle restarted")]
     Restarted,
@@ -166,6 +169,13 @@ impl Arming {
         let changed = next != self.mode;
         self.mode = next;
         changed.then_some(next)
+    }
+
+    /// Begins in the middle of a run, because the bridge before it died: what was armed then is not armed any more.
+    pub fn come_back(&mut self) -> Mode {
+        self.mode = Mode::Failed(Reason::BridgeRestarted);
+        self.good_since = None;
+        self.mode
     }
 
     /// Disarms because the vehicle restarted; returns the new mode when it changed.

@@ -152,3 +152,19 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_bridge_that_was_started_again_waits_for_a_new_arm() {
+    let off = Conditions { arm: false, ..GOOD };
+    for by in [ArmBy::Autopilot, ArmBy::Switch] {
+        let mut a = arming(by);
+        assert_eq!(a.come_back(), Mode::Failed(Reason::BridgeRestarted));
+        assert_eq!(a.update(&GOOD, at(0)), None, "what was armed before it died");
+        assert_eq!(a.update(&GOOD, at(60_000)), None);
+        assert_eq!(a.update(&off, at(60_001)), Some(Mode::Disarmed));
+        assert_eq!(a.update(&GOOD, at(60_002)), Some(Mode::Automatic));
+    }
+    let mut start = arming(ArmBy::Start);
+    start.come_back();
+    assert_eq!(start.update(&GOOD, at(60_000)), None);
+}

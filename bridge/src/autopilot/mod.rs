@@ -103,6 +103,11 @@ pub trait Autopilot {
     /// Sends the sensors of a step, and the pilot's channels.
     fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>);
 
+    /// What the autopilot said last in words.
+    fn said(&self) -> Option<&str> {
+        None
+    }
+
     /// Whether the outputs that answer the last sensors are here.
     fn is_answered(&self) -> bool;
 

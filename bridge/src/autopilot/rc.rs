@@ -14,6 +14,12 @@ use crate::config::ConfigError;
 /// Channels of a receiver.
 pub const RC_CHANNELS: usize = 16;
 
+/// A switch that was on for so long without arming the autopilot goes off, ...
+const IN_VAIN: Duration = Duration::from_secs(2);
+
+/// ... for so long.
+const OFF: Duration = Duration::from_millis(500);
+
 /// Pulse of a stick in the middle, us.
 const MIDDLE: u16 = 1500;
 /// Pulse of a throttle or switch that is down, us.
@@ -151,6 +157,17 @@ impl Rc {
         self.stage
     }
 
+    /// Moves the switch off and on again when it has been on for so long in vain; returns whether it does.
+    pub fn retry(&mut self, now: Duration) -> bool {
+        let waited = self.stage == Stage::Flying && now.saturating_sub(self.since) >= IN_VAIN;
+        if waited {
+            // The end of the first stage: everything low.
+            let low = Duration::from_secs_f64(self.options.grace_s).saturating_sub(OFF);
+            (self.stage, self.since) = (Stage::Grace, now.saturating_sub(low));
+        }
+        waited
+    }
+
     /// The pulses of all channels, us.
     pub fn pulses(&self) -> [u16; RC_CHANNELS] {
         let mut pulses = self.still;
@@ -194,6 +211,20 @@ mod tests {
         assert_eq!(rc.turn(true, false, at(10_001)), Stage::Off);
         assert_eq!(rc.pulses()[2..6], [1000, 1500, 1000, 2000]);
         assert_eq!(rc.turn(true, true, at(10_002)), Stage::Grace, "and from the beginning");
+    }
+
+    #[test]
+    fn a_switch_that_was_on_in_vain_goes_off_and_on_again() {
+        let mut rc = Rc::new(options()).unwrap();
+        let at = |ms: u64| Duration::from_millis(ms);
+        for ms in [0, 8000, 9000] {
+            rc.turn(true, true, at(ms));
+        }
+        assert_eq!((rc.stage(), rc.retry(at(10_999)), rc.retry(at(11_000))), (Stage::Flying, false, true));
+        assert_eq!(rc.turn(true, true, at(11_499)), Stage::Grace);
+        assert_eq!(rc.pulses()[2..5], [1000, 1500, 1000], "off, throttle low");
+        assert_eq!(rc.turn(true, true, at(11_500)), Stage::Arming);
+        assert_eq!(rc.turn(true, true, at(12_500)), Stage::Flying);
     }
 
     #[test]

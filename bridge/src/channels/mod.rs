@@ -273,6 +273,20 @@ impl Mapping {
         &self.in_use
     }
 
+    /// Which channels carry a stick or channel of the pilot.
+    pub fn pilots(&self) -> [bool; CHANNELS] {
+        let mut pilots = [false; CHANNELS];
+        for m in self.mapped.iter().filter(|m| matches!(m.source, Source::Stick(_) | Source::Pilot(_))) {
+            pilots[m.index] = true;
+        }
+        pilots
+    }
+
+    /// Whether a channel is moved off its neutral for a check.
+    pub(crate) fn is_pushed(&self) -> bool {
+        self.pushed.is_some()
+    }
+
     /// Back to neutral at once, after the outputs were handed over.
     pub fn reset(&mut self) {
         self.limiter.reset();

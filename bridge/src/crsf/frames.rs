@@ -52,16 +52,16 @@ pub struct LinkStatistics {
     pub downlink_quality: u8,
 }
 
-/// Ticks of a pulse width: linear through 988 us = 172 and 2012 us = 1811, kept within 11 bits.
+/// Ticks of a pulse width by the published formula (TBS, CRSF, frame 0x16): (us - 1500) 8 / 5 + 992, kept within 11 bits.
 pub fn ticks_of_us(us: f64) -> u16 {
-    let ticks = 172.0 + (us - 988.0) * 1639.0 / 1024.0;
+    let ticks = 992.0 + (us - 1500.0) * 8.0 / 5.0;
     // A float becomes the nearest integer of the range; not a number becomes 0, and never comes here.
     (ticks.round() as u16).min(LARGEST)
 }
 
 /// Pulse width of ticks, us.
 pub fn us_of_ticks(ticks: u16) -> f64 {
-    988.0 + (f64::from(ticks) - 172.0) * 1024.0 / 1639.0
+    1500.0 + (f64::from(ticks) - 992.0) * 5.0 / 8.0
 }
 
 /// Appends a frame of channels for a transmitter module.
@@ -157,8 +157,10 @@ mod tests {
 
     #[test]
     fn pulse_widths_are_those_of_the_specification() {
-        for (us, ticks) in [(988.0, 172), (1500.0, 992), (2012.0, 1811), (880.0, 0), (-1e9, 0), (1e9, 2047)] {
-            assert!(ticks_of_us(us).abs_diff(ticks) <= u16::from(us == 880.0), "{us}");
+        for (us, ticks) in
+            [(987.5, 172), (988.0, 173), (1500.0, 992), (2012.0, 1811), (880.0, 0), (-1e9, 0), (1e9, 2047)]
+        {
+            assert_eq!(ticks_of_us(us), ticks, "{us}");
         }
         for ticks in 0..=LARGEST {
             assert_eq!(ticks_of_us(us_of_ticks(ticks)), ticks);

@@ -22,6 +22,7 @@ mod counts;
 mod deframe;
 mod encode;
 mod signing;
+mod status_text;
 
 pub use counts::{Counts, DropReason};
 pub use deframe::{Deframer, Event, Header};
@@ -29,6 +30,7 @@ pub use encode::Encoder;
 pub use mavlink::dialects::common as dialect;
 pub use mavlink::dialects::common::MavMessage;
 pub use signing::{Key, SignatureFault, Signing};
+pub use status_text::status_text;
 
 /// First byte of a MAVLink 1 frame.
 const STX_V1: u8 = 0xFE;

@@ -66,8 +66,8 @@ impl Default for SensorOptions {
             origin: Origin::default(),
             field: Field::default(),
             heading: 0.0,
-            gyro_noise: 0.0,
             // Autopilots take a value that never moves for a dead sensor.
+            gyro_noise: 5e-4,
             accel_noise: 0.02,
             mag_noise: 0.1e-6,
             baro_noise: 2.0,

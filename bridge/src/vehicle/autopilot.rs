@@ -133,6 +133,11 @@ impl Autopilot {
         self.well
     }
 
+    /// Whether the loop asked for the message with this number.
+    pub(super) fn needs(&self, id: f32) -> bool {
+        self.requests.asks_for(id)
+    }
+
     /// The channels that the vehicle says it receives, us.
     pub(super) fn sent_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
         let (us, at) = self.sent_rc.as_ref()?;
@@ -243,6 +248,7 @@ impl Autopilot {
                 }
                 self.sent_rc = Some((us, now));
             }
+            MavMessage::STATUSTEXT(m) => self.warnings.words(m, receivers.notes),
             MavMessage::TIMESYNC(m) => self.timesync(m, now, receivers),
             MavMessage::COMMAND_ACK(ack) => match self.requests.acknowledged(ack) {
                 Some(Answer::Refused(id, _)) => {

@@ -6,6 +6,7 @@ use super::receivers::Receivers;
 use super::{Group, Port, SBUS_PAUSE, Source, Vehicle};
 use crate::config::PilotSource;
 use crate::crsf;
+use crate::mavlink::dialect::MavCmd;
 use crate::mavlink::{Event, MavMessage};
 use crate::sbus;
 
@@ -123,6 +124,14 @@ impl Vehicle {
                         self.notes.warn("the ground station tried to steer: only this bridge does");
                     }
                 }
+                Event::Message(_, message) if self.changes_rates(&message) => {
+                    self.refused_rates += 1;
+                    if self.refused_rates == 1 {
+                        self.notes.warn(
+                            "the ground station asked for other rates of what the loop flies on: they stay",
+                        );
+                    }
+                }
                 Event::Message(..) => {
                     self.out[Port::Link as usize].extend_from_slice(self.ground.frame());
                 }
@@ -130,6 +139,22 @@ impl Vehicle {
             }
         }
         let _ = self.ground.end();
+    }
+
+    /// Whether a message changes the rate of one that the loop needs.
+    #[expect(deprecated, reason = "ground stations send REQUEST_DATA_STREAM all the same")]
+    fn changes_rates(&self, message: &MavMessage) -> bool {
+        let Source::Mavlink(autopilot) = &self.source else { return false };
+        match message {
+            MavMessage::REQUEST_DATA_STREAM(m) => OUR_STREAMS.contains(&(m.req_stream_id as u32)),
+            MavMessage::COMMAND_LONG(m) if m.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+                autopilot.needs(m.param1)
+            }
+            MavMessage::COMMAND_INT(m) if m.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+                autopilot.needs(m.param1)
+            }
+            _ => false,
+        }
     }
 
     pub(super) fn receive_link(&mut self, bytes: &[u8], end: bool, now: Duration) {
@@ -222,5 +247,26 @@ fn steers(message: &MavMessage) -> bool {
             | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
             | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
             | MavMessage::SET_ACTUATOR_CONTROL_TARGET(_)
-    )
+    ) || command(message).is_some_and(|command| MOVING.contains(&command))
+}
+
+/// Commands that turn motors or move servos by themselves.
+const MOVING: [MavCmd; 6] = [
+    MavCmd::MAV_CMD_DO_MOTOR_TEST,
+    MavCmd::MAV_CMD_DO_SET_SERVO,
+    MavCmd::MAV_CMD_DO_REPEAT_SERVO,
+    MavCmd::MAV_CMD_DO_SET_ACTUATOR,
+    MavCmd::MAV_CMD_ACTUATOR_TEST,
+    MavCmd::MAV_CMD_DO_SET_RELAY,
+];
+
+/// Groups of `REQUEST_DATA_STREAM` that hold messages of the loop: all, raw sensors, radio channels, position, attitude.
+const OUR_STREAMS: [u32; 5] = [0, 1, 3, 6, 10];
+
+fn command(message: &MavMessage) -> Option<MavCmd> {
+    match message {
+        MavMessage::COMMAND_LONG(m) => Some(m.command),
+        MavMessage::COMMAND_INT(m) => Some(m.command),
+        _ => None,
+    }
 }

@@ -5,7 +5,9 @@
 //! neutral only while [`Mode::Automatic`] or [`Mode::Manual`] holds.
 
 mod autopilot;
+mod budget;
 mod clock;
+mod decide;
 mod figures;
 mod inbound;
 mod note;
@@ -14,6 +16,7 @@ mod outbound;
 mod output;
 mod receivers;
 mod requests;
+mod sent;
 mod telemetry;
 mod warnings;
 
@@ -21,19 +24,20 @@ use std::time::Duration;
 
 use whirlstand_msgs::{Imu, Odometry};
 
-use crate::arming::{ArmBy, Arming, Conditions, Mode, Policy, Reason};
-use crate::channels::{ANGLES, CHANNELS, Input, Mapping, Steering};
+use crate::arming::{Arming, Mode, Policy, Reason};
+use crate::channels::{CHANNELS, Input, Mapping, Steering};
 use crate::config::{
     BridgeConfig, BridgeKind, ConfigError, MavlinkConfig, Output, PilotSource, SafetyConfig,
 };
 use crate::crsf;
 use crate::mavlink::{Deframer, Signing};
-use crate::pilot::{Axis, Pilot};
+use crate::pilot::Pilot;
 use crate::sbus;
 use crate::sign_watch::SignWatch;
 use crate::turning::OwnMotion;
 use crate::watch::EstimateWatch;
 use autopilot::Autopilot;
+use budget::budget;
 pub use figures::Figures;
 pub use inbound::Received;
 pub use note::Note;
@@ -104,7 +108,11 @@ pub struct Vehicle {
     pilot_bytes_at: Duration,
     ground: Deframer,
     refused_controls: u64,
+    refused_rates: u64,
     explained: Option<Reason>,
+    /// Since when nobody has armed, and whether that was told.
+    waiting_since: Option<Duration>,
+    told_who_arms: bool,
     /// The inputs as the controller asks for them, and as they act behind limits, rates and who is in charge.
     inputs: Vec<f64>,
     acting: Vec<f64>,
@@ -169,7 +177,8 @@ impl Vehicle {
                 return Err(ConfigError::new(&[other.name()], message));
             }
         };
-        let least_interval = least_interval(config.kind, rate)?;
+        let mut least_interval = least_interval(config.kind, rate)?;
+        let budget = budget(config, output, rate, bench.rate_hz)?;
         let policy = Policy {
             arm: safety.arm,
             stale: Duration::from_secs_f64(safety.stale_s),
@@ -177,6 +186,10 @@ impl Vehicle {
         };
         let mapping = Mapping::new(&options.channels, &bench.inputs, pilot.is_some())?;
         let mut notes = Notes::default();
+        if let Some((line, text)) = budget {
+            least_interval = least_interval.max(line);
+            notes.warn(text);
+        }
         mapping.sentences(&bench.inputs).into_iter().for_each(|sentence| notes.info(sentence));
         Ok(Self {
             telemetry: Telemetry::new(&options.measured)?,
@@ -196,7 +209,10 @@ impl Vehicle {
             pilot_bytes_at: Duration::ZERO,
             ground: Deframer::new(),
             refused_controls: 0,
+            refused_rates: 0,
             explained: None,
+            waiting_since: None,
+            told_who_arms: false,
             inputs: vec![0.0; bench.inputs.len()],
             acting: vec![0.0; bench.inputs.len()],
             command_at: None,
@@ -209,6 +225,12 @@ impl Vehicle {
             outputs: 0,
             notes,
         })
+    }
+
+    /// This bridge was started again in the middle of a run: nobody is in charge until somebody arms anew.
+    pub fn come_back(&mut self) {
+        let mode = self.arming.come_back();
+        self.announce(mode);
     }
 
     /// Takes in a command that answers the newest measurement, and sends what comes of it.
@@ -243,10 +265,11 @@ impl Vehicle {
         }
         self.mapping.reset();
         self.send(now);
+        let overridden = self.overridden();
         if let (Source::Mavlink(autopilot), Output::RcOverride) = (&mut self.source, self.output)
             && autopilot.is_known()
         {
-            let message = output::rc_override(None, self.mapping.in_use(), autopilot.target());
+            let message = output::rc_override(None, &overridden, autopilot.target());
             autopilot.send(&message, now, &mut self.out[Port::Link as usize]);
         }
     }
@@ -340,50 +363,5 @@ impl Vehicle {
     /// The newest measurements.
     pub fn telemetry(&self) -> &Telemetry {
         &self.telemetry
-    }
-
-    fn conditions(&self, now: Duration) -> Conditions {
-        let (link, well, armed) = match &self.source {
-            Source::Mavlink(a) => (a.is_linked(now), a.is_well(), a.is_armed()),
-            Source::Crsf { quality, linked_at, timeout, .. } => {
-                let linked = linked_at.is_some_and(|at| now.saturating_sub(at) <= *timeout);
-                (linked && *quality != Some(0), true, false)
-            }
-        };
-        let arm = match self.safety.arm {
-            ArmBy::Switch => self.pilot.as_ref().is_some_and(Pilot::arm),
-            ArmBy::Autopilot => armed,
-            ArmBy::Start => true,
-        };
-        Conditions {
-            arm,
-            link,
-            data_age: self.telemetry.age(Group::Attitude, now),
-            vehicle_well: well,
-            commands: self.command_at.is_some_and(|at| now.saturating_sub(at) <= self.command_timeout),
-            finite: self.finite,
-            estimate: self.watch.is_good(),
-            signs: self.signs.wrong().is_none(),
-            pilot: self.pilot.as_ref().map(|p| p.view(now)),
-        }
-    }
-
-    fn decide(&mut self, now: Duration) {
-        let conditions = self.conditions(now);
-        let asked = conditions.arm;
-        if let Some(mode) = self.arming.update(&conditions, now) {
-            if mode == Mode::Automatic {
-                self.watch.reset();
-            }
-            if let (Mode::Failed(Reason::WrongSign), Some(axis)) = (mode, self.signs.wrong()) {
-                let axis = Axis::name(ANGLES[axis]);
-                self.notes.warn(format!("{axis}: commanded one way, the vehicle accelerates the other"));
-            } else {
-                self.signs.reset();
-            }
-            self.announce(mode);
-            self.send(now);
-        }
-        self.explain(asked);
     }
 }

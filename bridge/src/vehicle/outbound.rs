@@ -3,8 +3,12 @@
 use std::time::Duration;
 
 use super::{Group, Port, Source, Vehicle, output};
-use crate::arming::{Mode, Reason};
+use crate::arming::{ArmBy, Mode, Reason};
+use crate::channels::CHANNELS;
 use crate::config::{OnFailure, Output, PilotSource};
+
+/// Nobody has armed for so long: then it is told who is waited for.
+const UNARMED: Duration = Duration::from_secs(4);
 
 impl Vehicle {
     /// A change of who is in charge is always told.
@@ -38,15 +42,55 @@ impl Vehicle {
         self.explained = reason;
     }
 
+    /// Tells once who is waited for, when nobody has armed for a while.
+    pub(super) fn tell_who_arms(&mut self, now: Duration) {
+        if self.arming.mode() != Mode::Disarmed {
+            return self.waiting_since = None;
+        }
+        let since = *self.waiting_since.get_or_insert(now);
+        if self.told_who_arms || now.saturating_sub(since) < UNARMED {
+            return;
+        }
+        self.told_who_arms = true;
+        let why = self.arming.refused().filter(|r| *r != Reason::NotArmed);
+        let who = match self.safety.arm {
+            ArmBy::Switch => "the pilot's arm switch was not moved from off to on",
+            ArmBy::Autopilot => {
+                "the vehicle says that it is disarmed: its own pilot or ground station arms it"
+            }
+            ArmBy::Start => "nothing else is needed",
+        };
+        self.notes.warn(match why {
+            Some(reason) => format!("not armed yet: {reason}"),
+            None => format!("not armed yet: {who}"),
+        });
+    }
+
     /// Whether the vehicle's own pilot or failsafe has the vehicle, and nothing is to be sent.
     fn is_handed_over(&self) -> bool {
         match self.arming.mode() {
             Mode::Failed(_) => self.safety.on_failure == OnFailure::Release,
             // The stick of a pilot who flies by the vehicle's own radio needs no relay.
             Mode::Manual => self.pilot_source == Some(PilotSource::Mavlink),
-            Mode::Disarmed => self.lent,
+            // Nothing is taken from a pilot who has not armed yet.
+            Mode::Disarmed => {
+                let own_radio =
+                    self.pilot_source == Some(PilotSource::Mavlink) && self.output == Output::RcOverride;
+                self.lent || own_radio && !self.mapping.is_pushed()
+            }
             Mode::Automatic => false,
         }
+    }
+
+    /// The channels that may be taken from the vehicle's own radio: all in use, but for those that are the pilot's when he flies
+    /// by that radio. An autopilot tells overridden channels as if the pilot had them there, so that an override of his throttle
+    /// would hold it where it was for ever.
+    pub(super) fn overridden(&self) -> [bool; CHANNELS] {
+        let mut overridden = *self.mapping.in_use();
+        if self.pilot_source == Some(PilotSource::Mavlink) {
+            overridden.iter_mut().zip(self.mapping.pilots()).for_each(|(own, pilots)| *own &= !pilots);
+        }
+        overridden
     }
 
     /// Holds what acts against how the vehicle turns.
@@ -63,19 +107,23 @@ impl Vehicle {
         let released = self.is_handed_over();
         if released {
             self.mapping.reset();
+            self.mapping.acting(&mut self.acting);
         } else {
             self.mapping.apply(self.arming.mode(), &self.inputs, self.pilot.as_ref(), now);
             self.watch_signs(now);
         }
         let first_release = released && !std::mem::replace(&mut self.released, released);
+        let overridden = self.overridden();
         let (us, in_use) = (self.mapping.us(), self.mapping.in_use());
         if let (Source::Mavlink(autopilot), Some(config)) = (&mut self.source, &self.mavlink) {
             let target = autopilot.target();
             let message = match self.output {
                 // An override is taken back again and again: the first message may be lost.
-                Output::RcOverride => Some(output::rc_override((!released).then_some(us), in_use, target)),
+                Output::RcOverride => {
+                    Some(output::rc_override((!released).then_some(us), &overridden, target))
+                }
                 _ if released => None,
-                Output::ManualControl => Some(output::manual_control(us, in_use, target.0)),
+                Output::ManualControl => Some(output::manual_control(us, &overridden, target.0)),
                 Output::AttitudeTarget => {
                     let yaw = self.telemetry.values(Group::Attitude).map_or(0.0, |[_, _, yaw]| yaw);
                     Some(output::attitude_target(us, in_use, &config.attitude_target, yaw, target, now))

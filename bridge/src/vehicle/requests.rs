@@ -61,6 +61,11 @@ impl Requests {
         true
     }
 
+    /// Whether a message with this number is on the list.
+    pub fn asks_for(&self, id: f32) -> bool {
+        self.list.iter().any(|r| r.id as f32 == id)
+    }
+
     /// Asks for everything again: the autopilot restarted or came back.
     pub fn restart(&mut self) {
         for request in &mut self.list {

@@ -1,6 +1,7 @@
 //! Control figures of a run: step responses, recovery from disturbances, effort, consistency of the estimator,
 //! timing. See `docs/metrics.md`.
 
+mod charge;
 mod disturbance;
 mod effort;
 mod estimator;
@@ -10,6 +11,7 @@ mod step;
 mod timing;
 mod window;
 
+pub(crate) use charge::ChargeSteps;
 pub use disturbance::{Recovery, recovery};
 pub use effort::Effort;
 pub(crate) use effort::EffortSum;

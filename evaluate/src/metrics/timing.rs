@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use whirlstand_msgs::latency_bucket_upper_ns;
 
+use super::ChargeSteps;
 use crate::health::NodeHealth;
 
 /// Percentiles of a latency, us. Each is the upper edge of the histogram's bucket that holds it (two buckets an
@@ -56,6 +57,12 @@ pub struct Timing {
     /// Number of steps in failsafe at the end of the run, from which the plant did not come back.
     #[serde(default)]
     pub failsafe_at_end: u64,
+    /// Behind a bridge: share of the steps in which nobody was in charge, from the first armed one on; 1 when nobody armed.
+    #[serde(default)]
+    pub disarmed_share: f64,
+    /// Behind a bridge to a vehicle: share of the same steps in which the pilot was in charge.
+    #[serde(default)]
+    pub pilot_share: f64,
     /// Number of messages lost, all nodes together.
     pub lost: u64,
     /// Number of restarts, all nodes together.
@@ -120,6 +127,12 @@ pub(crate) struct FailsafeSteps {
 }
 
 impl Timing {
+    /// Puts in whose will a bridge followed.
+    pub(crate) fn witness_charge(&mut self, steps: &ChargeSteps) {
+        (self.disarmed_share, self.pilot_share) = steps.shares();
+        self.witness_failsafe(steps.failsafe, steps.failsafe_at_end, steps.of_steps());
+    }
+
     /// Puts failsafe steps in that another witness counted, where that is more than is known here: a log can lack what
     /// the nodes told while they ran, and the other way round.
     pub fn witness_failsafe(&mut self, steps_in_failsafe: u64, at_end: u64, of_steps: u64) {

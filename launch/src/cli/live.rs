@@ -53,7 +53,7 @@ pub(crate) struct SetArgs {
 #[command(after_help = "Examples:\n  \
     whirlstand echo lab imu\n  \
     whirlstand echo lab truth --count 1 --json\n\n\
-    Topics: imu, odometry, outputs, estimate, command, setpoint, truth, disturbance, health, progress, adjusted, and from \
+    Topics: imu, odometry, outputs, estimate, command, setpoint, truth, disturbance, sent, autopilot, health, progress, adjusted, and from \
     outside inject, pilot, adjust. Angles are in degrees, in JSON (one message a line) all is SI.")]
 pub(crate) struct EchoArgs {
     /// Name of the bench, as `run` prints it.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use whirlstand_evaluate::Expectation;
-use whirlstand_evaluate::expectation::{BENCH_LIMITS, signal_figures, strict_limits};
+use whirlstand_evaluate::expectation::{BENCH_LIMITS, signal_figures, strict_bridge_limits, strict_limits};
 use whirlstand_msgs::units::Unit;
 use whirlstand_nodes::config::Mode;
 use whirlstand_vehicle::Vehicle;
@@ -13,14 +13,19 @@ use super::document::{Document, LaunchError, at};
 use super::wording::unknown;
 
 /// Reads the limits of the section, in SI, and checks their keys and units against the vehicle. The limits of
-/// [`strict_limits`] that the section does not state come first, with their strict values.
+/// [`strict_limits`], and with a bridge of [`strict_bridge_limits`], that the section does not state come first, with their
+/// strict values.
 pub(super) fn read(
     document: &Document,
     vehicle: &Vehicle,
     mode: Mode,
+    is_bridged: bool,
     keys: &[&String],
 ) -> Result<Vec<Expectation>, LaunchError> {
     let mut all: Vec<Expectation> = strict_limits(mode == Mode::Realtime).into();
+    if is_bridged {
+        all.extend(strict_bridge_limits());
+    }
     all.retain(|strict| !keys.contains(&&strict.key));
     for &key in keys {
         if let Some((_, unit)) = BENCH_LIMITS.iter().find(|(known, _)| known == key) {
@@ -80,7 +85,7 @@ mod tests {
         let document = Document::parse("a.toml", text).unwrap();
         let whole: BTreeMap<String, BTreeMap<String, serde::de::IgnoredAny>> = document.read().unwrap();
         let keys: Vec<&String> = whole["expect"].keys().collect();
-        read(&document, &Vehicle::builtin("quadrotor").unwrap(), Mode::Lockstep, &keys)
+        read(&document, &Vehicle::builtin("quadrotor").unwrap(), Mode::Lockstep, false, &keys)
     }
 
     #[test]

@@ -107,7 +107,13 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         realtime: realtime(&nodes),
         bridge: planner.bridge(&file)?,
     };
-    let expect = expect::read(document, &vehicle, file.mode, &file.expect.keys().collect::<Vec<_>>())?;
+    let expect = expect::read(
+        document,
+        &vehicle,
+        file.mode,
+        config.bridge.is_some(),
+        &file.expect.keys().collect::<Vec<_>>(),
+    )?;
     let live = file.live.as_ref().map(|live| live.address.parse()).transpose();
     let live = live.map_err(|e: AddressError| document.error_at(at!["live", "address"], e.to_string()))?;
     let name = file.name.unwrap_or_else(|| name.into());

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, MAX_DEPTH, RecvError};
 use whirlstand_msgs::{
-    Adjustment, Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint,
-    Truth,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress,
+    Sent, Setpoint, Truth,
 };
 use whirlstand_nodes::ADJUST_TOPIC;
 use whirlstand_nodes::controller::PILOT_TOPIC;
@@ -64,6 +64,8 @@ pub(crate) fn follow(
         Command::TOPIC => Command,
         Setpoint::TOPIC => Setpoint,
         Truth::TOPIC => Truth,
+        Sent::TOPIC => Sent,
+        Autopilot::TOPIC => Autopilot,
         Disturbance::TOPIC => Disturbance,
         Health::TOPIC => Health,
         Progress::TOPIC => Progress,

@@ -14,6 +14,7 @@ use std::process::ExitCode;
 pub(crate) use one::{FinishedRun, fly};
 pub(crate) use start::unique_bench;
 
+use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bus::Transport;
 use whirlstand_msgs::units::rounded;
 
@@ -91,13 +92,16 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan, bench:
     let law = serde_json::to_value(config.controller.law).ok();
     let mode = serde_json::to_value(config.mode).ok();
     let word = |v: &Option<serde_json::Value>| v.as_ref().and_then(|v| v.as_str()).unwrap_or("").to_string();
+    let autopilot = config.bridge.as_ref().and_then(AutopilotConfig::of);
+    // The law is that of the controller whose place an autopilot has.
+    let pilot = autopilot.map_or_else(|| word(&law), |a| a.kind.autopilot().into());
     let variant = variant.map_or(String::new(), |v| format!(" / {v}"));
     crate::style::say(&format!(
         "{}{}: {} under {}, {} at {} Hz for {} s over {}, seed {}",
         crate::style::strong(&jobs.name),
         crate::style::strong(&variant),
         plan.vehicle.name,
-        word(&law),
+        pilot,
         word(&mode),
         // The period is a whole number of nanoseconds: 130 Hz would be 129.9999948 Hz.
         rounded(1e9 / config.period_ns as f64, 6),

@@ -73,6 +73,11 @@ fn of_run(run: &Summarised) -> String {
     if run.timing.failsafe_steps > 0 {
         row("failsafe", style::bad(&format!("{} steps", run.timing.failsafe_steps)));
     }
+    for (share, what) in [(run.timing.disarmed_share, "disarmed"), (run.timing.pilot_share, "the pilot's")] {
+        if share > 0.0 {
+            row(what, style::bad(&format!("{:.1} % of the flight", 100.0 * share)));
+        }
+    }
     if !run.expect.is_empty() {
         let holding = run.expect.iter().filter(|v| v.holds).count();
         row("expected", format!("{holding} of {} met", run.expect.len()));

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 use whirlstand_msgs::Health;
+use whirlstand_nodes::os::RESTARTS;
 
 use crate::error::FINAL;
 
@@ -90,6 +91,7 @@ impl Node {
             line.env.retain(|(name, _)| name != CONNECT);
             line.env.push((CONNECT.into(), all.join(",")));
         }
+        line.env.push((RESTARTS.into(), self.restarts.to_string()));
         self.locators.clear();
         self.ready_since = None;
         self.blame = None;

@@ -2,12 +2,15 @@
 
 mod notify;
 mod port_holder;
+mod restarts;
 mod scheduling;
 mod sleep;
 mod stop;
 
 pub use notify::{notify_ready, notify_status};
 pub(crate) use port_holder::with_holder;
+pub use restarts::RESTARTS;
+pub(crate) use restarts::was_restarted;
 pub use scheduling::{RealtimeError, apply_realtime};
 pub use sleep::{MonotonicTime, sleep_until};
 pub use stop::StopFlag;

@@ -64,9 +64,14 @@ pub(super) fn sensor(s: &Sensors, mag: bool, baro: bool, airspeed: bool) -> MavM
     })
 }
 
-/// HIL_GPS: degrees x 1e7, mm, cm/s, hundredths of a degree. PX4 reads `eph` and `epv` as standard deviations in cm.
+/// A vehicle that goes slower has no course that a receiver could tell, m/s.
+const SLOWEST: f64 = 0.1;
+
+/// HIL_GPS: degrees x 1e7, mm, cm/s, hundredths of a degree; `vel` is over ground, and an unknown course 65535. PX4 reads `eph` and
+/// `epv` as standard deviations in cm.
 pub(super) fn gps(s: &Sensors) -> MavMessage {
     let fix = &s.gps;
+    let speed = fix.velocity.x.hypot(fix.velocity.y);
     let course = fix.velocity.y.atan2(fix.velocity.x).to_degrees().rem_euclid(360.0);
     MavMessage::HIL_GPS(HIL_GPS_DATA {
         time_usec: microseconds(s.time_ns),
@@ -75,11 +80,11 @@ pub(super) fn gps(s: &Sensors) -> MavMessage {
         alt: (fix.altitude * 1e3).round() as i32,
         eph: 30,
         epv: 40,
-        vel: (fix.velocity.norm() * 1e2).round() as u16,
+        vel: (speed * 1e2).round() as u16,
         vn: (fix.velocity.x * 1e2).round() as i16,
         ve: (fix.velocity.y * 1e2).round() as i16,
         vd: (fix.velocity.z * 1e2).round() as i16,
-        cog: (course * 1e2) as u16,
+        cog: if speed < SLOWEST { u16::MAX } else { (course * 1e2) as u16 },
         fix_type: 3,
         satellites_visible: 12,
         id: 0,

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::mavlink::dialect::{HilActuatorControlsFlags, MavAutopilot, MavCmd, MavModeFlag};
-use crate::mavlink::{Deframer, Encoder, Header, MavMessage};
+use crate::mavlink::{Deframer, Encoder, Header, MavMessage, status_text};
 use crate::mixer::MAX_OUTPUTS;
 use crate::peer::Pin;
 use crate::sensors::Sensors;
@@ -65,6 +65,12 @@ impl Default for Px4Options {
     }
 }
 
+/// A board that reboots says nothing for longer, ...
+const REBOOT: Duration = Duration::from_millis(500);
+
+/// ... and its clock goes back by more, us.
+const REBOOT_US: u64 = 1_000_000;
+
 /// When a message is due again.
 #[derive(Debug, Clone, Copy, Default)]
 struct Due(u64);
@@ -91,8 +97,8 @@ pub struct Px4 {
     sensed: Option<u64>,
     /// The outputs of that time are here; without lockstep any that came after it.
     answered: bool,
-    /// Time of the last HIL_ACTUATOR_CONTROLS, us.
-    controlled: Option<u64>,
+    /// Time of the last HIL_ACTUATOR_CONTROLS, us, and when it came.
+    controlled: Option<(u64, Duration)>,
     state_period_ns: u64,
     mag: Due,
     baro: Due,
@@ -100,6 +106,8 @@ pub struct Px4 {
     state: Due,
     heartbeat: Due,
     event: Option<Event>,
+    /// What PX4 said last in words, over a line on which it speaks to its ground station as well.
+    said: Option<String>,
     counts: Counts,
     /// What past connections exchanged.
     past: Counts,
@@ -125,6 +133,7 @@ impl Px4 {
             state: Due::default(),
             heartbeat: Due::default(),
             event: None,
+            said: None,
             counts: Counts::default(),
             past: Counts::default(),
             out: Vec::new(),
@@ -132,7 +141,11 @@ impl Px4 {
     }
 
     /// Takes outputs in; returns whether they count.
-    fn controls(&mut self, controls: &crate::mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA) -> bool {
+    fn controls(
+        &mut self,
+        controls: &crate::mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA,
+        now: Duration,
+    ) -> bool {
         // In lockstep the clock is ours, so that outputs of a time that was never sensed cannot be meant for us.
         let lockstep =
             controls.flags.contains(HilActuatorControlsFlags::HIL_ACTUATOR_CONTROLS_FLAGS_LOCKSTEP);
@@ -140,8 +153,18 @@ impl Px4 {
             self.counts.malformed += 1;
             return false;
         }
+        let armed = controls.mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+        // A board that rebooted was silent, has a young clock and is not armed. What is played again after a silence is.
+        let rebooted = |(last, at): (u64, Duration)| {
+            !armed && now.saturating_sub(at) > REBOOT && last.saturating_sub(controls.time_usec) > REBOOT_US
+        };
+        if self.controlled.is_some_and(rebooted) {
+            self.controlled = None;
+            self.event = Some(Event::Restarted);
+            return true;
+        }
         // A time that does not go on is that of an autopilot that stands still, or of a message that was played again.
-        if self.controlled.is_some_and(|last| controls.time_usec <= last) {
+        if self.controlled.is_some_and(|(last, _)| controls.time_usec <= last) {
             self.counts.stale += 1;
             return false;
         }
@@ -154,18 +177,17 @@ impl Px4 {
             beyond |= u32::from(control.is_finite() && control.abs() > LARGEST_CONTROL) << i;
         }
         self.lockstep = lockstep;
-        self.controlled = Some(controls.time_usec);
+        self.controlled = Some((controls.time_usec, now));
         self.answered |= !lockstep || self.sensed.is_some_and(|sensed| controls.time_usec >= sensed);
         self.counts.outputs += 1;
-        let armed = controls.mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
         self.event = Some(Event::Outputs(Outputs { values, beyond, armed: Some(armed) }));
         true
     }
 
     /// Takes a message in; returns whether it counts.
-    fn take(&mut self, message: &MavMessage) -> bool {
+    fn take(&mut self, message: &MavMessage, now: Duration) -> bool {
         match message {
-            MavMessage::HIL_ACTUATOR_CONTROLS(controls) => return self.controls(controls),
+            MavMessage::HIL_ACTUATOR_CONTROLS(controls) => return self.controls(controls, now),
             MavMessage::COMMAND_LONG(command)
                 if command.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
                     && command.param1 == STATE_QUATERNION =>
@@ -176,6 +198,11 @@ impl Px4 {
                     us if us < 0.0 => u64::MAX,
                     _ => STATE_PERIOD_NS,
                 };
+            }
+            MavMessage::STATUSTEXT(m) => {
+                if let Some((_, text)) = status_text(m) {
+                    self.said = Some(text);
+                }
             }
             _ => {}
         }
@@ -197,7 +224,7 @@ impl Autopilot for Px4 {
         let mut valid = false;
         while let Some(event) = self.deframer.next(now) {
             if let crate::mavlink::Event::Message(_, message) = event {
-                valid |= self.take(&message);
+                valid |= self.take(&message, now);
             }
         }
         valid
@@ -242,6 +269,10 @@ impl Autopilot for Px4 {
         self.answered = false;
         send(0, &out);
         self.out = out;
+    }
+
+    fn said(&self) -> Option<&str> {
+        self.said.as_deref()
     }
 
     fn is_answered(&self) -> bool {

@@ -97,7 +97,11 @@ fn groups_of_sensors_are_whole_and_in_their_units() {
                 MavMessage::HEARTBEAT(_) => "heartbeat",
                 MavMessage::HIL_GPS(gps) => {
                     assert_eq!((gps.lat, gps.lon, gps.alt), (473_977_420, 85_455_940, 488_000));
-                    assert_eq!(gps.fix_type, 3);
+                    assert_eq!(
+                        (gps.fix_type, gps.vel, gps.cog),
+                        (3, 0, u16::MAX),
+                        "one that stands has no course"
+                    );
                     "gps"
                 }
                 MavMessage::RC_CHANNELS(rc) => {
@@ -190,6 +194,40 @@ fn outputs_beyond_their_range_are_held_and_told_by_number() {
     let bytes = bench.bytes(&controls(s.time_usec, f32::INFINITY, true, false));
     let outputs = bench.receive(&bytes).unwrap();
     assert!(outputs.values[0].is_nan() && outputs.beyond == 0, "no number has no range");
+}
+
+#[test]
+fn a_board_that_rebooted_on_its_line_is_recognised_and_a_replay_is_not() {
+    let ms = Duration::from_millis;
+    for (silent, armed, back_us, wanted) in [
+        (ms(600), false, 2_000_000, true),
+        (ms(100), false, 2_000_000, false),
+        (ms(600), false, 500_000, false),
+        // Outputs of a flight that are played again after a silence.
+        (ms(600), true, 2_000_000, false),
+    ] {
+        let mut bench = Bench::new(Px4Options::default());
+        let old = bench.bytes(&controls(60_000_000, 0.5, true, false));
+        assert!(bench.receive(&old).is_some());
+        bench.now += silent;
+        let again = bench.bytes(&controls(60_000_000 - back_us, 0.0, armed, false));
+        bench.px4.receive(0, &again, bench.now, &mut |_, _| {});
+        assert_eq!(bench.px4.next() == Some(Event::Restarted), wanted, "{silent:?}, {armed}, {back_us}");
+        let next = bench.bytes(&controls(60_000_000 - back_us + 4000, 0.25, armed, false));
+        assert_eq!(bench.receive(&next).is_some(), wanted);
+    }
+}
+
+#[test]
+fn px4_says_in_words_why_it_does_not_arm() {
+    let mut bench = Bench::new(Px4Options::default());
+    let text = "Arming denied: not ready".into();
+    let bytes = bench.bytes(&MavMessage::STATUSTEXT(crate::mavlink::dialect::STATUSTEXT_DATA {
+        text,
+        ..Default::default()
+    }));
+    assert!(bench.receive(&bytes).is_none());
+    assert_eq!(bench.px4.said(), Some("Arming denied: not ready"));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use whirlstand_bridge::sensors::{Errors, Motion};
 use whirlstand_msgs::{Imu, Odometry, valid};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Stream, Vehicle};
 
 /// Which errors there are: those of outputs that the vehicle has.
 #[derive(Debug, Clone)]
@@ -52,6 +52,39 @@ impl ErrorMap {
     }
 }
 
+/// The errors of the sensors of a vehicle that stands and waits. The plant repeats the one measurement of step 0 then, and an
+/// estimator that hears it again and again learns its noise as a bias: so noise is drawn anew for every reading.
+#[derive(Debug, Clone)]
+pub(super) struct StandingErrors {
+    /// Constant error and standard deviation of angles, rates, positions and speeds.
+    sizes: [[(f64, f64); 3]; 4],
+    stream: Stream,
+}
+
+impl StandingErrors {
+    pub(super) fn new(vehicle: &Vehicle, seed: u64) -> Self {
+        let size = |name: &str| {
+            let output = vehicle.output_index(name).filter(|_| vehicle.state_index(name).is_some());
+            output.map_or((0.0, 0.0), |i| (vehicle.outputs[i].bias, vehicle.outputs[i].noise))
+        };
+        let sizes = [
+            ["roll", "pitch", "yaw"],
+            ["roll_rate", "pitch_rate", "yaw_rate"],
+            ["longitudinal_position", "lateral_position", "height"],
+            ["longitudinal_speed", "lateral_speed", "vertical_speed"],
+        ];
+        Self { sizes: sizes.map(|names| names.map(size)), stream: Stream::new(seed, "standing sensors") }
+    }
+
+    /// The errors of the next reading.
+    pub(super) fn draw(&mut self) -> Errors {
+        let stream = &mut self.stream;
+        let [angles, rates, position, speed] =
+            self.sizes.map(|group| group.map(|(bias, noise)| bias + noise * stream.normal()));
+        Errors { angles, rates, position, speed }
+    }
+}
+
 fn differ(errors: &mut [f64; 3], present: [bool; 3], measured: [f64; 3], truth: [Option<f64>; 3]) {
     for (((error, present), measured), truth) in errors.iter_mut().zip(present).zip(measured).zip(truth) {
         if let Some(truth) = truth.filter(|_| present && measured.is_finite()) {
@@ -64,6 +97,19 @@ fn differ(errors: &mut [f64; 3], present: [bool; 3], measured: [f64; 3], truth: 
 mod tests {
     use super::*;
     use whirlstand_msgs::Message;
+
+    #[test]
+    fn noise_of_a_standing_vehicle_is_that_of_its_sensors_and_never_the_same_twice() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let mut standing = StandingErrors::new(&vehicle, 1);
+        let rate = &vehicle.outputs[vehicle.output_index("roll_rate").unwrap()];
+        let drawn: Vec<f64> = (0..2000).map(|_| standing.draw().rates[0]).collect();
+        assert!(drawn.windows(2).all(|pair| pair[0] != pair[1]));
+        let mean = drawn.iter().sum::<f64>() / 2000.0;
+        let deviation = (drawn.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / 2000.0).sqrt();
+        assert!((mean - rate.bias).abs() < 0.1 * rate.noise, "{mean} rad/s would be learnt as a bias");
+        assert!((deviation / rate.noise - 1.0).abs() < 0.1, "{deviation}");
+    }
 
     #[test]
     fn errors_are_those_of_fresh_values_of_outputs_that_are_there() {

@@ -12,8 +12,10 @@
 //! failsafe, and the log says why.
 
 mod errors;
+mod exchange;
 mod inbox;
 pub(super) mod links;
+mod pace;
 pub(super) mod state;
 mod tally;
 
@@ -33,6 +35,8 @@ use crate::gate::InputLimits;
 use crate::peers::Peers;
 use crate::setup::Setup;
 use crate::wait_report::WaitReport;
+use errors::StandingErrors;
+use exchange::exchange;
 use inbox::{Inbox, VehicleSample};
 use links::Links;
 use state::{Fault, Flight};
@@ -41,14 +45,11 @@ use tally::Tally;
 /// How long the pilot's channels say at the end that they are disarmed: some of their periods.
 const DISARM_TIME: Duration = Duration::from_millis(100);
 
-/// Longest time awake for an answer: one of an autopilot on this machine that computes fast costs no wake-up then. At
-/// most so much, because a node of high priority must not starve the autopilot that it waits for.
-const SPIN_TIME: Duration = Duration::from_micros(50);
-
 /// The node.
 pub struct Hil {
     inbox: Inbox,
     commands: Publisher<Command>,
+    exchanges: Publisher<whirlstand_msgs::Autopilot>,
     setpoints: Publisher<Setpoint>,
     peers: Peers,
     autopilot: Box<dyn Autopilot>,
@@ -60,11 +61,19 @@ pub struct Hil {
     limits: InputLimits,
     rc: Rc,
     flight: Flight,
+    /// The wall clock sets the pace of the loop.
+    is_realtime: bool,
+    /// When the first sensors were sent that are not answered yet; whether an autopilot that is slower than the loop was told.
+    awaited_since: Option<Instant>,
+    told_slow: bool,
     /// Longest wait for an answer.
     patience: Duration,
     period: Duration,
     /// What the vehicle did last, as the sensors saw it.
     at: Option<VehicleSample>,
+    standing: StandingErrors,
+    /// The sensors that were sent last.
+    sensed: Option<Sensors>,
     /// When the standing vehicle is to be sensed again.
     stand_due: Instant,
     /// When sensors were sent last.
@@ -103,6 +112,9 @@ impl Hil {
         Ok(Self {
             inbox: Inbox::open(bus, vehicle)?,
             commands: bus.publisher()?,
+            exchanges: bus.publisher()?,
+            sensed: None,
+            standing: StandingErrors::new(vehicle, config.seed),
             setpoints: bus.publisher()?,
             peers: Peers::open(bus, Role::Controller, vec![])?,
             autopilot: options.autopilot(config.period_ns),
@@ -114,6 +126,9 @@ impl Hil {
             flight: Flight::new(&options.flight, options.mixer.frame),
             mixer,
             rc,
+            is_realtime: !lockstep,
+            awaited_since: None,
+            told_slow: false,
             patience: Duration::from_secs_f64(options.flight.answer_timeout_s),
             period,
             at: None,
@@ -177,6 +192,7 @@ impl Hil {
             self.held_back = periods;
             return;
         }
+        let errors = if self.flight.has_begun() { errors } else { self.standing.draw() };
         let sensors = self.model.step_after(periods, &motion, &errors);
         self.send(&sensors);
     }
@@ -195,21 +211,9 @@ impl Hil {
             }
         }
         self.sensed_at = Instant::now();
+        self.sensed = Some(*sensors);
         let links = &mut self.links;
         self.autopilot.sense(sensors, &self.rc, now, &mut |port, bytes| links.send(port, bytes));
-    }
-
-    /// Waits until the autopilot has answered, at most as long as it may take.
-    fn await_answer(&mut self) {
-        let patience =
-            if self.autopilot.is_lockstep() { self.patience } else { self.patience.min(self.period / 2) };
-        let until = Instant::now() + patience;
-        loop {
-            self.listen();
-            if self.autopilot.is_answered() || !self.links.wait(until, SPIN_TIME) {
-                return;
-            }
-        }
     }
 
     /// Streams the sensors of a vehicle that stands still, until the run can begin.
@@ -243,9 +247,16 @@ impl Hil {
         }
         if !ready {
             let (name, fresh, links) = (self.name, self.flight.is_fresh(self.now()), &self.links);
-            let whom =
-                || if fresh { format!("{name} to be armed") } else { format!("{name} on {}", links.place()) };
+            let said = self.autopilot.said();
+            let whom = || match (fresh, said) {
+                (true, Some(words)) => format!("{name} to be armed, which says: {words}"),
+                (true, None) => format!("{name} to be armed"),
+                (false, _) => format!("{name} on {}", links.place()),
+            };
             self.waits.tell(now, whom);
+            if !self.flight.is_flying(&self.mixer, self.now()) && self.rc.retry(self.now()) {
+                tracing::warn!("{name} was not armed by its switch, which goes off and on again");
+            }
         }
         Ok(if step.is_some() || ready { Turn::Worked } else { Turn::Idle })
     }
@@ -268,6 +279,10 @@ impl Hil {
             }
         }
         let head = Head { seq: 0, step, stamp_ns: step * self.period.as_nanos() as u64 };
+        let outputs = self.flight.newest(now);
+        let mut told = exchange(self.sensed.as_ref(), self.rc.pulses(), outputs, verdict);
+        told.head = head;
+        self.exchanges.send(&told)?;
         if let Err(fault) = verdict
             && fault != Fault::Disarmed
         {
@@ -300,7 +315,13 @@ impl Hil {
             }
             _ => {}
         }
-        self.sense(before.map_or(1, |last| step.saturating_sub(last)));
+        let periods = before.map_or(1, |last| step.saturating_sub(last));
+        if self.is_slow() {
+            // What it has not seen is part of its next reading.
+            self.held_back += periods;
+        } else {
+            self.sense(periods);
+        }
         self.await_answer();
         self.answer(step)?;
         if clock.is_exact() {

@@ -107,6 +107,11 @@ impl Flight {
         self.fresh(now).is_some_and(|outputs| self.is_armed(&outputs, mixer))
     }
 
+    /// The outputs that are not too old.
+    pub(super) fn newest(&self, now: Duration) -> Option<Outputs> {
+        self.fresh(now)
+    }
+
     fn fresh(&self, now: Duration) -> Option<Outputs> {
         let (outputs, at) = self.outputs?;
         (now.saturating_sub(at) <= self.stale).then_some(outputs)

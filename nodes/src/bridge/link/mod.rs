@@ -79,6 +79,8 @@ struct Shared {
     /// The peer of a bound UDP socket, adopted by what it said.
     peer: Mutex<Option<SocketAddr>>,
     dropped: AtomicU64,
+    /// Bytes that may wait in the driver of a serial port.
+    most_waiting: usize,
 }
 
 /// The receiving half; it opens the link.
@@ -123,13 +125,17 @@ impl Link {
             Address::UdpOut(to) => Some(Pin::Host(to.ip())),
             _ => pin,
         };
+        let most_waiting = match &address {
+            Address::Serial { baud, even_two, .. } => serial::most_waiting(*baud, *even_two),
+            _ => 0,
+        };
         let now = Instant::now();
         Self {
             address,
             server: None,
             wire: None,
             own: None,
-            shared: Arc::default(),
+            shared: Arc::new(Shared { most_waiting, ..Shared::default() }),
             retry_at: now,
             reported: None,
             peers: PeerKeeper::new(pin, silence),
@@ -350,6 +356,8 @@ impl LinkSender {
         let wire = lock(&self.0.wire).clone();
         let sent = match wire.as_deref() {
             None => false,
+            // What is new supersedes what waits, and there is no way to take that back: so it is not added to.
+            Some(Wire::Serial(port)) if serial::waiting(port) > self.0.most_waiting => false,
             Some(Wire::Serial(port)) => rustix::io::write(port, bytes).is_ok_and(|n| n == bytes.len()),
             Some(Wire::Tcp(stream)) => (&*stream).write(bytes).is_ok_and(|n| n == bytes.len()),
             Some(Wire::Udp { socket, to }) => match to.or_else(|| *lock(&self.0.peer)) {

@@ -1,11 +1,28 @@
 //! Opening a serial port: raw, at any rate.
 
 use std::io;
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsRawFd, OwnedFd};
 use std::path::Path;
 
 use rustix::fs::{Mode, OFlags, open};
 use rustix::termios::{ControlModes, OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+
+/// Oldest byte that may wait in the driver when something new is sent: more, and a failsafe would come too late.
+const OLDEST: f64 = 0.05;
+
+/// Bytes that may wait in the driver of a line at this rate and format.
+pub(super) fn most_waiting(baud: u32, even_two: bool) -> usize {
+    let bits = if even_two { 12.0 } else { 10.0 };
+    (f64::from(baud) / bits * OLDEST) as usize
+}
+
+/// Bytes that wait in the driver; 0 where it does not say, as a pseudo-terminal's.
+pub(super) fn waiting(port: &OwnedFd) -> usize {
+    let mut count: libc::c_int = 0;
+    // SAFETY: the descriptor is open for as long as `port` lives, and TIOCOUTQ writes one int, for which there is room.
+    let answer = unsafe { libc::ioctl(port.as_raw_fd(), libc::TIOCOUTQ, &raw mut count) };
+    if answer == 0 { usize::try_from(count).unwrap_or(0) } else { 0 }
+}
 
 /// Opens a port without waiting for a modem and sets rate and format.
 ///
@@ -30,4 +47,17 @@ pub(super) fn open_port(path: &Path, baud: u32, even_two: bool) -> io::Result<Ow
     // What waited there was sent before anybody listened.
     tcflush(&port, QueueSelector::IOFlush)?;
     Ok(port)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_may_hold_back_what_it_says_in_50_ms() {
+        assert_eq!(most_waiting(57_600, false), 288);
+        assert_eq!(most_waiting(100_000, true), 416);
+        let pair = rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY);
+        assert_eq!(waiting(&pair.unwrap()), 0);
+    }
 }

@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, Pace};
 use whirlstand_bridge::vehicle::{Figures, Group};
 use whirlstand_bus::{Bus, Publisher};
-use whirlstand_msgs::{Head, Health, Imu, NodeState, Odometry};
+use whirlstand_msgs::{Head, Health, Imu, NodeState, Odometry, Sent, charge, flags};
 
 use crate::config::{NodeConfig, Role};
 use crate::error::NodeError;
@@ -72,6 +72,7 @@ struct VehicleNode {
     links: VehicleLinks,
     imu: Publisher<Imu>,
     odometry: Option<Publisher<Odometry>>,
+    sent: Publisher<Sent>,
     peers: Peers,
     phase: Phase,
     pace: Pace,
@@ -110,7 +111,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
     requirements::refuse_gamepad(bridge)?;
     let commands = Commands::start(config, shared.clone(), stop.clone())?;
     let bus = Bus::open(&Setup::bus_config(config, Role::Plant))?;
-    let imu = bus.publisher()?;
+    let (imu, sent) = (bus.publisher()?, bus.publisher()?);
     let receiver = BusReceiver::open(&bus, Reader::Measurements)?;
     let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
     let peers = Peers::open(&bus, Role::Plant, config.peers.clone())?;
@@ -121,6 +122,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
         links,
         imu,
         odometry,
+        sent,
         peers,
         phase: Phase::Joining { until: now + start_timeout },
         pace: pace(bridge),
@@ -265,17 +267,25 @@ impl VehicleNode {
     /// Does step `self.step`.
     fn advance(&mut self, now: Instant) -> Result<(), NodeError> {
         let head = Head { seq: 0, step: self.step, stamp_ns: self.step * self.period_ns };
-        let (imu, odometry) = {
+        let (imu, odometry, sent) = {
             let mut shared = lock(&self.shared);
             if self.step > 0 {
                 shared.gate.close(false);
             }
             let (mut imu, mut odometry) = shared.vehicle.measure();
             (imu.head, odometry.head) = (head, head);
+            let mut sent = shared.vehicle.sent(shared.now());
+            sent.head = head;
+            imu.flags = match sent.in_charge {
+                charge::PILOT => flags::MANUAL,
+                charge::FAILSAFE => flags::FAILSAFE,
+                _ => 0,
+            };
             shared.awaited = Some(self.step);
             shared.published = Instant::now();
-            (imu, odometry)
+            (imu, odometry, sent)
         };
+        self.sent.send(&sent)?;
         if let Some(publisher) = &mut self.odometry {
             publisher.send(&odometry)?;
         }

@@ -10,6 +10,7 @@ use whirlstand_bridge::vehicle::{Bench, FIELDS, Vehicle};
 use super::requirements::read_key;
 use crate::config::NodeConfig;
 use crate::error::NodeError;
+use crate::os::was_restarted;
 use crate::setup::Setup;
 
 /// The state machine for a bench.
@@ -39,9 +40,13 @@ pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -
         wants_odometry: setup.map.has_odometry(),
         signing,
     };
-    Vehicle::new(bridge, bench).map_err(|e| NodeError::Config {
+    let mut vehicle = Vehicle::new(bridge, bench).map_err(|e| NodeError::Config {
         field: format!("bridge.{}", e.path.join(".")),
         value: "what is written there".into(),
         reason: e.message,
-    })
+    })?;
+    if was_restarted() {
+        vehicle.come_back();
+    }
+    Ok(vehicle)
 }

@@ -1,0 +1,88 @@
+//! How many outputs a line can carry: what is more waits in the driver, and a failsafe behind it.
+
+use std::time::Duration;
+
+use crate::config::{BridgeConfig, BridgeKind, ConfigError, Output};
+
+/// Share of a line of their own that outputs may take, ...
+const OWN_SHARE: f64 = 0.9;
+
+/// ... and of one that heartbeats, requests and exchanges of time go over as well.
+const COMMON_SHARE: f64 = 0.8;
+
+/// Bytes of a signature.
+const SIGNATURE: u32 = 13;
+
+/// Bytes of an output, as long as it can be. Of MAVLink: 12 of the frame, and the fields.
+fn bytes(output: Output, signed: bool) -> u32 {
+    let signature = if signed { SIGNATURE } else { 0 };
+    match output {
+        Output::RcOverride => 12 + 38 + signature,
+        Output::ManualControl => 12 + 30 + signature,
+        Output::AttitudeTarget => 12 + 51 + signature,
+        Output::Crsf => 26,
+        Output::Sbus => 25,
+    }
+}
+
+/// Rate of a serial line, baud, and bits of a byte; `None` for another link. `serial://PATH:BAUD`, with `:8E2` behind it for
+/// two stop bits and a parity.
+fn serial_line(link: &str) -> Option<(f64, f64)> {
+    let address = link.strip_prefix("serial://")?;
+    let (address, bits) = address.strip_suffix(":8E2").map_or((address, 10.0), |rest| (rest, 12.0));
+    let address = address.strip_suffix(":8N1").unwrap_or(address);
+    let baud: f64 = address.rsplit_once(':')?.1.parse().ok()?;
+    (baud > 0.0).then_some((baud, bits))
+}
+
+/// The least time between two outputs that the line carries, and what is to be told of it; nothing for a line that carries the
+/// loop's rate.
+///
+/// # Errors
+/// The launch file asks for more outputs than the line carries.
+pub(super) fn budget(
+    config: &BridgeConfig,
+    output: Output,
+    asked_hz: Option<f64>,
+    rate_hz: f64,
+) -> Result<Option<(Duration, String)>, ConfigError> {
+    let options = &config.options;
+    let mavlink = options.mavlink.as_ref().filter(|_| config.kind == BridgeKind::Mavlink);
+    let (link, share) = match (mavlink, &options.crsf) {
+        (Some(own), _) => match &own.output_link {
+            Some(line) => (line, OWN_SHARE),
+            None => (&own.link, COMMON_SHARE),
+        },
+        (None, Some(own)) => (&own.link, OWN_SHARE),
+        (None, None) => return Ok(None),
+    };
+    let Some((baud, bits)) = serial_line(link) else { return Ok(None) };
+    let bytes = bytes(output, mavlink.is_some_and(|m| m.signing_key.is_some()));
+    let most_hz = share * baud / (bits * f64::from(bytes));
+    let wanted_hz = asked_hz.unwrap_or(rate_hz);
+    if wanted_hz <= most_hz {
+        return Ok(None);
+    }
+    let text = format!(
+        "{wanted_hz:.0} outputs of {bytes} bytes a second are more than {link} carries, at most {most_hz:.0}"
+    );
+    if asked_hz.is_some() {
+        return Err(ConfigError::new(&[config.kind.name(), "output_rate_hz"], text));
+    }
+    Ok(Some((
+        Duration::from_secs_f64(1.0 / most_hz),
+        format!("{text}: the newest are sent, the others left out"),
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_says_its_rate_and_format() {
+        assert_eq!(serial_line("serial:///dev/ttyUSB0:100000:8E2"), Some((100_000.0, 12.0)));
+        assert_eq!(serial_line("serial:///dev/ttyACM0:57600"), Some((57_600.0, 10.0)));
+        assert_eq!(serial_line("udpin://0.0.0.0:14550"), None);
+    }
+}

@@ -1,0 +1,88 @@
+//! Whose will a bench with a bridge followed, step by step.
+
+use whirlstand_msgs::{Autopilot, Sent, charge};
+
+/// What a fault of an [`Autopilot`] message means that is not armed.
+const NOT_ARMED: u32 = 3;
+
+/// Steps of a run behind a bridge, from the first in which the controller or the pilot was in charge, or the autopilot armed.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct ChargeSteps {
+    /// All that were told of.
+    told: u64,
+    /// Those from the first armed one on.
+    flown: u64,
+    disarmed: u64,
+    pilot: u64,
+    /// Steps in failsafe, and those of them at the end.
+    pub failsafe: u64,
+    pub failsafe_at_end: u64,
+}
+
+impl ChargeSteps {
+    pub(crate) fn take_sent(&mut self, m: &Sent) {
+        self.take(m.in_charge);
+    }
+
+    pub(crate) fn take_autopilot(&mut self, m: &Autopilot) {
+        self.take(match m.fault {
+            0 => charge::CONTROLLER,
+            NOT_ARMED => charge::NOBODY,
+            _ => charge::FAILSAFE,
+        });
+    }
+
+    fn take(&mut self, in_charge: u32) {
+        self.told += 1;
+        self.failsafe_at_end = if in_charge == charge::FAILSAFE { self.failsafe_at_end + 1 } else { 0 };
+        if self.flown == 0 && in_charge == charge::NOBODY {
+            return;
+        }
+        self.flown += 1;
+        match in_charge {
+            charge::NOBODY => self.disarmed += 1,
+            charge::PILOT => self.pilot += 1,
+            charge::FAILSAFE => self.failsafe += 1,
+            _ => {}
+        }
+    }
+
+    /// Steps that count.
+    pub(crate) fn of_steps(&self) -> u64 {
+        self.flown
+    }
+
+    /// Shares of the steps from the first armed one on that were disarmed, and in the pilot's hands. A run in which nobody ever
+    /// armed was disarmed as a whole.
+    pub(crate) fn shares(&self) -> (f64, f64) {
+        let share = |steps: u64| steps as f64 / self.flown.max(1) as f64;
+        let never = self.told > 0 && self.flown == 0;
+        (if never { 1.0 } else { share(self.disarmed) }, share(self.pilot))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shares(of: &[u32]) -> (f64, f64, u64, u64) {
+        let mut steps = ChargeSteps::default();
+        of.iter().for_each(|c| steps.take(*c));
+        let (disarmed, pilot) = steps.shares();
+        (disarmed, pilot, steps.failsafe, steps.failsafe_at_end)
+    }
+
+    #[test]
+    fn time_before_the_first_arm_counts_only_when_nothing_else_came() {
+        use charge::{CONTROLLER as C, FAILSAFE as F, NOBODY as N, PILOT as P};
+        assert_eq!(shares(&[]), (0.0, 0.0, 0, 0));
+        assert_eq!(shares(&[N, N, N]), (1.0, 0.0, 0, 0));
+        assert_eq!(shares(&[N, N, C, C]), (0.0, 0.0, 0, 0));
+        assert_eq!(shares(&[N, C, N, P, F, C, C, F]), (1.0 / 7.0, 1.0 / 7.0, 2, 1));
+        let mut steps = ChargeSteps::default();
+        for fault in [3, 0, 0, 3] {
+            steps.take_autopilot(&Autopilot { fault, ..whirlstand_msgs::Message::zeroed() });
+        }
+        assert_eq!(steps.shares().0, 1.0 / 3.0);
+    }
+}
