@@ -242,10 +242,10 @@ class Sent(Message):
 class Autopilot(Message):
     TOPIC = "autopilot"
     TYPE_NAME = "whirlstand/msg/Autopilot"
-    SCHEMA_HASH = 0xdb83c7e7279a1f93
+    SCHEMA_HASH = 0xa50d53367fca3891
     _fields_ = [
         ("head", Head),
-        ("outputs", c_double * 16),
+        ("outputs", c_double * 32),
         ("rc", c_double * 16),
         ("gyro", c_double * 3),
         ("accel", c_double * 3),
