@@ -35,8 +35,13 @@ fn push(
     motion: Motion,
     mut read: impl FnMut(&whirlstand_bridge::sensors::Sensors) -> SensorValues,
 ) -> SensorValues {
-    let options =
-        SensorOptions { accel_noise: 0.0, baro_noise: 0.0, gps_hz: 250.0, ..SensorOptions::default() };
+    let options = SensorOptions {
+        gyro_noise: 0.0,
+        accel_noise: 0.0,
+        baro_noise: 0.0,
+        gps_hz: 250.0,
+        ..SensorOptions::default()
+    };
     let mut model = SensorModel::new(options, PERIOD_NS, 1);
     let axes = [Axis { position: Some(0.0), speed: None }; 3];
     let rest = Motion { axes, ..Motion::default() };

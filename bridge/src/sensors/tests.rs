@@ -5,7 +5,13 @@ const PERIOD_NS: u64 = 4_000_000;
 const DT: f64 = 4e-3;
 
 fn perfect() -> SensorOptions {
-    SensorOptions { accel_noise: 0.0, mag_noise: 0.0, baro_noise: 0.0, ..SensorOptions::default() }
+    SensorOptions {
+        gyro_noise: 0.0,
+        accel_noise: 0.0,
+        mag_noise: 0.0,
+        baro_noise: 0.0,
+        ..SensorOptions::default()
+    }
 }
 
 fn tilted(roll: f64, pitch: f64, yaw: f64) -> Motion {

@@ -25,8 +25,13 @@ fn received(betaflight: &mut Betaflight, port: usize, bytes: &[u8]) -> Option<[f
 
 /// Fields of the state packet of a vehicle that moved from level rest to this.
 fn state_of(flavour: Flavour, motion: Motion) -> [f64; 18] {
-    let options =
-        SensorOptions { accel_noise: 0.0, baro_noise: 0.0, gps_hz: 1000.0, ..SensorOptions::default() };
+    let options = SensorOptions {
+        gyro_noise: 0.0,
+        accel_noise: 0.0,
+        baro_noise: 0.0,
+        gps_hz: 1000.0,
+        ..SensorOptions::default()
+    };
     let mut model = SensorModel::new(options, 4_000_000, 1);
     let rest = Motion {
         axes: motion.axes.map(|a| Axis { position: a.position.map(|_| 0.0), ..a }),
