@@ -1,5 +1,6 @@
 //! The command line, the supervisor and the launch files.
 
+mod campaign;
 mod cli;
 mod command;
 mod doctor;
@@ -66,6 +67,7 @@ fn dispatch(command: &Command) -> Result<ExitCode, Failure> {
         Command::Tune(args) => tune::tune(args),
         Command::Identify(args) => command::identify::identify(args),
         Command::Blind(args) => command::blind::blind(args),
+        Command::Campaign(args) => campaign::campaign(args),
         Command::Excite(args) => command::excite::excite(args),
         Command::Log(command) => command::log::log(command),
         Command::Vehicle(command) => command::vehicles::vehicles(command),

@@ -1,5 +1,6 @@
 //! Reports: one self-contained HTML file with zoomable plots. See `docs/report.md`.
 
+mod campaign_page;
 mod comparison_page;
 mod correlation;
 mod design_page;
@@ -20,6 +21,7 @@ mod text_diff;
 mod tune_page;
 mod winner;
 
+pub use campaign_page::{CampaignReport, campaign_report};
 pub use comparison_page::comparison_report;
 pub use design_page::{DesignReport, design_report};
 pub use diagnosis_page::diagnosis_report;

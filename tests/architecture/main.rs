@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use source_graph::SourceGraph;
 
 /// Each room, and the rooms that it may depend on besides for its tests. `launch` ties all of them together.
-const ROOMS: [(&str, &[&str]); 16] = [
+const ROOMS: [(&str, &[&str]); 17] = [
     ("msgs", &[]),
     ("bus", &["msgs"]),
     ("linalg", &[]),
@@ -18,7 +18,8 @@ const ROOMS: [(&str, &[&str]); 16] = [
     ("diagnose", &["ident", "linalg", "logs", "vehicle"]),
     ("blind", &["vehicle"]),
     ("evaluate", &["logs", "msgs", "vehicle"]),
-    ("report", &["control", "diagnose", "evaluate", "ident", "logs", "msgs"]),
+    ("campaign", &[]),
+    ("report", &["campaign", "control", "diagnose", "evaluate", "ident", "logs", "msgs"]),
     ("live", &["bus", "logs", "msgs", "report", "vehicle"]),
     ("bridge", &["msgs", "vehicle"]),
     ("nodes", &["bridge", "bus", "control", "diagnose", "logs", "msgs", "vehicle"]),
@@ -26,7 +27,7 @@ const ROOMS: [(&str, &[&str]); 16] = [
     (
         "launch",
         &[
-            "blind", "bridge", "bus", "control", "diagnose", "evaluate", "fmu", "ident", "live", "logs", "msgs",
+            "blind", "bridge", "bus", "campaign", "control", "diagnose", "evaluate", "fmu", "ident", "live", "logs", "msgs",
             "nodes", "report", "vehicle",
         ],
     ),

@@ -1,6 +1,7 @@
 //! The command line: every call, option and help text of `whirlstand`.
 
 mod blind;
+mod campaign;
 mod files;
 mod json;
 mod keys;
@@ -20,6 +21,9 @@ use clap::{Args, Parser, Subcommand};
 use whirlstand_live::Address;
 
 pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
+pub(crate) use campaign::{
+    CampaignArgs, CampaignCommand, CampaignFlyArgs, CampaignMergeArgs, CampaignReplayArgs,
+};
 pub(crate) use files::{
     DesignArgs, LaunchCommand, LogCommand, SimulateArgs, VehicleCommand, VehicleFmuArgs, VehicleNewArgs,
 };
@@ -27,9 +31,7 @@ pub(crate) use json::JsonArg;
 pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
 pub(crate) use live::{EchoArgs, InjectArgs, PlayArgs, SetArgs, WatchArgs};
 pub(crate) use machine::{BenchArgs, DoctorArgs};
-pub(crate) use overrides::OverrideArgs;
-#[cfg(test)]
-pub(crate) use overrides::{ModeArg, TransportArg};
+pub(crate) use overrides::{ModeArg, OverrideArgs, TransportArg};
 use quantity::seconds;
 pub(crate) use records::{
     CompareArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
@@ -77,6 +79,7 @@ pub(crate) enum Command {
     Tune(TuneArgs),
     Excite(ExciteArgs),
     Blind(BlindArgs),
+    Campaign(CampaignArgs),
     /// Look into logs: what they hold, as CSV, and where two of them differ.
     #[command(subcommand)]
     Log(LogCommand),

@@ -22,8 +22,8 @@ mod tests;
 
 pub(crate) use builtin::{BUILTIN, DEFAULT, FoundFile, find};
 pub(crate) use document::Document;
-pub(crate) use jobs::{Jobs, jobs};
+pub(crate) use jobs::{Jobs, jobs, jobs_of};
 pub(crate) use plan::{Plan, PlannedNode, plan};
-pub(crate) use schema::{Ready, Restart};
+pub(crate) use schema::{LaunchFile, Ready, Restart};
 pub(crate) use security::{Security, secret_beyond_its_reach};
 pub(crate) use wording::unknown;

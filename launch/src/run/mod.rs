@@ -9,16 +9,18 @@ mod summary;
 mod verdict;
 mod waits;
 
+use std::path::Path;
 use std::process::ExitCode;
 
 pub(crate) use one::{FinishedRun, fly};
-pub(crate) use start::unique_bench;
+pub(crate) use start::{folder_name, unique_bench};
 
 use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bus::Transport;
+use whirlstand_live::Address;
 use whirlstand_msgs::units::rounded;
 
-use crate::cli::RunArgs;
+use crate::cli::{JsonArg, RunArgs};
 use crate::command::clean::tidy;
 use crate::error::Failure;
 use crate::exclusive::{Claim, OutFolder};
@@ -31,13 +33,27 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let jobs = jobs(args.launch.as_deref().unwrap_or(DEFAULT), &args.overrides, args.no_log)?;
     // All variants of a run have the name that was given; without one, each gets its own.
     let given = args.bench.as_deref().map(Claim::take).transpose()?;
-    let out = match &args.out {
+    fly_all(&jobs, given.as_ref(), args.out.as_deref(), args.live, &args.json)
+}
+
+/// Flies all runs of a launch file one after the other, and leaves log, summary and report of each.
+///
+/// # Errors
+/// When a bench cannot be started, or its files cannot be written.
+pub(crate) fn fly_all(
+    jobs: &Jobs,
+    given: Option<&Claim>,
+    out: Option<&Path>,
+    live: Option<Address>,
+    json: &JsonArg,
+) -> Result<ExitCode, Failure> {
+    let out = match out {
         Some(path) => OutFolder::given(path)?,
         None => OutFolder::fresh(&start::folder_name(&jobs.name))?,
     };
-    let quiet = args.json.is_printed();
+    let quiet = json.is_printed();
     tidy(quiet);
-    let address = args.live.or_else(|| jobs.runs.first().and_then(|job| job.plan.live));
+    let address = live.or_else(|| jobs.runs.first().and_then(|job| job.plan.live));
     let page = address.map(LivePage::open).transpose()?;
     if let Some(page) = &page {
         // Said in any case: nobody could find it otherwise.
@@ -47,7 +63,7 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     for job in &jobs.runs {
         let (plan, variant) = (&job.plan, job.variant.as_deref());
         let (fresh, inner);
-        let claim = match &given {
+        let claim = match given {
             Some(claim) => claim,
             None => {
                 fresh = Claim::take(&unique_bench(&plan.name))?;
@@ -62,7 +78,7 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
             None => &out,
         };
         if !quiet {
-            announce(&jobs, variant, plan, claim.bench());
+            announce(jobs, variant, plan, claim.bench());
         }
         let card = BenchCard { is_own: true, ..BenchCard::new(plan, claim.bench()) };
         let title = variant.map_or(jobs.name.clone(), |variant| format!("{} / {variant}", jobs.name));
@@ -80,10 +96,10 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     if let Some(page) = page {
         page.end("The run is over; its report and log are in the folder that the terminal names.");
     }
-    let whole = summary::whole(&jobs, &runs);
+    let whole = summary::whole(jobs, &runs);
     // The verdict is told even where no file can be written any more.
-    let written = summary::write(&jobs, out.path(), &whole, &runs);
-    crate::command::tell(&args.json, &whole, || verdict::closing_lines(out.path(), &runs))?;
+    let written = summary::write(jobs, out.path(), &whole, &runs);
+    crate::command::tell(json, &whole, || verdict::closing_lines(out.path(), &runs))?;
     written.map(|()| exit_code(&runs))
 }
 

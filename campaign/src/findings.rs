@@ -1,0 +1,286 @@
+//! What the flights say together.
+
+use serde::Serialize;
+use statrs::statistics::{Data, OrderStatistics};
+
+use crate::correlation::rank_correlation;
+use crate::proportion::Proportion;
+use crate::quantity::Value;
+use crate::table::{Columns, Ended, Flight, Table};
+
+/// Flights that are named as the worst.
+const WORST: usize = 10;
+
+/// Keys that are named for a figure.
+const MOST_SENSITIVITIES: usize = 3;
+
+/// What the flights of a campaign say together.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Findings {
+    /// Flights that did not end within all limits.
+    pub violated: Proportion,
+    /// Flights that did not come to their end.
+    pub failed: Proportion,
+    /// Each limit.
+    pub limits: Vec<LimitFindings>,
+    /// Each figure that varies.
+    pub figures: Vec<FigureFindings>,
+    /// The worst flights, worst first: by the greatest figure in parts of its limit.
+    pub worst: Vec<Worst>,
+}
+
+/// How often a limit was broken.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LimitFindings {
+    /// Key of the expectation.
+    pub key: String,
+    /// The limit, SI.
+    pub limit: f64,
+    /// Of the flights that came to their end.
+    pub violated: Proportion,
+}
+
+/// How a figure is distributed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FigureFindings {
+    /// Key of the figure.
+    pub key: String,
+    /// SI unit.
+    pub unit: String,
+    /// Flights in which it has a value.
+    pub count: u64,
+    /// Quantiles 0, 5, 50, 95 and 100 %.
+    pub quantiles: [f64; 5],
+    /// What moves it most.
+    pub sensitivities: Vec<Sensitivity>,
+}
+
+/// How much a key moves a figure.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sensitivity {
+    /// The key.
+    pub key: String,
+    /// Spearman's rank correlation, -1 to 1.
+    pub rank_correlation: f64,
+}
+
+/// A flight that is worth a look.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Worst {
+    /// Its number.
+    pub flight: u64,
+    /// The limit that it came closest to, or broke most.
+    pub key: String,
+    /// Its figure in parts of the limit; `None` when there was no figure, because it never recovered or ended early.
+    pub of_limit: Option<f64>,
+    /// How it ended, where it did not come to its end.
+    pub ended: Option<String>,
+}
+
+/// Numbers of a key in all flights; words are numbered as they come in the alphabet.
+pub(crate) fn numbers(flights: &[Flight], key: usize) -> Vec<f64> {
+    let mut words: Vec<&str> = flights
+        .iter()
+        .filter_map(
+            |f| if let Some(Value::Word(word)) = f.values.get(key) { Some(word.as_str()) } else { None },
+        )
+        .collect();
+    words.sort_unstable();
+    words.dedup();
+    let number = |value: &Value| match value {
+        Value::Word(word) => words.iter().position(|w| w == word).map_or(f64::NAN, |at| at as f64),
+        value => value.number().unwrap_or(f64::NAN),
+    };
+    flights.iter().map(|f| f.values.get(key).map_or(f64::NAN, number)).collect()
+}
+
+impl Findings {
+    /// Of all flights of a table.
+    pub fn of(table: &Table) -> Self {
+        let (flights, columns) = (&table.flights, &table.info.columns);
+        let count = |is: &dyn Fn(&Flight) -> bool| flights.iter().filter(|f| is(f)).count() as u64;
+        let all = flights.len() as u64;
+        let flown = count(&|f| f.ended == Ended::Complete);
+        let limits = columns.limits.iter().enumerate().map(|(i, (key, limit))| {
+            let broken = count(&|f| f.holds.get(i) == Some(&false));
+            LimitFindings { key: key.clone(), limit: *limit, violated: Proportion::new(broken, flown) }
+        });
+        let draws: Vec<Vec<f64>> = (0..columns.keys.len()).map(|key| numbers(flights, key)).collect();
+        Self {
+            violated: Proportion::new(count(&|f| !f.is_good()), all),
+            failed: Proportion::new(all - flown, all),
+            limits: limits.collect(),
+            figures: (0..columns.figures.len()).filter_map(|i| figure(table, &draws, i)).collect(),
+            worst: worst(flights, columns),
+        }
+    }
+}
+
+fn figure(table: &Table, draws: &[Vec<f64>], at: usize) -> Option<FigureFindings> {
+    let columns = &table.info.columns;
+    let values: Vec<f64> =
+        table.flights.iter().map(|f| f.figures.get(at).copied().flatten().unwrap_or(f64::NAN)).collect();
+    let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    let (low, high) =
+        known.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    if known.is_empty() || low == high {
+        return None;
+    }
+    let count = known.len() as u64;
+    let mut known = Data::new(known);
+    let mut sensitivities: Vec<Sensitivity> = columns
+        .keys
+        .iter()
+        .zip(draws)
+        .filter_map(|((key, _), draw)| {
+            let rank_correlation = rank_correlation(draw, &values)?;
+            Some(Sensitivity { key: key.clone(), rank_correlation })
+        })
+        .collect();
+    sensitivities.sort_by(|a, b| b.rank_correlation.abs().total_cmp(&a.rank_correlation.abs()));
+    sensitivities.truncate(MOST_SENSITIVITIES);
+    let (key, unit) = columns.figures[at].clone();
+    let quantiles = [0.0, 0.05, 0.5, 0.95, 1.0].map(|tau| known.quantile(tau));
+    Some(FigureFindings { key, unit, count, quantiles, sensitivities })
+}
+
+/// The flights by the greatest figure in parts of its limit, those without a figure first.
+fn worst(flights: &[Flight], columns: &Columns) -> Vec<Worst> {
+    let places: Vec<Option<usize>> = columns
+        .limits
+        .iter()
+        .map(|(key, _)| columns.figures.iter().position(|(figure, _)| figure == key))
+        .collect();
+    let mut all: Vec<(f64, Worst)> = flights
+        .iter()
+        .filter_map(|flight| {
+            if let Ended::Failed(why) = &flight.ended {
+                let key = String::new();
+                return Some((
+                    f64::INFINITY,
+                    Worst { flight: flight.number, key, of_limit: None, ended: Some(why.clone()) },
+                ));
+            }
+            let share = |i: usize| -> Option<f64> {
+                let (_, limit) = columns.limits[i];
+                let broken = flight.holds.get(i) == Some(&false);
+                match places[i].and_then(|at| flight.figures.get(at).copied().flatten()) {
+                    Some(figure) if limit > 0.0 => Some(figure / limit),
+                    _ if broken => Some(f64::INFINITY),
+                    _ => None,
+                }
+            };
+            let greatest = (0..columns.limits.len())
+                .filter_map(|i| Some((share(i)?, i)))
+                .max_by(|a, b| a.0.total_cmp(&b.0));
+            let (share, i) = greatest?;
+            let of_limit = share.is_finite().then_some(share);
+            Some((
+                share,
+                Worst { flight: flight.number, key: columns.limits[i].0.clone(), of_limit, ended: None },
+            ))
+        })
+        .collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.flight.cmp(&b.1.flight)));
+    all.into_iter().take(WORST).map(|(_, worst)| worst).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::TableInfo;
+
+    fn table() -> Table {
+        let columns = Columns {
+            keys: vec![("gust".into(), "deg/s^2".into()), ("law".into(), String::new())],
+            limits: vec![("roll.peak".into(), 0.5)],
+            figures: vec![("roll.peak".into(), "rad".into()), ("u.rms".into(), "1".into())],
+        };
+        let flights = (0..10u64).map(|n| {
+            let peak = 0.1 * n as f64;
+            let values = vec![
+                Value::Number(crate::Number { value: 10.0 * n as f64, unit: "deg/s^2".into() }),
+                Value::Word(if n % 2 == 0 { "lqr" } else { "smc" }.into()),
+            ];
+            match n {
+                4 => Flight {
+                    number: n,
+                    values,
+                    ended: Ended::Failed("it broke".into()),
+                    holds: vec![],
+                    figures: vec![],
+                },
+                _ => Flight {
+                    number: n,
+                    values,
+                    ended: Ended::Complete,
+                    holds: vec![peak <= 0.5],
+                    figures: vec![Some(peak), None],
+                },
+            }
+        });
+        let info = TableInfo {
+            digest: "d".into(),
+            version: "v".into(),
+            flights: 10,
+            shard: None,
+            text: "t".into(),
+            columns,
+        };
+        Table { info, flights: flights.collect() }
+    }
+
+    #[test]
+    fn limits_are_counted_and_the_worst_come_first() {
+        let found = Findings::of(&table());
+        assert_eq!((found.violated.count, found.failed.count, found.limits[0].violated.count), (5, 1, 4));
+        assert_eq!(found.limits[0].violated.of, 9);
+        let order: Vec<u64> = found.worst.iter().map(|w| w.flight).collect();
+        assert_eq!(order, [4, 9, 8, 7, 6, 5, 3, 2, 1, 0]);
+        assert_eq!(found.worst[1].of_limit, Some(0.9 / 0.5));
+        // The figure without any value is not told.
+        assert_eq!(found.figures.len(), 1);
+        assert_eq!(found.figures[0].sensitivities[0].key, "gust");
+        assert!((found.figures[0].sensitivities[0].rank_correlation - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_table_is_written_read_and_joined_to_the_same_bytes() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name);
+        let whole = table();
+        whole.write(&path("whole.parquet")).unwrap();
+        assert_eq!(Table::read(&path("whole.parquet")).unwrap(), whole);
+        let parts: Vec<(String, Table)> = (1..=3)
+            .map(|part| {
+                let shard = crate::Shard { part, of: 3 };
+                let mut table = whole.clone();
+                table.info.shard = Some(shard);
+                table.flights.retain(|f| shard.has(f.number));
+                let file = path(&format!("{part}.parquet"));
+                table.write(&file).unwrap();
+                (file.display().to_string(), Table::read(&file).unwrap())
+            })
+            .collect();
+        Table::join(parts.iter().rev().cloned().collect()).unwrap().write(&path("joined.parquet")).unwrap();
+        let bytes = |name: &str| std::fs::read(path(name)).unwrap();
+        assert_eq!(bytes("joined.parquet"), bytes("whole.parquet"));
+
+        let refused = |parts: Vec<(String, Table)>| Table::join(parts).unwrap_err().to_string();
+        assert_eq!(refused(parts[..2].to_vec()), "parts 3/3 are missing");
+        assert!(refused([&parts[..], &parts[..1]].concat()).contains("is part 1/3, which is there already"));
+        let mut other = parts.clone();
+        other[1].1.info.digest = "e".into();
+        assert!(refused(other).contains("the campaign, its launch file, vehicle or seed differs"));
+    }
+
+    #[test]
+    fn what_is_no_table_is_refused_in_words() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.parquet");
+        std::fs::write(&path, "not parquet").unwrap();
+        let error = Table::read(&path).unwrap_err().to_string();
+        assert!(error.contains("cannot be read as Parquet"), "{error}");
+        assert!(Table::read(&dir.path().join("b")).unwrap_err().to_string().contains("cannot read"));
+    }
+}

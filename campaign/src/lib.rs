@@ -1,0 +1,21 @@
+//! Many flights of one launch file: what varies between them, and what they say together.
+//!
+//! A [`Campaign`] is read from its file; it draws for every flight, by the flight's number alone, the values of the keys that
+//! vary. Who flies them gives back [`Flight`]s, which [`Table`] keeps in a Parquet file and [`Findings`] sums up. Nothing here
+//! flies: the room knows neither launch files nor vehicles.
+
+mod correlation;
+mod draw;
+mod file;
+mod findings;
+mod proportion;
+mod quantity;
+mod table;
+
+pub use correlation::rank_correlation;
+pub use draw::{DrawError, Method};
+pub use file::{Campaign, CampaignError};
+pub use findings::{FigureFindings, Findings, LimitFindings, Sensitivity, Worst};
+pub use proportion::Proportion;
+pub use quantity::{Number, Quantity, Value, Variation};
+pub use table::{Columns, Ended, Flight, Shard, Table, TableError, TableInfo};

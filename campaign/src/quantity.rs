@@ -1,0 +1,252 @@
+//! What varies, and what is drawn of it.
+
+use std::fmt;
+use std::str::FromStr;
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+use statrs::distribution::{ContinuousCDF, Normal};
+
+/// A number as a launch file has it: with a unit, or without one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Written")]
+pub struct Number {
+    /// The value, in `unit`.
+    pub value: f64,
+    /// The unit as it was written; empty without one.
+    pub unit: String,
+}
+
+/// A number as TOML may hold it.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Written {
+    Bare(f64),
+    WithUnit(String),
+    Kept { value: f64, unit: String },
+}
+
+impl TryFrom<Written> for Number {
+    type Error = String;
+
+    fn try_from(written: Written) -> Result<Self, String> {
+        match written {
+            Written::Bare(value) => Ok(Self { value, unit: String::new() }),
+            Written::WithUnit(text) => text.parse(),
+            Written::Kept { value, unit } => Ok(Self { value, unit }),
+        }
+    }
+}
+
+impl FromStr for Number {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let text = text.trim();
+        // The unit begins where no longer beginning is a number: "1e3 Hz", "5 deg/s^2", "3 eV" if there were one.
+        let end = (1..=text.len()).rev().filter(|&end| text.is_char_boundary(end));
+        let number = end.filter_map(|end| Some((text[..end].trim_end().parse::<f64>().ok()?, end))).next();
+        match number.filter(|(value, _)| value.is_finite()) {
+            Some((value, end)) => Ok(Self { value, unit: text[end..].trim().into() }),
+            None => {
+                Err(format!("a number with or without a unit is expected, such as \"5 deg\", not \"{text}\""))
+            }
+        }
+    }
+}
+
+/// What a key is set to in one flight.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// A whole number, such as a seed.
+    Whole(i64),
+    /// A number.
+    Number(Number),
+    /// A word.
+    Word(String),
+}
+
+impl Value {
+    /// The value as a number, in the unit that the campaign file has; `None` for a word.
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Self::Whole(value) => Some(*value as f64),
+            Self::Number(number) => Some(number.value),
+            Self::Word(_) => None,
+        }
+    }
+}
+
+impl fmt::Display for Value {
+    /// As the right side of `--set KEY=VALUE`, to the last digit.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Whole(value) => write!(f, "{value}"),
+            // A float in TOML has a point or an exponent.
+            Self::Number(Number { value, unit }) if unit.is_empty() => write!(f, "{value:?}"),
+            Self::Number(Number { value, unit }) => write!(f, "\"{value:?} {unit}\""),
+            Self::Word(word) => write!(f, "{word}"),
+        }
+    }
+}
+
+/// How one key, or several together, vary.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Variation {
+    /// Evenly between two numbers of one unit.
+    Uniform {
+        /// The ends.
+        ends: [f64; 2],
+        /// Their unit.
+        unit: String,
+    },
+    /// By a normal distribution.
+    Normal {
+        /// Mean.
+        mean: f64,
+        /// Standard deviation, above 0.
+        std: f64,
+        /// Unit of both.
+        unit: String,
+    },
+    /// Several keys by a joint normal distribution, as `identify` and `diagnose` tell their parameters.
+    Joint {
+        /// Means, one for each key.
+        mean: Vec<f64>,
+        /// Units, one for each key.
+        units: Vec<String>,
+        /// Lower Cholesky factor of the covariance (keys x keys).
+        factor: DMatrix<f64>,
+    },
+    /// Whole numbers, each as often as any other, both ends with them.
+    Integers {
+        /// First and last.
+        ends: [i64; 2],
+    },
+    /// One of these, each as often as any other.
+    Among {
+        /// The values.
+        values: Vec<Value>,
+    },
+}
+
+/// Keys of the launch file and how they vary.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quantity {
+    /// Keys as `--set` takes them; more than one for [`Variation::Joint`] only.
+    pub keys: Vec<String>,
+    /// How.
+    pub variation: Variation,
+    /// So many values on a grid.
+    pub levels: Option<usize>,
+}
+
+impl Quantity {
+    /// Coordinates of a point that it uses.
+    pub fn coordinates(&self) -> usize {
+        self.keys.len()
+    }
+
+    /// Its unit for each key; empty without one.
+    pub fn units(&self) -> Vec<String> {
+        match &self.variation {
+            Variation::Uniform { unit, .. } | Variation::Normal { unit, .. } => vec![unit.clone()],
+            Variation::Joint { units, .. } => units.clone(),
+            Variation::Among { values } => match values.first() {
+                Some(Value::Number(number)) => vec![number.unit.clone()],
+                _ => vec![String::new()],
+            },
+            Variation::Integers { .. } => vec![String::new()],
+        }
+    }
+
+    /// Values at a point of the unit cube (coordinates above 0 and below 1), one for each key.
+    pub fn at(&self, point: &[f64]) -> Vec<Value> {
+        let number = |value: f64, unit: &str| Value::Number(Number { value, unit: unit.into() });
+        let first = point.first().copied().unwrap_or(0.5);
+        match &self.variation {
+            Variation::Uniform { ends: [low, high], unit } => vec![number(low + first * (high - low), unit)],
+            Variation::Normal { mean, std, unit } => vec![number(mean + std * quantile(first), unit)],
+            Variation::Joint { mean, units, factor } => {
+                let standard = DVector::from_iterator(point.len(), point.iter().map(|p| quantile(*p)));
+                let values = factor * standard;
+                mean.iter().zip(values.iter()).zip(units).map(|((m, v), unit)| number(m + v, unit)).collect()
+            }
+            Variation::Integers { ends: [low, high] } => {
+                let count = (high - low) as f64 + 1.0;
+                vec![Value::Whole((low + (first * count) as i64).min(*high))]
+            }
+            Variation::Among { values } => {
+                let chosen = ((first * values.len() as f64) as usize).min(values.len() - 1);
+                vec![values[chosen].clone()]
+            }
+        }
+    }
+
+    /// The values of a grid, in order; `None` where it does not say how many.
+    pub fn grid(&self) -> Option<Vec<Value>> {
+        match (&self.variation, self.levels) {
+            (Variation::Among { values }, None) => Some(values.clone()),
+            (Variation::Integers { ends: [low, high] }, None) => {
+                Some((*low..=*high).map(Value::Whole).collect())
+            }
+            (Variation::Uniform { ends: [low, high], unit }, Some(levels)) => {
+                let at = |i: usize| low + (high - low) * i as f64 / (levels.max(2) - 1) as f64;
+                let value = |i| Value::Number(Number { value: at(i), unit: unit.clone() });
+                Some((0..levels).map(value).collect())
+            }
+            _ => None,
+        }
+    }
+}
+
+fn quantile(p: f64) -> f64 {
+    Normal::standard().inverse_cdf(p)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn numbers_have_units_or_none() {
+        for (text, value, unit) in [
+            ("5 deg", 5.0, "deg"),
+            ("-1e3Hz", -1e3, "Hz"),
+            (" 2.5 ", 2.5, ""),
+            ("150 deg/s^2", 150.0, "deg/s^2"),
+        ] {
+            assert_eq!(text.parse::<Number>().unwrap(), Number { value, unit: unit.into() }, "{text}");
+        }
+        for text in ["deg", "", "nan", "inf m"] {
+            assert!(text.parse::<Number>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn values_are_written_as_set_takes_them() {
+        let of = |value, unit: &str| Value::Number(Number { value, unit: unit.into() }).to_string();
+        assert_eq!(of(3.0, ""), "3.0");
+        assert_eq!(of(0.1, "rad"), "\"0.1 rad\"");
+        assert_eq!(
+            (Value::Whole(7).to_string(), Value::Word("lqr".into()).to_string()),
+            ("7".into(), "lqr".into())
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_drawn_lies_where_it_may(p in 1e-9..1.0 - 1e-9f64) {
+            let one = |variation| Quantity { keys: vec!["a".into()], variation, levels: None }.at(&[p]).remove(0);
+            let uniform = one(Variation::Uniform { ends: [-2.0, 3.0], unit: "deg".into() });
+            prop_assert!((-2.0..=3.0).contains(&uniform.number().unwrap()));
+            let whole = one(Variation::Integers { ends: [4, 6] });
+            prop_assert!((4.0..=6.0).contains(&whole.number().unwrap()));
+            let word = one(Variation::Among { values: vec![Value::Word("a".into()), Value::Word("b".into())] });
+            prop_assert_eq!(word, Value::Word(if p < 0.5 { "a" } else { "b" }.into()));
+        }
+    }
+}

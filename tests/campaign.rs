@@ -1,0 +1,196 @@
+//! Campaigns as whole processes: a flight in one thread is the flight over processes, parts join to the whole, what is
+//! interrupted goes on.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use support::{json, refused, run, spawn, whirlstand};
+
+const GUSTS: &str = r#"
+launch = "quadrotor"
+flights = 24
+method = "latin-hypercube"
+seed = 3
+set = ["duration_s=9"]
+
+[[effects]]
+effect = "input_gain"
+where = "u_roll"
+factor = 1.0
+
+[[vary]]
+key = "effects.0.magnitude"
+uniform = ["100 deg/s^2", "400 deg/s^2"]
+
+[[vary]]
+key = "added.0.factor"
+normal = { mean = 1.0, std = 0.1 }
+
+[[vary]]
+key = "seed"
+integers = [1, 1000000]
+"#;
+
+struct Place {
+    dir: tempfile::TempDir,
+}
+
+impl Place {
+    fn new(text: &str) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("gusts.toml"), text).unwrap();
+        Self { dir }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// What a call of `campaign` answers.
+    fn answer(&self, args: &[&str]) -> Value {
+        let ended = run(self.call(args)).success();
+        serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {}", ended.stdout))
+    }
+
+    /// `FILE` and `DIR/...` stand for the campaign file and paths beside it.
+    fn call(&self, args: &[&str]) -> Vec<String> {
+        let placed = |arg: &&str| match (*arg, arg.strip_prefix("DIR/")) {
+            ("FILE", _) => self.path("gusts.toml").display().to_string(),
+            (_, Some(name)) => self.path(name).display().to_string(),
+            _ => (*arg).to_string(),
+        };
+        std::iter::once("campaign".to_string())
+            .chain(args.iter().map(placed))
+            .chain(["--json".into()])
+            .collect()
+    }
+}
+
+fn bytes(path: &Path) -> Vec<u8> {
+    std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+#[test]
+fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
+    let place = Place::new(GUSTS);
+    let whole = place.answer(&["FILE", "--out", "DIR/whole", "--jobs", "2"]);
+    assert_eq!((&whole["flown"], &whole["partial"]), (&24.into(), &false.into()));
+    let violated = &whole["findings"]["violated"];
+    assert!(
+        violated["count"].as_u64().unwrap() > 0 && violated["low"].as_f64() < violated["share"].as_f64(),
+        "{whole}"
+    );
+    // The peak of roll follows the gust on it, and nothing else as much.
+    let figures = whole["findings"]["figures"].as_array().unwrap();
+    let peak = figures.iter().find(|f| f["key"] == "roll.peak").unwrap();
+    assert_eq!(peak["sensitivities"][0]["key"], "effects.0.magnitude");
+    assert!(peak["sensitivities"][0]["rank_correlation"].as_f64().unwrap() > 0.9, "{peak}");
+    let page = String::from_utf8(bytes(&place.path("whole/report.html"))).unwrap();
+    assert!(page.contains("flights broke a limit"));
+
+    for part in ["1/3", "2/3", "3/3"] {
+        place.answer(&["FILE", "--out", "DIR/parts", "--shard", part, "--jobs", "1"]);
+    }
+    let parts: Vec<String> = (1..=3).map(|n| format!("DIR/parts/part-{n}-of-3.parquet")).collect();
+    let merge = |chosen: &[&str], out: &str| place.call(&[&["merge"], chosen, &["--out", out]].concat());
+    run(merge(&[&parts[2], &parts[0], &parts[1]], "DIR/joined")).success();
+    assert_eq!(bytes(&place.path("joined/flights.parquet")), bytes(&place.path("whole/flights.parquet")));
+    let ended = run(merge(&[&parts[0], &parts[1]], "DIR/less"));
+    assert!(ended.code() == 2 && ended.stderr.contains("parts 3/3 are missing"), "{}", ended.stderr);
+
+    // One of the worst flights again, as processes.
+    let mut worst = whole["findings"]["worst"].as_array().unwrap().iter();
+    let worst = worst.find(|w| w["of_limit"].is_number()).unwrap();
+    let number = worst["flight"].as_u64().unwrap().to_string();
+    let ended = run(place.call(&["replay", "FILE", "--flight", &number, "--out", "DIR/worst"]));
+    assert_eq!(
+        ended.code(),
+        i32::from(worst["of_limit"].as_f64().unwrap() > 1.0),
+        "{worst}: {}",
+        ended.stderr
+    );
+    let summary = json(place.path("worst/summary.json"));
+    let run = &summary["runs"][0];
+    assert_eq!((&run["mode"], &run["transport"]), (&"lockstep".into(), &"iceoryx2".into()));
+    let key = worst["key"].as_str().unwrap();
+    let limit = run["expect"].as_array().unwrap().iter().find(|e| e["key"] == key).unwrap();
+    let share = limit["found"].as_f64().unwrap() / limit["limit"].as_f64().unwrap();
+    // JSON has twelve digits; that the logs are the same to the last bit is shown in `determinism.rs`.
+    assert!((share / worst["of_limit"].as_f64().unwrap() - 1.0).abs() < 1e-11, "{limit} {worst}");
+}
+
+#[test]
+fn a_killed_campaign_goes_on_where_it_was_to_the_same_bytes() {
+    let place = Place::new(&GUSTS.replace("duration_s=9", "duration_s=20"));
+    place.answer(&["FILE", "--out", "DIR/whole"]);
+    let mut killed = spawn(whirlstand(place.call(&["FILE", "--out", "DIR/cut", "--jobs", "1", "--resume"])));
+    // Killed as soon as something is kept.
+    let journal = place.path("cut/flights.jsonl");
+    let kept = || std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count());
+    while kept() < 4 && killed.is_alive() {
+        std::thread::yield_now();
+    }
+    killed.signal(libc::SIGKILL);
+    killed.finish();
+    assert!(kept() >= 4 && !place.path("cut/flights.parquet").exists());
+    // Another file does not go on with these flights.
+    let other = place.path("other.toml");
+    std::fs::write(&other, GUSTS.replace("seed = 3", "seed = 4")).unwrap();
+    let file = other.display().to_string();
+    let out = place.path("cut").display().to_string();
+    refused(&["campaign", &file, "--out", &out, "--resume"], &["--resume", "another campaign"]);
+
+    let rest = place.answer(&["FILE", "--out", "DIR/cut", "--resume"]);
+    assert_eq!(rest["flown"], 24);
+    assert_eq!(bytes(&place.path("cut/flights.parquet")), bytes(&place.path("whole/flights.parquet")));
+    assert!(!journal.exists());
+}
+
+#[test]
+fn ctrl_c_keeps_what_is_done_and_enough_is_enough() {
+    let place =
+        Place::new(&GUSTS.replace("latin-hypercube", "sobol").replace("flights = 24", "flights = 60000"));
+    let mut bench = spawn(whirlstand(place.call(&["FILE", "--out", "DIR/cut"])));
+    let journal = place.path("cut/flights.jsonl");
+    while std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count()) < 3 && bench.is_alive() {
+        std::thread::yield_now();
+    }
+    bench.signal(libc::SIGINT);
+    let ended = bench.finish();
+    assert_eq!(ended.code(), 130, "{}", ended.stderr);
+    let answer: Value = serde_json::from_str(&ended.stdout).unwrap();
+    assert_eq!((&answer["partial"], &answer["planned"]), (&true.into(), &60_000.into()));
+    assert!(journal.exists() && answer["flown"].as_u64().unwrap() >= 2, "{answer}");
+
+    // After 64 flights the interval is narrower than that, whatever happened in them.
+    let enough = place.answer(&["FILE", "--out", "DIR/enough", "--until-width", "0.25"]);
+    assert_eq!((&enough["ended_early"], &enough["flown"]), (&true.into(), &64.into()), "{enough}");
+}
+
+#[test]
+fn what_cannot_be_flown_is_told_with_its_place() {
+    for (from, to, words) in [
+        ("\"quadrotor\"", "\"quadroter\"", &["quadroter", "did you mean 'quadrotor'?"][..]),
+        ("key = \"seed\"", "key = \"sed\"", &["flight 0 of the campaign", "--set sed=", "seed"]),
+        ("key = \"seed\"", "key = \"vehicle\"", &["vehicle cannot vary"]),
+        ("400 deg/s^2", "400 deg", &["line 13", "one unit, not 'deg/s^2' and 'deg'"]),
+        ("deg/s^2", "kg", &["flight 0 of the campaign", "effects.0.magnitude"]),
+        ("launch = \"quadrotor\"", "launch = \"quadrotor-compare\"", &["quadrotor-compare has variants"]),
+        (
+            "launch = \"quadrotor\"",
+            "launch = \"quadrotor-mavlink\"",
+            &["node plant of quadrotor-mavlink", "hardware"],
+        ),
+    ] {
+        let place = Place::new(&GUSTS.replace(from, to));
+        let file = place.path("gusts.toml").display().to_string();
+        let out = place.path("out").display().to_string();
+        refused(&["campaign", &file, "--out", &out], words);
+    }
+    let place = Place::new(GUSTS);
+    let file = place.path("gusts.toml").display().to_string();
+    refused(&["campaign", &file, "--until-width", "0.1"], &["latin-hypercube", "\"random\" or \"sobol\""]);
+    refused(&["campaign", "replay", &file, "--flight", "24"], &["has the flights 0 to 23"]);
+}
