@@ -3,8 +3,8 @@
 use whirlstand_bus::{Bus, OpenError, RecvError, Subscriber};
 use whirlstand_logs::{RawMessage, ReadError};
 use whirlstand_msgs::{
-    Adjustment, Command, Disturbance, Estimate, Head, Health, Imu, Message, Odometry, Outputs, Setpoint,
-    Truth,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Head, Health, Imu, Message, Odometry, Outputs,
+    Sent, Setpoint, Truth,
 };
 
 /// Queue of each topic: whoever looks on may miss what a fast bench says, and is told how much.

@@ -137,7 +137,11 @@ impl Rows {
                 let wanted = wanted.into_iter().enumerate();
                 wanted.for_each(|(i, w)| row[output(i)] = w.unwrap_or(f32::NAN));
             }
-            Heard::Disturbance(_) | Heard::Adjustment(_) | Heard::Health(_) => {}
+            Heard::Disturbance(_)
+            | Heard::Sent(_)
+            | Heard::Autopilot(_)
+            | Heard::Adjustment(_)
+            | Heard::Health(_) => {}
         }
     }
 

@@ -115,19 +115,19 @@ fn loops(report: &TuneReport) -> Section {
         Plot::new("poles", "poles of the loop with its filter", "real part, 1/s", "imaginary part, 1/s");
     poles.square = true;
     poles.height = 420;
-    for law in 0..2 {
+    for (law, name) in LAWS.iter().enumerate() {
         let values: Vec<f64> = report.sensitivity[law].iter().map(|s| 20.0 * s.log10()).collect();
         if !values.is_empty() {
-            sensitivity.traces.push(Trace::new(LAWS[law], law, Style::Main, &report.frequencies, &values));
+            sensitivity.traces.push(Trace::new(*name, law, Style::Main, &report.frequencies, &values));
         }
         if let Some((w, peak)) = report.frequencies.iter().zip(&values).max_by(|a, b| a.1.total_cmp(b.1)) {
-            sensitivity.notes.push((*w, *peak, format!("{}: {peak:.1} dB", LAWS[law])));
+            sensitivity.notes.push((*w, *peak, format!("{}: {peak:.1} dB", name)));
         }
         // Those of past commands lie far to the left and say nothing.
         let shown = report.poles[law].iter().filter(|p| p.discrete[0].hypot(p.discrete[1]) > 0.7);
         let (x, y): (Vec<f64>, Vec<f64>) =
             shown.filter_map(|p| p.continuous).map(|[re, im]| (re, im)).unzip();
-        poles.traces.push(Trace::new(LAWS[law], law, Style::Crosses, &x, &y));
+        poles.traces.push(Trace::new(*name, law, Style::Crosses, &x, &y));
     }
     Section {
         title: "Loops".into(),

@@ -27,8 +27,8 @@ const ROOMS: [(&str, &[&str]); 17] = [
     (
         "launch",
         &[
-            "blind", "bridge", "bus", "campaign", "control", "diagnose", "evaluate", "fmu", "ident", "live", "logs", "msgs",
-            "nodes", "report", "vehicle",
+            "blind", "bridge", "bus", "campaign", "control", "diagnose", "evaluate", "fmu", "ident", "live",
+            "logs", "msgs", "nodes", "report", "vehicle",
         ],
     ),
 ];

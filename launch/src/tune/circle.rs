@@ -8,6 +8,7 @@ use std::sync::atomic::AtomicBool;
 use whirlstand_control::design::{EstimatedLoop, LeftOut, LoopFigures};
 use whirlstand_diagnose::{Diagnosis, Options, Watch, diagnose};
 use whirlstand_evaluate::Flight;
+use whirlstand_ident::watch::Stage;
 use whirlstand_nodes::config::{LawKind, NodeConfig, VehicleSource};
 use whirlstand_nodes::setup::Setup;
 use whirlstand_vehicle::{LinearModel, Vehicle};
@@ -42,7 +43,7 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     let line = StageLine::new("tune", None);
     let listener = line.listener();
     let flown = fly_all(&laws, extended, &plan, &diagnosis, args.draws, &|share| {
-        listener("flying both laws", Some(share));
+        listener(Stage { what: "flying both laws", detail: "", share: Some(share) });
     });
     line.finish();
     let [old, new] = flown?;
@@ -113,7 +114,7 @@ fn diagnosis(args: &TuneArgs, vehicle: &Vehicle) -> Result<Diagnosis, Failure> {
     let records = records.collect::<Result<Vec<_>, _>>()?;
     let line = StageLine::new("tune", None);
     let listener = line.listener();
-    let watch = Watch::new(Arc::new(AtomicBool::new(false)), move |stage| listener(stage.what, stage.share));
+    let watch = Watch::new(Arc::new(AtomicBool::new(false)), listener);
     let answer = diagnose(&records, vehicle, &Options { watch, ..Options::default() });
     line.finish();
     answer.map_err(Failure::mend)
@@ -157,6 +158,9 @@ fn loop_of(pilot: &Pilot, linear: &LinearModel, vehicle: &Vehicle) -> Option<Loo
     ))
 }
 
+/// One draw, flown by the old law and by the new one.
+type Pair = [(Judged, Flight); 2];
+
 /// Both laws on every draw, each draw with its own noise; the work is shared among the processors.
 fn fly_all(
     laws: &[Pilot; 2],
@@ -169,7 +173,7 @@ fn fly_all(
     let config = &plan.config;
     // One measure for both laws: the vehicle's own sizes.
     let plant = Setup::plant_of(extended, Setup::period_s(config)).map_err(Failure::mend)?;
-    let fly_one = |k: usize| -> Result<[(Judged, Flight); 2], Failure> {
+    let fly_one = |k: usize| -> Result<Pair, Failure> {
         let seed = config.seed.wrapping_add(k as u64);
         // The first draw is what was found itself.
         let mut truth = if k == 0 { extended.clone() } else { draw(extended, diagnosis, seed) };
@@ -185,7 +189,7 @@ fn fly_all(
     };
     let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(draws);
     let done = std::sync::atomic::AtomicUsize::new(0);
-    let work = |worker: usize| -> Result<Vec<(usize, [(Judged, Flight); 2])>, Failure> {
+    let work = |worker: usize| -> Result<Vec<(usize, Pair)>, Failure> {
         let mut flown = Vec::new();
         for k in (worker..draws).step_by(workers) {
             flown.push((k, fly_one(k)?));
