@@ -15,7 +15,7 @@ use whirlstand_vehicle::{Effect, SignalUnit, Vehicle, check_attitude};
 use super::amount::{Amount, Seconds};
 use super::document::{Document, LaunchError, Step, at};
 use super::expect;
-use super::schema::{LaunchFile, NodeSection, RecorderSection, Restart};
+use super::schema::{LaunchFile, NodeSection, RecorderSection};
 use super::security::Security;
 use super::wording::unknown;
 
@@ -146,21 +146,6 @@ fn realtime(nodes: &[PlannedNode]) -> BTreeMap<Role, RealtimeOptions> {
     own.filter_map(|n| Some((n.role?, n.section.realtime())))
         .filter(|(_, options)| *options != RealtimeOptions::default())
         .collect()
-}
-
-impl NodeSection {
-    /// How often the node can be started in a run.
-    pub fn starts(&self) -> u32 {
-        match self.restart {
-            Restart::Never => 1,
-            Restart::OnFailure => self.max_restarts.saturating_add(1),
-        }
-    }
-
-    /// What the node asks of the operating system.
-    pub fn realtime(&self) -> RealtimeOptions {
-        RealtimeOptions { priority: self.priority, cpus: self.cpus.clone(), lock_memory: self.lock_memory }
-    }
 }
 
 /// A launch file with its vehicle, while it is being checked.

@@ -6,7 +6,9 @@ use serde::de::{Error, IgnoredAny};
 use serde::{Deserialize, Deserializer};
 use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
-use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig};
+use whirlstand_nodes::config::{
+    ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig, RealtimeOptions,
+};
 
 use super::amount::{Amount, Bytes, Seconds, hertz};
 
@@ -178,6 +180,21 @@ pub(crate) struct NodeSection {
     pub cpus: Vec<usize>,
     /// Lock all memory.
     pub lock_memory: bool,
+}
+
+impl NodeSection {
+    /// How often the node can be started in a run.
+    pub fn starts(&self) -> u32 {
+        match self.restart {
+            Restart::Never => 1,
+            Restart::OnFailure => self.max_restarts.saturating_add(1),
+        }
+    }
+
+    /// What the node asks of the operating system.
+    pub fn realtime(&self) -> RealtimeOptions {
+        RealtimeOptions { priority: self.priority, cpus: self.cpus.clone(), lock_memory: self.lock_memory }
+    }
 }
 
 /// Any number, so that one out of range is refused in words.

@@ -51,8 +51,11 @@ pub struct LinearModel {
 }
 
 /// Why an effect stays out of the linear model; `None` for those that enter it.
-fn obstacle(kind: Kind) -> Option<&'static str> {
-    Some(match kind {
+fn obstacle(effect: &Effect) -> Option<&'static str> {
+    if !effect.window().is_always() {
+        return Some("it acts for a part of the time; the law is that of the rest");
+    }
+    Some(match effect.kind() {
         Kind::GainDrift => "the gain at the start is used; it changes with time",
         Kind::DeadZone => {
             "it is not linear; the filter knows it, the law where [controller] compensate = [\"dead_zone\"] says so"
@@ -86,7 +89,7 @@ impl LinearModel {
         let (mut linear, mut left_out) = (Vec::new(), Vec::new());
         for effect in &vehicle.effects {
             let place = effect.resolve(vehicle)?;
-            match obstacle(effect.kind()) {
+            match obstacle(effect) {
                 Some(why) => left_out.push((effect.clone(), why)),
                 None => linear.push((effect.clone(), place)),
             }
@@ -176,7 +179,8 @@ impl LinearModel {
 
     /// Dead zones lie behind gain and bias. Those of one input in a row are one of their sum.
     fn take_dead_zones(&mut self, vehicle: &Vehicle) -> Result<(), SimulatorError> {
-        let at = |kind: Kind| vehicle.effects.iter().filter(move |e| e.kind() == kind);
+        let always = |e: &&Effect| e.window().is_always();
+        let at = |kind: Kind| vehicle.effects.iter().filter(always).filter(move |e| e.kind() == kind);
         for effect in at(Kind::DeadZone) {
             let Place::Input(i) = effect.resolve(vehicle)? else { continue };
             let gains = at(Kind::InputGain).filter(|e| e.place() == effect.place());
@@ -253,6 +257,7 @@ fn filter_names(vehicle: &Vehicle, effects: &[(Effect, Place)]) -> Vec<(bool, St
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Window;
 
     #[test]
     fn a_plain_vehicle_is_its_own_matrices_bit_for_bit() {
@@ -288,5 +293,21 @@ mod tests {
         let (i, j) = (vehicle.output_index("roll").unwrap(), vehicle.output_index("pitch").unwrap());
         assert!((model.mix[(i, j)] - 1.1 * 0.1f64.sin()).abs() < 1e-15);
         assert!((model.mix[(j, i)] + 0.1f64.sin()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_acts_for_a_part_of_the_time_is_left_out() {
+        let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
+        for (kind, key, value) in [(Kind::InputGain, "factor", 0.5), (Kind::DeadZone, "width", 0.1)] {
+            let late = Window { from_s: Some(3.0), until_s: None };
+            let effect = Effect::new(kind, "u_roll", &[(key, value)]).unwrap().during(late).unwrap();
+            vehicle.add_effect(effect).unwrap();
+        }
+        let model = LinearModel::new(&vehicle).unwrap();
+        assert_eq!((&model.b, model.dead_zones.iter().sum::<f64>()), (&vehicle.b, 0.0));
+        assert!(
+            model.left_out.iter().all(|(_, why)| why.contains("part of the time"))
+                && model.left_out.len() == 2
+        );
     }
 }

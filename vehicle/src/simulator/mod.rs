@@ -24,6 +24,7 @@ mod inputs;
 mod kernel;
 mod linear_model;
 mod nonlinear;
+mod record;
 mod schedule;
 mod sensor;
 mod sensors;
@@ -386,20 +387,5 @@ impl Simulator {
         }
         let mut states = self.state().iter().copied().zip(bounds).enumerate();
         states.find(|(_, (x, bound))| x.is_nan() || x.abs() > **bound).map(|(i, (x, _))| (i, x))
-    }
-
-    /// Runs a whole record: for each row of `inputs` (steps x inputs, row after row) the outputs measured at that
-    /// step go into the same row of `outputs` (steps x outputs).
-    ///
-    /// # Panics
-    /// When the two have not the same number of whole rows.
-    pub fn run(&mut self, inputs: &[f64], outputs: &mut [f64]) {
-        let p = self.sensors.fresh().len();
-        assert_eq!(inputs.len() * p, outputs.len() * self.m, "a row of outputs for each row of inputs");
-        for (u, y) in inputs.chunks_exact(self.m).zip(outputs.chunks_exact_mut(p)) {
-            self.apply(u);
-            y.copy_from_slice(self.measure());
-            self.advance();
-        }
     }
 }
