@@ -208,7 +208,7 @@ mod tests {
                     values,
                     ended: Ended::Failed("it broke".into()),
                     holds: vec![],
-                    figures: vec![],
+                    figures: vec![None, None],
                 },
                 _ => Flight {
                     number: n,

@@ -120,6 +120,37 @@ typedef struct {
 } whirlstand_disturbance;
 static const whirlstand_layout whirlstand_disturbance_layout = {0x795e3c63fe1f170eu, sizeof(whirlstand_disturbance), {{'q', 3}, {'d', 16}, {'i', 2}}};
 
+/* topic sent, 376 bytes */
+typedef struct {
+    whirlstand_head head;
+    double channels[16];
+    double u[8];
+    double stick[16];
+    double link_quality;
+    uint64_t messages;
+    uint32_t count;
+    uint32_t in_charge;
+    uint32_t armed;
+    uint32_t reason;
+} whirlstand_sent;
+static const whirlstand_layout whirlstand_sent_layout = {0x626298cbd73834b9u, sizeof(whirlstand_sent), {{'q', 3}, {'d', 41}, {'q', 1}, {'i', 4}}};
+
+/* topic autopilot, 544 bytes */
+typedef struct {
+    whirlstand_head head;
+    double outputs[32];
+    double rc[16];
+    double gyro[3];
+    double accel[3];
+    double mag[3];
+    double pressure;
+    double fix[3];
+    double velocity[3];
+    uint32_t armed;
+    uint32_t fault;
+} whirlstand_autopilot;
+static const whirlstand_layout whirlstand_autopilot_layout = {0xa50d53367fca3891u, sizeof(whirlstand_autopilot), {{'q', 3}, {'d', 64}, {'i', 2}}};
+
 /* topic health, 232 bytes */
 typedef struct {
     whirlstand_head head;
