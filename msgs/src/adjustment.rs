@@ -71,7 +71,7 @@ pub enum AdjustmentVerdict {
 impl AdjustmentKind {
     /// The kind for a number in [`Adjustment::what`]; `None` for one that this version does not know.
     pub fn from_u32(value: u32) -> Option<Self> {
-        [Self::Gust, Self::Engine, Self::Setpoint, Self::Gain, Self::Stop]
+        [Self::Gust, Self::Engine, Self::Setpoint, Self::Gain, Self::Stop, Self::Effect]
             .into_iter()
             .find(|k| *k as u32 == value)
     }

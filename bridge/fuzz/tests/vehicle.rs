@@ -84,7 +84,8 @@ fn fuzz_vehicle() {
     )
     .unwrap();
     let config = BridgeConfig { kind: BridgeKind::Mavlink, options };
-    let inputs = ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: 1.0, turns: [1.0; 3] }).to_vec();
+    let inputs =
+        ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: 1.0, turns: [1.0; 3] }).to_vec();
     check!().for_each(|bytes: &[u8]| {
         let bench = Bench {
             inputs: inputs.clone(),
