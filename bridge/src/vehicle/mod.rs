@@ -139,44 +139,65 @@ fn least_interval(kind: BridgeKind, rate_hz: Option<f64>) -> Result<Duration, Co
     Err(ConfigError::new(&[kind.name(), "output_rate_hz"], message))
 }
 
+/// How the vehicle is spoken to.
+struct VehicleLink {
+    source: Source,
+    output: Output,
+    /// Greatest rate of outputs that was asked for, Hz.
+    rate_hz: Option<f64>,
+    mavlink: Option<MavlinkConfig>,
+}
+
+impl VehicleLink {
+    fn new(
+        config: &BridgeConfig,
+        bench: &mut Bench,
+        wants_rc: bool,
+        timeout: Duration,
+    ) -> Result<Self, ConfigError> {
+        match config.kind {
+            BridgeKind::Mavlink => {
+                let own = config.options.mavlink.as_ref().ok_or_else(|| missing(config.kind))?;
+                check_mavlink(own)?;
+                let (rate, odometry, signing) = (bench.rate_hz, bench.wants_odometry, bench.signing.take());
+                let autopilot = Autopilot::new(own, rate, odometry, wants_rc, timeout, signing);
+                let source = Source::Mavlink(Box::new(autopilot));
+                Ok(Self {
+                    source,
+                    output: own.output,
+                    rate_hz: own.output_rate_hz,
+                    mavlink: Some(own.clone()),
+                })
+            }
+            BridgeKind::Crsf => {
+                let own = config.options.crsf.as_ref().ok_or_else(|| missing(config.kind))?;
+                let parser = crsf::Parser::new();
+                let source = Source::Crsf { parser, quality: None, linked_at: None, timeout, warned: false };
+                Ok(Self { source, output: Output::Crsf, rate_hz: own.output_rate_hz, mavlink: None })
+            }
+            other => {
+                let message = format!("the bridge {other} is not one to a vehicle");
+                Err(ConfigError::new(&[other.name()], message))
+            }
+        }
+    }
+}
+
 impl Vehicle {
     /// A bridge that has not received anything yet.
     ///
     /// # Errors
     /// [`ConfigError`] for options that cannot be.
-    pub fn new(config: &BridgeConfig, bench: Bench) -> Result<Self, ConfigError> {
+    pub fn new(config: &BridgeConfig, mut bench: Bench) -> Result<Self, ConfigError> {
         let options = &config.options;
         let safety = options.safety.clone();
         check_safety(&safety, config)?;
         let pilot = options.pilot.as_ref().map(Pilot::new).transpose()?;
         let pilot_source = options.pilot.as_ref().map(|p| p.source);
         let timeout = Duration::from_secs_f64(safety.link_timeout_s);
-        let (source, output, rate, mavlink) = match config.kind {
-            BridgeKind::Mavlink => {
-                let own = options.mavlink.as_ref().ok_or_else(|| missing(config.kind))?;
-                check_mavlink(own)?;
-                let wants_rc = pilot_source == Some(PilotSource::Mavlink);
-                let autopilot = Autopilot::new(
-                    own,
-                    bench.rate_hz,
-                    bench.wants_odometry,
-                    wants_rc,
-                    timeout,
-                    bench.signing,
-                );
-                (Source::Mavlink(Box::new(autopilot)), own.output, own.output_rate_hz, Some(own.clone()))
-            }
-            BridgeKind::Crsf => {
-                let own = options.crsf.as_ref().ok_or_else(|| missing(config.kind))?;
-                let parser = crsf::Parser::new();
-                let source = Source::Crsf { parser, quality: None, linked_at: None, timeout, warned: false };
-                (source, Output::Crsf, own.output_rate_hz, None)
-            }
-            other => {
-                let message = format!("the bridge {other} is not one to a vehicle");
-                return Err(ConfigError::new(&[other.name()], message));
-            }
-        };
+        let wants_rc = pilot_source == Some(PilotSource::Mavlink);
+        let link = VehicleLink::new(config, &mut bench, wants_rc, timeout)?;
+        let (output, rate) = (link.output, link.rate_hz);
         let mut least_interval = least_interval(config.kind, rate)?;
         let budget = budget(config, output, rate, bench.rate_hz)?;
         let policy = Policy {
@@ -200,8 +221,8 @@ impl Vehicle {
             command_timeout: Duration::from_secs_f64(safety.command_timeout_s),
             safety,
             output,
-            mavlink,
-            source,
+            mavlink: link.mavlink,
+            source: link.source,
             pilot,
             pilot_source,
             pilot_crsf: crsf::Parser::new(),
