@@ -1,6 +1,6 @@
 //! `whirlstand watch` and `whirlstand play`: a bench that runs, or a finished log, on the live page or in the terminal.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -36,15 +36,19 @@ pub(crate) fn watch(args: &WatchArgs) -> Result<ExitCode, Failure> {
     let look = Look::begin(&card, &args.bench, page.hub())?;
     page.hand_over(&card);
     style::say(&page.line());
-    let mut signals = Signals::take().map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
-    let mut signal = None;
+    let signals = Signals::take().map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
+    let (signals, told) = (RefCell::new(signals), Cell::new(false));
     let seen = look.until_over(
         false,
         || {
-            signal = signal.or_else(|| signals.next());
-            signal.is_some()
+            told.set(told.get() || signals.borrow_mut().next().is_some());
+            told.get()
         },
-        |until| std::thread::sleep(until.saturating_duration_since(Instant::now())),
+        // A system that refuses to wait ends the looking, as a signal does.
+        |until| {
+            let longest = until.saturating_duration_since(Instant::now());
+            told.set(told.get() || signals.borrow().wait(longest).is_err());
+        },
     )?;
     page.end(if seen == Seen::Over { &over } else { "whirlstand watch has ended" });
     ended(seen, &over)
