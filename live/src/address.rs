@@ -13,9 +13,7 @@ const TOKEN_LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrs
 
 /// What is wrong with an address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "'{0}' is no address for the live page: write a port, IP, IP:PORT or [IP]:PORT, such as 8480 or 192.0.2.2:8480"
-)]
+#[error("'{0}' is no address: write a port, IP, IP:PORT or [IP]:PORT, such as 8480 or 192.0.2.2:8480")]
 pub struct AddressError(String);
 
 /// Where the page is served.
@@ -29,19 +27,46 @@ pub struct Address {
 
 impl Default for Address {
     fn default() -> Self {
-        Self { socket: SocketAddr::new(Ipv4Addr::LOCALHOST.into(), DEFAULT_PORT), any_port: true }
+        Self::on_this_machine(DEFAULT_PORT)
     }
+}
+
+/// A text that nobody can guess.
+pub(crate) fn secret() -> String {
+    let mut random = rand::rng();
+    let letter = |_| char::from(TOKEN_LETTERS[random.random_range(0..TOKEN_LETTERS.len())]);
+    (0..TOKEN_LENGTH).map(letter).collect()
 }
 
 impl Address {
     /// A token for whoever comes from another machine; on this one the address itself will do.
     pub(crate) fn token(&self) -> Option<String> {
-        if self.socket.ip().is_loopback() {
-            return None;
+        (!self.socket.ip().is_loopback()).then(secret)
+    }
+
+    /// Loopback, with a port that is tried first.
+    fn on_this_machine(port: u16) -> Self {
+        Self { socket: SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port), any_port: true }
+    }
+
+    /// Reads an address, with the port that is tried first where none is given.
+    ///
+    /// # Errors
+    /// When it is none.
+    pub fn parse(text: &str, first_port: u16) -> Result<Self, AddressError> {
+        let bare = text.trim();
+        if bare.is_empty() {
+            return Ok(Self::on_this_machine(first_port));
         }
-        let mut random = rand::rng();
-        let letter = |_| char::from(TOKEN_LETTERS[random.random_range(0..TOKEN_LETTERS.len())]);
-        Some((0..TOKEN_LENGTH).map(letter).collect())
+        if let Ok(socket) = bare.parse() {
+            return Ok(Self { socket, any_port: false });
+        }
+        if let Ok(ip) = bare.trim_matches(['[', ']']).parse::<IpAddr>() {
+            return Ok(Self { socket: SocketAddr::new(ip, first_port), any_port: true });
+        }
+        let port = bare.trim_start_matches("localhost").trim_start_matches(':').parse::<u16>();
+        let port = port.map_err(|_| AddressError(text.into()))?;
+        Ok(Self { socket: SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port), any_port: false })
     }
 }
 
@@ -49,19 +74,7 @@ impl std::str::FromStr for Address {
     type Err = AddressError;
 
     fn from_str(text: &str) -> Result<Self, AddressError> {
-        let bare = text.trim();
-        if bare.is_empty() {
-            return Ok(Self::default());
-        }
-        if let Ok(socket) = bare.parse() {
-            return Ok(Self { socket, any_port: false });
-        }
-        if let Ok(ip) = bare.trim_matches(['[', ']']).parse::<IpAddr>() {
-            return Ok(Self { socket: SocketAddr::new(ip, DEFAULT_PORT), any_port: true });
-        }
-        let port = bare.trim_start_matches("localhost").trim_start_matches(':').parse::<u16>();
-        let port = port.map_err(|_| AddressError(text.into()))?;
-        Ok(Self { socket: SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port), any_port: false })
+        Self::parse(text, DEFAULT_PORT)
     }
 }
 

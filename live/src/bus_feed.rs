@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bus::{Bus, OpenError, RecvError};
 
 use crate::collector::{Collector, FRAME};
+use crate::foxglove::FoxgloveFeed;
 use crate::heard::Ears;
 use crate::hub::Hub;
 
@@ -16,18 +17,24 @@ pub struct BusFeed {
     collector: Collector,
     ears: Ears,
     hub: Hub,
+    foxglove: Option<FoxgloveFeed>,
     frame_due: Instant,
     _bus: Bus,
 }
 
 impl BusFeed {
-    /// Listens to a bench.
+    /// Listens to a bench, for the viewers of a page and, if there are any, for those with Foxglove.
     ///
     /// # Errors
     /// A port cannot be opened.
-    pub fn open(bus: Bus, collector: Collector, hub: Hub) -> Result<Self, OpenError> {
+    pub fn open(
+        bus: Bus,
+        collector: Collector,
+        hub: Hub,
+        foxglove: Option<FoxgloveFeed>,
+    ) -> Result<Self, OpenError> {
         let ears = Ears::open(&bus)?;
-        Ok(Self { collector, ears, hub, frame_due: Instant::now() + FRAME, _bus: bus })
+        Ok(Self { collector, ears, hub, foxglove, frame_due: Instant::now() + FRAME, _bus: bus })
     }
 
     /// Takes what waits, hands on a frame when it is due, and says when to look next.
@@ -35,14 +42,22 @@ impl BusFeed {
     /// # Errors
     /// The transport fails.
     pub fn turn(&mut self, now: Instant) -> Result<Instant, RecvError> {
-        let Self { ears, collector, .. } = self;
-        ears.drain(|heard| collector.hear(heard, now))?;
+        let Self { ears, collector, foxglove, .. } = self;
+        ears.drain(|heard| {
+            collector.hear(heard, now);
+            foxglove.iter().for_each(|feed| feed.hear(heard));
+        })?;
         if now >= self.frame_due {
-            let frame = self.collector.frame(now, self.ears.lost(), false);
-            self.hub.publish(&frame, frame.anew);
+            self.show(now, false);
             self.frame_due = now + FRAME;
         }
         Ok(now + LOOK)
+    }
+
+    fn show(&mut self, now: Instant, all_has_come: bool) {
+        let frame = self.collector.frame(now, self.ears.lost(), all_has_come);
+        self.foxglove.iter().for_each(|feed| feed.tell(&frame.events));
+        self.hub.publish(&frame, frame.anew);
     }
 
     /// Hands on what came last, and leaves the bench; what was collected goes on elsewhere.
@@ -50,8 +65,7 @@ impl BusFeed {
         let now = Instant::now();
         // What the transport could not hand over is lost with the bench.
         let _ = self.turn(now);
-        let frame = self.collector.frame(now, self.ears.lost(), true);
-        self.hub.publish(&frame, frame.anew);
+        self.show(now, true);
         self.collector
     }
 }

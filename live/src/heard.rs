@@ -1,7 +1,8 @@
 //! The messages that a feed hears: from the bus, or from a log.
 
+use bytemuck::bytes_of;
 use whirlstand_bus::{Bus, OpenError, RecvError, Subscriber};
-use whirlstand_logs::{RawMessage, ReadError};
+use whirlstand_logs::{BenchInfo, RawMessage, ReadError, named_schema};
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Head, Health, Imu, Message, Odometry, Outputs,
     Sent, Setpoint, Truth,
@@ -9,6 +10,21 @@ use whirlstand_msgs::{
 
 /// Queue of each topic: whoever looks on may miss what a fast bench says, and is told how much.
 const DEPTH: usize = whirlstand_bus::MAX_DEPTH;
+
+/// How the messages of a topic are written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct HeardType {
+    pub topic: &'static str,
+    pub name: &'static str,
+    /// In ROS 2 message syntax.
+    pub schema: String,
+}
+
+impl HeardType {
+    fn of<M: Message>(info: &BenchInfo) -> Self {
+        Self { topic: M::TOPIC, name: M::TYPE_NAME, schema: named_schema::<M>(info) }
+    }
+}
 
 macro_rules! heard {
     ($($name:ident: $message:ident),* $(,)?) => {
@@ -28,6 +44,24 @@ macro_rules! heard {
                     Self::Adjustment(m) => &m.head,
                     Self::Health(m) => &m.head,
                 }
+            }
+
+            /// Topic and memory image.
+            pub fn raw(&self) -> (&'static str, &[u8]) {
+                match self {
+                    $(Self::$message(m) => ($message::TOPIC, bytes_of(m)),)*
+                    Self::Adjustment(m) => (Adjustment::TOPIC, bytes_of(m)),
+                    Self::Health(m) => (Health::TOPIC, bytes_of(m)),
+                }
+            }
+
+            /// What can be heard, with the schemas of a bench.
+            pub fn types(info: &BenchInfo) -> Vec<HeardType> {
+                vec![
+                    $(HeardType::of::<$message>(info),)*
+                    HeardType::of::<Adjustment>(info),
+                    HeardType::of::<Health>(info),
+                ]
             }
 
             /// A message of a log; `None` for a topic that is not shown.

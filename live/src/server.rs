@@ -79,7 +79,7 @@ pub type Answer = Result<String, String>;
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// The address cannot be had.
-    #[error("the live page cannot be served on {socket}: {source}; give another address")]
+    #[error("nothing can be served on {socket}: {source}; give another address")]
     Listen {
         /// The address.
         socket: SocketAddr,
@@ -87,7 +87,7 @@ pub enum ServerError {
         source: std::io::Error,
     },
     /// The system gives no thread or poller.
-    #[error("the live page cannot be served: {0}")]
+    #[error("nothing can be served: {0}")]
     Start(std::io::Error),
 }
 
@@ -121,10 +121,7 @@ impl Server {
     ) -> Result<Self, ServerError> {
         let listener = listen(address)?;
         let token = address.token();
-        let mut socket = listener.local_addr().map_err(ServerError::Start)?;
-        if socket.ip().is_unspecified() && socket.is_ipv4() {
-            socket.set_ip(own_address().unwrap_or(socket.ip()));
-        }
+        let socket = reachable(listener.local_addr().map_err(ServerError::Start)?);
         let query = token.as_ref().map_or(String::new(), |token| format!("?token={token}"));
         let url = format!("http://{socket}/{query}");
         let shared = Arc::new(Shared {
@@ -181,6 +178,14 @@ fn listen(address: Address) -> Result<TcpListener, ServerError> {
         }
         result => result.map_err(error),
     }
+}
+
+/// The address as others reach it: that of all interfaces is none.
+pub(crate) fn reachable(mut socket: SocketAddr) -> SocketAddr {
+    if socket.ip().is_unspecified() && socket.is_ipv4() {
+        socket.set_ip(own_address().unwrap_or(socket.ip()));
+    }
+    socket
 }
 
 /// The address by which this machine is known outside. Nothing is sent.

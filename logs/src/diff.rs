@@ -175,7 +175,7 @@ fn read_one(side: &mut Side, which: usize, topics: &mut BTreeMap<String, Pairing
     let Some(pairing) = topics.get_mut(name) else { return Ok(()) };
     if pairing.types[which].is_none() {
         let topic = message.topic;
-        pairing.types[which] = Some((topic.schema_name.clone(), topic.schema.clone()));
+        pairing.types[which] = Some((topic.schema_name.clone(), topic.layout.clone()));
     }
     pairing.take(which, name, message.log_time, message.data);
     Ok(())

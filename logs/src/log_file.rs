@@ -15,6 +15,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError};
 use serde::Serialize;
 
+use crate::named_schema::without_names;
 use crate::read_error::ReadError;
 
 /// Largest chunk that is unpacked, bytes. Tools write chunks of a few MB.
@@ -37,6 +38,9 @@ pub struct Topic {
     /// The schema itself.
     #[serde(skip)]
     pub schema: Vec<u8>,
+    /// The schema without the names of a vehicle, as [`whirlstand_msgs::Message::SCHEMA`] has it.
+    #[serde(skip)]
+    pub layout: Vec<u8>,
 }
 
 /// Something in the file that could not be read; what lies around it was.
@@ -252,7 +256,10 @@ impl LogFile {
                         .cloned()
                         .ok_or_else(|| McapError::UnknownSchema(c.topic.clone(), id))?,
                 };
+                let layout = std::str::from_utf8(&schema).map(|text| without_names(text).into_bytes());
+                let layout = layout.unwrap_or_else(|_| schema.clone());
                 let topic = Topic {
+                    layout,
                     name: c.topic,
                     message_encoding: c.message_encoding,
                     schema_name,

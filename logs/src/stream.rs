@@ -57,7 +57,7 @@ pub(crate) fn decode_unchecked<M: Message>(message: &RawMessage<'_>) -> Result<M
 /// Confirms that a topic holds `M` as this program knows it.
 pub(crate) fn check_schema<M: Message>(topic: &Topic) -> Result<(), ReadError> {
     let same_name = topic.schema_name == M::TYPE_NAME;
-    if same_name && topic.message_encoding == "cdr" && topic.schema == M::SCHEMA.as_bytes() {
+    if same_name && topic.message_encoding == "cdr" && topic.layout == M::SCHEMA.as_bytes() {
         return Ok(());
     }
     let name = if topic.schema_name.is_empty() { "messages without a schema" } else { &topic.schema_name };

@@ -15,8 +15,8 @@
 //! # }
 //! ```
 //!
-//! Every message type has one channel: topic `/imu`, schema in ROS 2 message syntax, messages in CDR. A message
-//! is its memory image behind the CDR header, because no message has padding. Messages are gathered in chunks,
+//! Every message type has one channel: topic `/imu`, schema in ROS 2 message syntax with the vehicle's own names of states, inputs
+//! and outputs, messages in CDR. A message is its memory image behind the CDR header, because no message has padding. Messages are gathered in chunks,
 //! compressed with LZ4, and a chunk goes to the operating system in one piece: what a killed recorder leaves is
 //! whole up to the last flush.
 
@@ -32,11 +32,12 @@ use whirlstand_msgs::Message;
 
 use crate::bench_info::{BenchInfo, METADATA_NAME};
 use crate::hole::Hole;
+use crate::named_schema::named_schema;
 use crate::output::Output;
 use crate::wall_clock::carries_wall_clock;
 
 /// CDR, plain, in this machine's byte order (OMG DDS-RTPS 2.5, section 10.2.1.2): 0 is big-endian, 1 little-endian.
-pub(crate) const CDR_HEADER: [u8; 4] = [0, cfg!(target_endian = "little") as u8, 0, 0];
+pub const CDR_HEADER: [u8; 4] = [0, cfg!(target_endian = "little") as u8, 0, 0];
 
 /// Longest time that a message waits before its chunk goes to the file.
 ///
@@ -115,6 +116,7 @@ pub struct Written {
 pub struct LogWriter {
     inner: mcap::Writer<Output>,
     path: PathBuf,
+    info: BenchInfo,
     scratch: Vec<u8>,
     /// Latest bench time in the log, ns: where messages that carry wall-clock time are put on the time axis.
     bench_ns: u64,
@@ -162,6 +164,7 @@ impl LogWriter {
         Ok(Self {
             inner,
             path,
+            info: info.clone(),
             scratch: Vec::with_capacity(1024),
             bench_ns: 0,
             messages: 0,
@@ -232,7 +235,7 @@ impl LogWriter {
         let topic = format!("/{}", topic.trim_start_matches('/'));
         let id = self
             .inner
-            .add_schema(M::TYPE_NAME, "ros2msg", M::SCHEMA.as_bytes())
+            .add_schema(M::TYPE_NAME, "ros2msg", named_schema::<M>(&self.info).as_bytes())
             .and_then(|schema| self.inner.add_channel(schema, &topic, "cdr", &BTreeMap::new()))
             .map_err(|e| self.failed(e))?;
         Ok(Channel { id, message: PhantomData })
@@ -240,8 +243,8 @@ impl LogWriter {
 
     /// Adds a message; it reaches the file with its chunk.
     ///
-    /// Its log time is its bench time. Health and progress carry wall-clock time: they stand at the
-    /// latest bench time in the log, so that the log has one time axis; their own stamp is the publish time.
+    /// Its times are its bench time. Health and progress carry wall-clock time: they stand at the latest bench time in the
+    /// log, so that the log has one clock; their own stamp is in the message.
     ///
     /// # Errors
     /// [`WriteError::Write`].
@@ -258,7 +261,7 @@ impl LogWriter {
             // MCAP counts in 32 bits; the full number is in the message.
             sequence: head.seq as u32,
             log_time,
-            publish_time: head.stamp_ns,
+            publish_time: log_time,
         };
         self.scratch.clear();
         self.scratch.extend_from_slice(&CDR_HEADER);

@@ -13,8 +13,10 @@ use file::{END, HEADER, fields, log, unsigned};
 use proptest::prelude::*;
 use whirlstand_logs::{Kind, info, kind, read};
 
-/// Points that the record of a damaged log may have at most: two steps of time that are believed, at 1 kHz.
-const MOST_POINTS: usize = 25_000;
+/// Points that the record of a damaged log may have at most, whatever its times became: what a common clock may have for 1000
+/// samples of two signals. Times are stored as differences of differences, so that a wrong step of up to 10 s is
+/// repeated by every frame up to the next one that stands for itself.
+const MOST_POINTS: usize = 2_000_000 + 100 * 2 * 1000;
 
 fn written(folder: &Path, bytes: &[u8]) -> PathBuf {
     damage::written(folder, "flight.bbl", bytes)

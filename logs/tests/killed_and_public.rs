@@ -20,6 +20,7 @@ fn start(path: &Path) -> LogWriter {
         seed: 3,
         period_ns: 1_000_000,
         states: vec![SignalInfo::new("roll", "rad")],
+        inputs: vec![SignalInfo::new("u_roll", "")],
         ..BenchInfo::default()
     };
     let mut log = LogWriter::create(path, &info).unwrap();

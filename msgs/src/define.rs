@@ -4,6 +4,17 @@ use bytemuck::Pod;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+/// What an array of a message has an element for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Each {
+    /// Every state of the vehicle, in its order.
+    State,
+    /// Every input of the vehicle, in its order.
+    Input,
+    /// Every output of the vehicle, in its order.
+    Output,
+}
+
 /// One field of a message, as laid out in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
@@ -15,6 +26,8 @@ pub struct Field {
     pub count: usize,
     /// Offset from the start of the message, bytes.
     pub offset: usize,
+    /// What it has an element for, where that is a signal of the vehicle.
+    pub each: Option<Each>,
 }
 
 /// A fixed-size message that can travel over every transport.
@@ -70,7 +83,7 @@ macro_rules! message {
     (
         $(#[$meta:meta])*
         $name:ident on $topic:literal $(from $speaker:ident)? {
-            $( $(#[$fmeta:meta])* $field:ident : $kind:ident $([$count:expr])? => $ros:literal ),+ $(,)?
+            $( $(#[$fmeta:meta])* $field:ident : $kind:ident $([$count:tt])? => $ros:literal ),+ $(,)?
         }
     ) => {
         $(#[$meta])*
@@ -92,12 +105,13 @@ macro_rules! message {
                 "MSG: whirlstand/Head\nuint64 seq\nuint64 step\nuint64 stamp_ns\n",
             );
             const FIELDS: &'static [$crate::Field] = &[
-                $crate::Field { name: "head", kind: "Head", count: 1, offset: 0 },
+                $crate::Field { name: "head", kind: "Head", count: 1, offset: 0, each: None },
                 $( $crate::Field {
                     name: stringify!($field),
                     kind: stringify!($kind),
                     count: message!(@count $([$count])?),
                     offset: std::mem::offset_of!($name, $field),
+                    each: message!(@each $([$count])?),
                 }, )+
             ];
 
@@ -115,8 +129,12 @@ macro_rules! message {
         }
     };
     (@type $kind:ident) => { $kind };
-    (@type $kind:ident [$count:expr]) => { [$kind; $count] };
+    (@type $kind:ident [$count:tt]) => { [$kind; $count] };
     (@count) => { 1 };
-    (@count [$count:expr]) => { $count };
+    (@count [$count:tt]) => { $count };
+    (@each [MAX_STATES]) => { Some($crate::Each::State) };
+    (@each [MAX_INPUTS]) => { Some($crate::Each::Input) };
+    (@each [MAX_OUTPUTS]) => { Some($crate::Each::Output) };
+    (@each $([$count:tt])?) => { None };
 }
 pub(crate) use message;

@@ -26,7 +26,7 @@ pub mod units;
 mod wire;
 
 pub use adjustment::{Adjustment, AdjustmentKind, AdjustmentVerdict};
-pub use define::{Field, Message};
+pub use define::{Each, Field, Message};
 pub use head::Head;
 pub use health::{Health, LATENCY_BUCKETS, NodeState, latency_bucket, latency_bucket_upper_ns};
 pub use types::{

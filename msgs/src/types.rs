@@ -212,7 +212,7 @@ message! {
     /// them.
     Autopilot on "autopilot" {
         /// Its outputs: 0 to 1 for a motor, -1 to 1 for a servo; NaN for all before the first and when they are too old.
-        outputs: f64[MAX_OUTPUTS] => "float64[32]",
+        outputs: f64[32] => "float64[32]",
         /// The pilot's channels that were sent, us.
         rc: f64[16] => "float64[16]",
         /// Turn rate as sent, rad/s, FRD.

@@ -18,6 +18,7 @@ use crate::command::{INTERRUPTED, tell, write};
 use crate::error::Failure;
 use crate::exclusive::OutFolder;
 use crate::file::Jobs;
+use crate::live::LiveAddresses;
 use crate::run::{fly_all, folder_name};
 use flyer::Flyer;
 use journal::Journal;
@@ -143,7 +144,7 @@ fn replay(args: &CampaignReplayArgs) -> Result<ExitCode, Failure> {
         )));
     }
     let jobs: Jobs = flyer.jobs(args.flight, None)?;
-    fly_all(&jobs, None, args.out.as_deref(), None, &args.json)
+    fly_all(&jobs, None, args.out.as_deref(), LiveAddresses::default(), &args.json)
 }
 
 fn merge(args: &CampaignMergeArgs) -> Result<ExitCode, Failure> {

@@ -4,7 +4,7 @@ use std::num::NonZeroU64;
 use std::path::PathBuf;
 
 use clap::Args;
-use whirlstand_live::Address;
+use whirlstand_live::{Address, AddressError, FOXGLOVE_PORT};
 
 use super::JsonArg;
 use super::quantity::seconds;
@@ -84,6 +84,14 @@ pub(crate) struct WatchArgs {
     /// Where the page is served: PORT, IP or IP:PORT [default: 127.0.0.1, port 8480 or a free one]
     #[arg(long, value_name = "ADDR", default_value = "", hide_default_value = true)]
     pub listen: Address,
+    /// Serve the bench to Foxglove as well: PORT, IP or IP:PORT [default: 127.0.0.1, port 8765 or a free one]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "", value_parser = foxglove_address, conflicts_with = "tui")]
+    pub foxglove: Option<Address>,
+}
+
+/// Where Foxglove finds the bench.
+pub(super) fn foxglove_address(text: &str) -> Result<Address, AddressError> {
+    Address::parse(text, FOXGLOVE_PORT)
 }
 
 /// Show a finished log as if it flew now, at any speed.

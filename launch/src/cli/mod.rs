@@ -183,6 +183,9 @@ pub(crate) struct RunArgs {
     /// Serve a page that shows the bench while it flies: PORT, IP or IP:PORT [default: 127.0.0.1, port 8480 or a free one]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "")]
     pub live: Option<Address>,
+    /// Serve the bench to Foxglove or Lichtblick while it flies: PORT, IP or IP:PORT [default: 127.0.0.1, port 8765 or a free one]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "", value_parser = live::foxglove_address)]
+    pub foxglove: Option<Address>,
     #[command(flatten)]
     pub json: JsonArg,
 }

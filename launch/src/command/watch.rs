@@ -10,7 +10,7 @@ use whirlstand_vehicle::Vehicle;
 
 use crate::cli::{PlayArgs, WatchArgs};
 use crate::error::Failure;
-use crate::live::{BenchCard, LivePage, Look, Seen};
+use crate::live::{BenchCard, LiveAddresses, LivePage, Look, Seen};
 use crate::style;
 use crate::supervisor::Signals;
 
@@ -20,7 +20,7 @@ pub(crate) fn watch(args: &WatchArgs) -> Result<ExitCode, Failure> {
     let over = format!("bench {} is over", args.bench);
     if args.tui {
         let hub = Hub::default();
-        let look = Look::begin(&card, &args.bench, &hub)?;
+        let look = Look::begin(&card, &args.bench, &hub, None)?;
         let mut terminal = Terminal::open(&hub).map_err(no_terminal)?;
         let left = Cell::new(false);
         let seen = look.until_over(
@@ -32,10 +32,11 @@ pub(crate) fn watch(args: &WatchArgs) -> Result<ExitCode, Failure> {
         drop(terminal);
         return ended(seen?, &over);
     }
-    let page = LivePage::open(args.listen)?;
-    let look = Look::begin(&card, &args.bench, page.hub())?;
+    let addresses = LiveAddresses { page: Some(args.listen), foxglove: args.foxglove };
+    let Some(page) = LivePage::open(addresses)? else { return Ok(ExitCode::SUCCESS) };
+    let look = page.begin(&card, &args.bench)?;
     page.hand_over(&card);
-    style::say(&page.line());
+    page.announce();
     let signals = Signals::take().map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
     let (signals, told) = (RefCell::new(signals), Cell::new(false));
     let seen = look.until_over(

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use whirlstand_live::{BusFeed, Collector, Controls, Hub, Scene};
+use whirlstand_live::{BusFeed, Collector, Controls, Foxglove, FoxgloveFeed, Hub, Scene};
 
 use super::card::BenchCard;
 use crate::error::Failure;
@@ -28,14 +28,20 @@ pub(crate) struct Look {
     card: BenchCard,
     collector: Collector,
     hub: Hub,
+    foxglove: Option<FoxgloveFeed>,
 }
 
 impl Look {
-    /// Tells the viewers what is flown.
+    /// Tells the viewers what is flown, those with Foxglove too.
     ///
     /// # Errors
-    /// When the vehicle cannot be read.
-    pub fn begin(card: &BenchCard, title: &str, hub: &Hub) -> Result<Self, Failure> {
+    /// When the vehicle cannot be read, or Foxglove's topics are refused.
+    pub fn begin(
+        card: &BenchCard,
+        title: &str,
+        hub: &Hub,
+        foxglove: Option<&Foxglove>,
+    ) -> Result<Self, Failure> {
         let vehicle = card.vehicle()?;
         let mode = serde_json::to_value(card.mode).map_err(Failure::run)?;
         let subtitle = format!(
@@ -53,7 +59,9 @@ impl Look {
         scene.effects = card.effects.clone();
         let collector = Collector::new(scene, &vehicle, true).with_engine(card.engine.into());
         collector.greet(hub);
-        Ok(Self { card: card.clone(), collector, hub: hub.clone() })
+        let foxglove = foxglove.map(|served| served.begin(&vehicle, card.period_ns as f64 * 1e-9));
+        let foxglove = foxglove.transpose().map_err(Failure::run)?;
+        Ok(Self { card: card.clone(), collector, hub: hub.clone(), foxglove })
     }
 
     /// Looks until the bench is over or `is_told_to_end` says so; that is asked all the time. A bench that `begins` may not
@@ -67,7 +75,7 @@ impl Look {
         mut is_told_to_end: impl FnMut() -> bool,
         mut pause: impl FnMut(Instant),
     ) -> Result<Seen, Failure> {
-        let Self { card, mut collector, hub } = self;
+        let Self { card, mut collector, hub, foxglove } = self;
         loop {
             if is_told_to_end() {
                 return Ok(Seen::Told);
@@ -82,7 +90,8 @@ impl Look {
                 }
                 Err(e) => return Err(e),
             };
-            let mut feed = BusFeed::open(bus, collector, hub.clone()).map_err(Failure::mend)?;
+            let feed = BusFeed::open(bus, collector, hub.clone(), foxglove.clone());
+            let mut feed = feed.map_err(Failure::mend)?;
             let mut check = Instant::now() + CHECK;
             loop {
                 let now = Instant::now();

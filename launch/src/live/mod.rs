@@ -13,6 +13,6 @@ pub(crate) use ask::ask;
 pub(crate) use card::BenchCard;
 pub(crate) use follow::follow;
 pub(crate) use look::{Look, Seen};
-pub(crate) use page::{LivePage, Looker};
+pub(crate) use page::{LiveAddresses, LivePage, Looker};
 pub(crate) use told::Told;
 pub(crate) use wanted::Wanted;

@@ -1,11 +1,11 @@
-//! The live page of a run, in the launcher's process: the loop is in others, or in a thread that does not know of it.
+//! The live page of a run, and the same for Foxglove, in the launcher's process: the loop is in others, or in a thread that does not know of it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use whirlstand_live::{Address, Answer, Control, Hub, Server};
+use whirlstand_live::{Address, Answer, Control, Foxglove, Hub, Server};
 
 use super::ask::ask;
 use super::card::BenchCard;
@@ -17,10 +17,20 @@ use crate::error::Failure;
 /// Longest gust that a viewer may ask for, s.
 const LONGEST_GUST_S: f64 = 3600.0;
 
-/// The page, and the bench that it shows at present.
+/// Where a bench is shown while it flies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct LiveAddresses {
+    /// The page.
+    pub page: Option<Address>,
+    /// For Foxglove.
+    pub foxglove: Option<Address>,
+}
+
+/// The page, the same for Foxglove, and the bench that they show at present.
 pub(crate) struct LivePage {
     hub: Hub,
-    server: Server,
+    server: Option<Server>,
+    foxglove: Option<Foxglove>,
     shown: Arc<Mutex<Option<BenchCard>>>,
 }
 
@@ -32,32 +42,47 @@ pub(crate) struct Looker {
 }
 
 impl LivePage {
-    /// Serves the page.
+    /// Serves what has an address; `None` when nothing has.
     ///
     /// # Errors
-    /// When the address cannot be had.
-    pub fn open(address: Address) -> Result<Self, Failure> {
+    /// When an address cannot be had.
+    pub fn open(addresses: LiveAddresses) -> Result<Option<Self>, Failure> {
+        if addresses == LiveAddresses::default() {
+            return Ok(None);
+        }
         let hub = Hub::default();
         let shown = Arc::<Mutex<Option<BenchCard>>>::default();
-        let server = {
+        let act = {
             let shown = shown.clone();
-            let act = move |control: &Control| {
+            move |control: &Control| {
                 let card = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 card.map_or_else(|| Err("no bench runs".into()), |card| act(&card, control))
-            };
-            Server::start(address, hub.clone(), act).map_err(Failure::mend)?
+            }
         };
-        Ok(Self { hub, server, shown })
+        let server = addresses.page.map(|address| Server::start(address, hub.clone(), act.clone()));
+        let foxglove = addresses.foxglove.map(|address| Foxglove::start(address, act));
+        let server = server.transpose().map_err(Failure::mend)?;
+        let foxglove = foxglove.transpose().map_err(Failure::mend)?;
+        Ok(Some(Self { hub, server, foxglove, shown }))
     }
 
-    /// The line that says where the page is.
-    pub fn line(&self) -> String {
-        format!("live page {}", self.server.url())
+    /// Says where to look.
+    pub fn announce(&self) {
+        if let Some(server) = &self.server {
+            crate::style::say(&format!("live page {}", server.url()));
+        }
+        if let Some(foxglove) = &self.foxglove {
+            let (url, topic) = (foxglove.url(), foxglove.control_topic());
+            crate::style::say(&format!("Foxglove {url} (publish controls to {topic})"));
+        }
     }
 
-    /// Where frames go.
-    pub fn hub(&self) -> &Hub {
-        &self.hub
+    /// Begins to look at a bench that runs.
+    ///
+    /// # Errors
+    /// As [`Look::begin`].
+    pub fn begin(&self, card: &BenchCard, title: &str) -> Result<Look, Failure> {
+        Look::begin(card, title, &self.hub, self.foxglove.as_ref())
     }
 
     /// Lets viewers ask a bench for changes.
@@ -70,7 +95,7 @@ impl LivePage {
     /// # Errors
     /// When the vehicle cannot be read, or there is no thread.
     pub fn look_at(&self, card: &BenchCard, title: &str) -> Result<Looker, Failure> {
-        let look = Look::begin(card, title, &self.hub)?;
+        let look = self.begin(card, title)?;
         let stop = Arc::new(AtomicBool::new(false));
         let told = stop.clone();
         let body = move || {

@@ -17,7 +17,6 @@ pub(crate) use start::{folder_name, unique_bench};
 
 use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bus::Transport;
-use whirlstand_live::Address;
 use whirlstand_msgs::units::rounded;
 
 use crate::cli::{JsonArg, RunArgs};
@@ -25,7 +24,7 @@ use crate::command::clean::tidy;
 use crate::error::Failure;
 use crate::exclusive::{Claim, OutFolder};
 use crate::file::{DEFAULT, Jobs, jobs};
-use crate::live::{BenchCard, LivePage};
+use crate::live::{BenchCard, LiveAddresses, LivePage};
 use crate::supervisor::Ending;
 
 /// Runs a launch file, all its variants one after the other, and leaves log, summary and report.
@@ -33,7 +32,8 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let jobs = jobs(args.launch.as_deref().unwrap_or(DEFAULT), &args.overrides, args.no_log)?;
     // All variants of a run have the name that was given; without one, each gets its own.
     let given = args.bench.as_deref().map(Claim::take).transpose()?;
-    fly_all(&jobs, given.as_ref(), args.out.as_deref(), args.live, &args.json)
+    let live = LiveAddresses { page: args.live, foxglove: args.foxglove };
+    fly_all(&jobs, given.as_ref(), args.out.as_deref(), live, &args.json)
 }
 
 /// Flies all runs of a launch file one after the other, and leaves log, summary and report of each.
@@ -44,7 +44,7 @@ pub(crate) fn fly_all(
     jobs: &Jobs,
     given: Option<&Claim>,
     out: Option<&Path>,
-    live: Option<Address>,
+    live: LiveAddresses,
     json: &JsonArg,
 ) -> Result<ExitCode, Failure> {
     let out = match out {
@@ -53,12 +53,10 @@ pub(crate) fn fly_all(
     };
     let quiet = json.is_printed();
     tidy(quiet);
-    let address = live.or_else(|| jobs.runs.first().and_then(|job| job.plan.live));
-    let page = address.map(LivePage::open).transpose()?;
-    if let Some(page) = &page {
-        // Said in any case: nobody could find it otherwise.
-        crate::style::say(&page.line());
-    }
+    let page = live.page.or_else(|| jobs.runs.first().and_then(|job| job.plan.live));
+    let page = LivePage::open(LiveAddresses { page, ..live })?;
+    // Said in any case: nobody could find it otherwise.
+    page.iter().for_each(LivePage::announce);
     let mut runs = Vec::new();
     for job in &jobs.runs {
         let (plan, variant) = (&job.plan, job.variant.as_deref());

@@ -1,0 +1,64 @@
+//! What clients publish: the controls of the live page, as JSON on a topic that only those know whom the terminal told.
+
+use std::sync::Arc;
+
+use foxglove::websocket::{Client, ClientChannel, ServerListener, Status};
+use tokio::runtime::Handle;
+
+use crate::server::{Answer, Control};
+
+type Act = Arc<dyn Fn(&Control) -> Answer + Send + Sync>;
+
+/// Longest control, bytes.
+const LONGEST: usize = 4096;
+
+/// Does what clients ask for.
+pub(super) struct Clients {
+    topic: String,
+    runtime: Handle,
+    act: Act,
+    /// One control after the other.
+    turn: Arc<tokio::sync::Mutex<()>>,
+}
+
+impl Clients {
+    pub fn new(
+        topic: String,
+        runtime: Handle,
+        act: impl Fn(&Control) -> Answer + Send + Sync + 'static,
+    ) -> Self {
+        Self { topic, runtime, act: Arc::new(act), turn: Arc::default() }
+    }
+
+    fn understood(&self, channel: &ClientChannel, payload: &[u8]) -> Result<Control, String> {
+        if channel.topic != self.topic {
+            return Err(format!(
+                "nothing is taken on topic {}: controls go to the topic that whirlstand printed in its terminal",
+                channel.topic
+            ));
+        }
+        if payload.len() > LONGEST {
+            return Err(format!("a control has at most {LONGEST} bytes"));
+        }
+        serde_json::from_slice(payload).map_err(|e| format!("this control is not understood: {e}"))
+    }
+}
+
+impl ServerListener for Clients {
+    fn on_message_data(&self, client: Client, channel: &ClientChannel, payload: &[u8]) {
+        let control = match self.understood(channel, payload) {
+            Ok(control) => control,
+            Err(text) => return client.send_status(Status::error(text)),
+        };
+        let (act, turn) = (self.act.clone(), self.turn.clone());
+        self.runtime.spawn(async move {
+            let _turn = turn.lock().await;
+            let done = tokio::task::spawn_blocking(move || act(&control)).await;
+            let answer = done.unwrap_or_else(|_| Err("the control failed inside the program".into()));
+            client.send_status(match answer {
+                Ok(text) => Status::info(text),
+                Err(text) => Status::error(text),
+            });
+        });
+    }
+}

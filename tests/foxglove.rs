@@ -1,0 +1,175 @@
+//! A bench is looked at, and steered, by a client of Foxglove's protocol that is not Foxglove's, and by some that never read.
+
+mod support;
+
+use std::collections::BTreeMap;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::{Value, json};
+use support::bench::unique;
+use support::{FAULTS_ALLOWED, HUNG, Running, refused, run, spawn, whirlstand};
+use tempfile::TempDir;
+use whirlstand_logs::LogStream;
+use whirlstand_test_harness::{Outcome, python_with};
+
+const OPEN: [&str; 4] = ["--set", "plant.inject=true", "--set", "controller.pilot=true"];
+
+/// Address and topic of controls that a command has said.
+#[track_caller]
+fn served(command: &mut Running) -> (String, String) {
+    let line = command.wait_for_stderr("Foxglove ws://");
+    let word = |start: &str| {
+        let found = line.split([' ', '(', ')']).find(|word| word.starts_with(start));
+        found.unwrap_or_else(|| panic!("no {start} in {line}")).to_string()
+    };
+    (word("ws://"), word("/control/"))
+}
+
+fn a_client_sees_the_bench_by_name_and_steers_it() -> Outcome {
+    let python = python_with("mcap_protobuf, websockets")?;
+    let dir = TempDir::new().unwrap();
+    let out = dir.path().to_str().expect("utf-8 path");
+    let name = unique("foxglove");
+    let args = ["run", "quadrotor", "--bench", &name, "--foxglove", "0", "--duration", "1 h", "--out", out];
+    let mut bench = spawn(whirlstand(args.into_iter().chain(OPEN).chain(["--set", FAULTS_ALLOWED])));
+    let (url, topic) = served(&mut bench);
+    let mut client = Command::new(python);
+    client.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foxglove/client.py")).args([&url, &topic]);
+    let client = spawn(client).finish().success();
+    bench.finish().success();
+    let seen: Value = serde_json::from_str(&client.stdout).unwrap();
+    assert_eq!(seen["subprotocol"], "foxglove.sdk.v1");
+    assert_eq!(seen["topics"]["/imu"], "whirlstand/msg/Imu", "{seen}");
+    assert_eq!(seen["topics"]["/tf"], "foxglove.FrameTransforms");
+    assert_eq!(seen["topics"]["/log"], "foxglove.Log");
+    assert_eq!(seen["topics"]["/scene"], "foxglove.SceneUpdate");
+    assert_eq!(
+        (&seen["frames"], &seen["parent"]),
+        (&json!(["estimated", "measured", "vehicle"]), &json!("world"))
+    );
+    assert_eq!(seen["scene"], json!([[2, 4, "vehicle"], [2, 4, "estimated"]]), "a quadrotor has four rotors");
+    let setpoint = seen["setpoint"].as_f64().unwrap();
+    assert!((setpoint - 5f64.to_radians()).abs() < 1e-9, "{setpoint}");
+    let times = seen["times_s"].as_array().unwrap();
+    let span = times[1].as_f64().unwrap() - times[0].as_f64().unwrap();
+    assert!((0.1..HUNG.as_secs_f64()).contains(&span), "all channels have bench time: {times:?}");
+    let answers: Vec<_> = seen["answers"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    let wanted = [
+        "nothing is taken on topic /control/guess",
+        "beyond the limits",
+        "setpoint of roll",
+        "gust on roll_rate",
+        "end of the run",
+    ];
+    for (answer, wanted) in answers.iter().zip(wanted) {
+        assert!(answer.contains(wanted), "{wanted}: {answers:?}");
+    }
+    let info = run(["log", "info", out]).success();
+    let adjusted = info.stdout.lines().find(|l| l.contains("/adjusted")).expect("answers are in the log");
+    assert!(adjusted.contains(" 4 "), "what was refused, the setpoint, the gust and the end: {adjusted}");
+    Ok(())
+}
+
+/// Subscribes to everything and never reads what comes.
+#[track_caller]
+fn stalled(url: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(url.trim_start_matches("ws://")).unwrap();
+    stream.set_read_timeout(Some(HUNG)).unwrap();
+    let head = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
+                Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n";
+    stream.write_all(head.as_bytes()).unwrap();
+    let mut status = [0; 12];
+    stream.read_exact(&mut status).unwrap();
+    assert_eq!(&status, b"HTTP/1.1 101");
+    let wanted: Vec<_> = (1..40).map(|id| json!({ "id": id, "channelId": id })).collect();
+    let text = json!({ "op": "subscribe", "subscriptions": wanted }).to_string();
+    let length = u16::try_from(text.len()).unwrap().to_be_bytes();
+    // A final text frame, masked with zeros (RFC 6455, section 5.2).
+    stream.write_all(&[&[0x81, 0x80 | 126], &length[..], &[0; 4], text.as_bytes()].concat()).unwrap();
+    stream
+}
+
+fn clients_that_never_read_change_nothing_in_the_log() -> Outcome {
+    let dir = TempDir::new().unwrap();
+    let fly = |clients: usize| {
+        let out = dir.path().join(clients.to_string()).display().to_string();
+        let args =
+            ["run", "quadrotor", "--mode", "lockstep", "--duration", "200", "--out", &out, "--foxglove", "0"];
+        let mut bench = spawn(whirlstand(args));
+        let (url, _) = served(&mut bench);
+        let clients: Vec<_> = (0..clients).map(|_| stalled(&url)).collect();
+        bench.finish().success();
+        drop(clients);
+        out
+    };
+    let (alone, looked_at) = (fly(0), fly(5));
+    run(["log", "diff", &alone, &looked_at]).success();
+    Ok(())
+}
+
+/// What a plot of a layout asks for: topic, field, and the element of that.
+fn asked_for(layout: &str, field: char) -> Vec<Vec<String>> {
+    let quoted = layout.split('"').filter(|text| text.starts_with('/') && text.contains(field));
+    let path = |text: &str| {
+        text[1..].split(".@").next().unwrap_or_default().split(field).map(String::from).collect()
+    };
+    quoted.map(path).filter(|path: &Vec<String>| path.len() > 1 && !path[1].is_empty()).collect()
+}
+
+fn the_layouts_show_what_is_in_a_log() -> Outcome {
+    let dir = TempDir::new().unwrap();
+    let out = dir.path().display().to_string();
+    run([
+        "run",
+        "quadrotor",
+        "--mode",
+        "lockstep",
+        "--duration",
+        "1",
+        "--out",
+        &out,
+        "--set",
+        FAULTS_ALLOWED,
+    ]);
+    let mut stream = LogStream::open(dir.path()).unwrap();
+    let mut schemas = BTreeMap::new();
+    while let Some(message) = stream.next().unwrap() {
+        let schema = || String::from_utf8(message.topic.schema.clone()).unwrap();
+        schemas.entry(message.topic.name.clone()).or_insert_with(schema);
+    }
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs");
+    for (layout, field) in [("foxglove-layout.json", '.'), ("plotjuggler-layout.xml", '/')] {
+        let asked = asked_for(&std::fs::read_to_string(docs.join(layout)).unwrap(), field);
+        assert_eq!(asked.len(), 16, "{layout}: {asked:?}");
+        for path in asked {
+            let schema =
+                schemas.get(&format!("/{}", path[0])).unwrap_or_else(|| panic!("{layout}: {path:?}"));
+            // An element stands in the type of its field, which has a section of its own.
+            for name in &path[1..] {
+                assert!(
+                    schema.lines().any(|line| line.ends_with(&format!(" {name}"))),
+                    "{layout}: {path:?} in\n{schema}"
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+fn an_address_that_is_none_is_told() -> Outcome {
+    refused(&["run", "--foxglove", "nowhere"], &["nowhere", "is no address"]);
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    refused(&["run", "--foxglove", &port], &["cannot be served", &port]);
+    Ok(())
+}
+
+whirlstand_test_harness::tests!(
+    a_client_sees_the_bench_by_name_and_steers_it,
+    clients_that_never_read_change_nothing_in_the_log,
+    the_layouts_show_what_is_in_a_log,
+    an_address_that_is_none_is_told
+);
