@@ -49,6 +49,7 @@ pub mod config;
 pub mod controller;
 pub mod error;
 pub mod estimator;
+pub mod flight;
 pub mod follower;
 pub mod gate;
 pub mod inproc;

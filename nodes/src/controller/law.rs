@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use whirlstand_control::{Controller, Design};
-use whirlstand_msgs::{AdjustmentVerdict, Estimate, MAX_INPUTS, Setpoint, flags};
+use whirlstand_msgs::{AdjustmentVerdict, MAX_INPUTS, Setpoint, flags};
 use whirlstand_vehicle::{LinearModel, Vehicle};
 
 use crate::config::{Compensation, ControllerConfig, NodeConfig};
@@ -13,7 +13,8 @@ use crate::setup::Setup;
 /// Factors on the law's feedback that can be set in flight: 20 dB to each side, wider than any gain margin to be shown.
 const GAIN: RangeInclusive<f64> = 0.1..=10.0;
 
-pub(super) enum Law {
+#[derive(Clone)]
+pub(crate) enum Law {
     /// Closed loop.
     Designed { controller: Box<Controller>, states: usize, inputs: usize, add_stick: bool },
     /// Open loop: the stick passes through.
@@ -42,7 +43,7 @@ pub fn controller_of(
 }
 
 impl Law {
-    pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+    pub(crate) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let Some(options) = config.controller.options() else { return Ok(Self::Manual) };
         let plant = setup.control_plant(config)?;
         let what = format!("a {} controller", options.name());
@@ -57,10 +58,10 @@ impl Law {
         })
     }
 
-    /// Computes the inputs for the next period; returns the command's flags.
-    pub(super) fn step(
+    /// Computes the inputs for the next period from the estimated states; returns the command's flags.
+    pub(crate) fn step(
         &mut self,
-        estimate: &Estimate,
+        x: &[f64],
         setpoint: &Setpoint,
         u: &mut [f64; MAX_INPUTS],
     ) -> u32 {
@@ -74,7 +75,7 @@ impl Law {
                     controller.set_test_input(&setpoint.stick[..*inputs]);
                 }
                 let outcome = controller.step(
-                    &estimate.x[..*states],
+                    &x[..*states],
                     &setpoint.x[..*states],
                     setpoint.tracked,
                     &mut u[..*inputs],

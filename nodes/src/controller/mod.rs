@@ -20,11 +20,11 @@ use crate::follower::Follower;
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
-use law::Law;
+pub(crate) use law::Law;
 pub use law::controller_of;
 use outside::Outside;
 pub use outside::PILOT_TOPIC;
-use profile::Profile;
+pub(crate) use profile::Profile;
 
 /// Queue for estimates.
 const DEPTH: usize = 64;
@@ -98,7 +98,7 @@ impl Controller {
         self.outside.take(estimate.head, &mut self.law)?;
         let setpoint = self.outside.setpoint(self.profile.at(estimate.head));
         let mut command = Command { head: estimate.head, count: self.inputs as u32, ..Command::zeroed() };
-        command.flags = self.law.step(estimate, setpoint, &mut command.u);
+        command.flags = self.law.step(&estimate.x, setpoint, &mut command.u);
         self.commands.send(&command)?;
         if self.telemetry {
             self.setpoints.send(setpoint)?;

@@ -49,14 +49,14 @@ impl Track {
 
 /// What the run asks of the controller, step by step.
 #[derive(Debug, Clone)]
-pub(super) struct Profile {
+pub(crate) struct Profile {
     reference: Track,
     stick: Track,
     setpoint: Setpoint,
 }
 
 impl Profile {
-    pub(super) fn new(config: &NodeConfig, vehicle: &Vehicle) -> Result<Self, NodeError> {
+    pub(crate) fn new(config: &NodeConfig, vehicle: &Vehicle) -> Result<Self, NodeError> {
         let states = vehicle.states.iter().map(|s| s.name.as_str()).collect::<Vec<_>>();
         let inputs = vehicle.inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>();
         let reference = Track::new("setpoint", &config.setpoint, config.period_ns, &states)?;
@@ -66,7 +66,7 @@ impl Profile {
     }
 
     /// Reference, stick and which states the profile ever sets, at a step that is not before the last one asked for.
-    pub(super) fn at(&mut self, head: Head) -> &Setpoint {
+    pub(crate) fn at(&mut self, head: Head) -> &Setpoint {
         self.setpoint.head = head;
         self.reference.advance(head.step, &mut self.setpoint.x);
         self.stick.advance(head.step, &mut self.setpoint.stick);

@@ -16,7 +16,7 @@ const LEAST_NOISE: f64 = 1e-6;
 /// Outputs whose bias travels in `Estimate`, in its order.
 const BIASES: [&str; 4] = ["roll", "pitch", "roll_rate", "pitch_rate"];
 
-pub(super) struct Filter {
+pub(crate) struct Filter {
     estimator: Estimator,
     new: Estimator,
     map: OutputMap,
@@ -29,7 +29,7 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+    pub(crate) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let vehicle = &setup.model;
         let what = match config.estimator.kind {
             EstimatorKind::Kinematic => "a kinematic estimator",
@@ -48,6 +48,11 @@ impl Filter {
             biases: BIASES.map(|name| vehicle.output_index(name)),
             feedthrough: vehicle.d.iter().any(|v| *v != 0.0),
         })
+    }
+
+    /// The filter alone, before its first step.
+    pub(crate) fn into_estimator(self) -> Estimator {
+        self.new
     }
 
     /// Whether a measurement shows the input of the same moment.

@@ -28,7 +28,7 @@ use crate::ports::receive;
 use crate::setup::Setup;
 use crate::signals::Measurement;
 use companion::Companion;
-use filter::Filter;
+pub(crate) use filter::Filter;
 pub use filter::filter_of;
 use history::{History, LONGEST_GAP};
 

@@ -31,6 +31,7 @@ pub use outside::INJECT_TOPIC;
 use pace::Pace;
 use phase::Phase;
 use simulation::Simulation;
+pub(crate) use simulation::{diverged, simulated};
 use waiting::{Waiting, whom};
 
 /// Queue for commands; one is awaited at a time.

@@ -2,7 +2,7 @@
 
 use whirlstand_bus::{Bus, Publisher};
 use whirlstand_msgs::{Disturbance, Head, Imu, MAX_OUTPUTS, MAX_STATES, Message, Odometry, Outputs, Truth};
-use whirlstand_vehicle::Simulator;
+use whirlstand_vehicle::{Simulator, Vehicle};
 
 use super::outside::Outside;
 use crate::config::NodeConfig;
@@ -33,42 +33,21 @@ pub(super) struct Simulation {
     feedthrough: bool,
     /// What was published last.
     last: Measurement,
-    /// The vehicle's name, and names and bounds of its states.
-    vehicle: String,
-    names: Vec<String>,
+    /// The vehicle, and bounds of its states.
+    vehicle: Vehicle,
     bounds: Vec<f64>,
 }
 
 impl Simulation {
     pub(super) fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
-        let mut vehicle = setup.vehicle.clone();
-        let wrong = |reason: String| NodeError::Vehicle { origin: config.vehicle.origin.clone(), reason };
-        for effect in &config.effects {
-            vehicle.add_effect(effect.clone()).map_err(|e| wrong(e.to_string()))?;
-        }
-        let mut simulator = Simulator::new(&vehicle, Setup::period_s(config), config.seed)
-            .map_err(|e| wrong(e.to_string()))?;
-        simulator.set_engine(config.plant.engine.into());
-        let mut x = vec![0.0; vehicle.states.len()];
-        for (name, &value) in &config.plant.initial {
-            let i = vehicle.state_index(name).ok_or_else(|| NodeError::Config {
-                field: format!("plant.initial.{name}"),
-                value: value.to_string(),
-                reason: format!(
-                    "the vehicle's states are {}",
-                    vehicle.states.iter().map(|s| s.name.as_str()).collect::<Vec<_>>().join(", ")
-                ),
-            })?;
-            x[i] = value;
-        }
-        simulator.set_state(&x);
-        let bounds = vehicle.state_bounds(&x);
+        let (simulator, bounds) = simulated(config, setup)?;
+        let vehicle = setup.vehicle.clone();
         let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
         let numbered = if setup.map.has_outputs() { Some(bus.publisher()?) } else { None };
         Ok(Self {
             simulator,
             map: setup.map.clone(),
-            states: x.len(),
+            states: vehicle.states.len(),
             inputs: setup.limits.count,
             outputs: vehicle.outputs.len(),
             period_ns: config.period_ns,
@@ -85,8 +64,7 @@ impl Simulation {
             feedthrough: vehicle.d.iter().any(|v| *v != 0.0),
             last: Measurement::zeroed(),
             bounds,
-            names: vehicle.states.into_iter().map(|s| s.name).collect(),
-            vehicle: vehicle.name,
+            vehicle,
         })
     }
 
@@ -140,15 +118,7 @@ impl Simulation {
 
     /// Why the vehicle's state means nothing any more, if it does not.
     pub(super) fn left_model(&self) -> Option<NodeError> {
-        let (i, value) = self.simulator.beyond(&self.bounds)?;
-        Some(NodeError::Diverged {
-            vehicle: self.vehicle.clone(),
-            state: self.names[i].clone(),
-            value,
-            bound: self.bounds[i],
-            step: self.simulator.step_index(),
-            time_s: self.simulator.time_s(),
-        })
+        diverged(&self.simulator, &self.bounds, &self.vehicle)
     }
 
     /// What is done between steps, the last of which is `step`: answers whoever asks from outside, and looks whether
@@ -186,4 +156,47 @@ impl Simulation {
         }
         Ok(())
     }
+}
+
+/// The vehicle with the effects of the launch file, at its start, and the bounds of its states.
+///
+/// # Errors
+/// [`NodeError::Vehicle`] for an effect that does not fit, [`NodeError::Config`] for a state that the vehicle does not have.
+pub(crate) fn simulated(config: &NodeConfig, setup: &Setup) -> Result<(Simulator, Vec<f64>), NodeError> {
+    let mut vehicle = setup.vehicle.clone();
+    let wrong = |reason: String| NodeError::Vehicle { origin: config.vehicle.origin.clone(), reason };
+    for effect in &config.effects {
+        vehicle.add_effect(effect.clone()).map_err(|e| wrong(e.to_string()))?;
+    }
+    let mut simulator =
+        Simulator::new(&vehicle, Setup::period_s(config), config.seed).map_err(|e| wrong(e.to_string()))?;
+    simulator.set_engine(config.plant.engine.into());
+    let mut x = vec![0.0; vehicle.states.len()];
+    for (name, &value) in &config.plant.initial {
+        let i = vehicle.state_index(name).ok_or_else(|| NodeError::Config {
+            field: format!("plant.initial.{name}"),
+            value: value.to_string(),
+            reason: format!(
+                "the vehicle's states are {}",
+                vehicle.states.iter().map(|s| s.name.as_str()).collect::<Vec<_>>().join(", ")
+            ),
+        })?;
+        x[i] = value;
+    }
+    simulator.set_state(&x);
+    let bounds = vehicle.state_bounds(&x);
+    Ok((simulator, bounds))
+}
+
+/// Why the vehicle's state means nothing any more, if it does not.
+pub(crate) fn diverged(simulator: &Simulator, bounds: &[f64], vehicle: &Vehicle) -> Option<NodeError> {
+    let (i, value) = simulator.beyond(bounds)?;
+    Some(NodeError::Diverged {
+        vehicle: vehicle.name.clone(),
+        state: vehicle.states[i].name.clone(),
+        value,
+        bound: bounds[i],
+        step: simulator.step_index(),
+        time_s: simulator.time_s(),
+    })
 }

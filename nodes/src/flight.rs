@@ -1,0 +1,177 @@
+//! One flight without a bus: plant, filter and law call each other.
+//!
+//! The numbers are to the last bit those of the same bench in lockstep, over whatever transport: at step j command j-1 is in
+//! force, the filter hears of measurement j and of what was in force before it, and the law answers with command j. What the
+//! nodes do beside that (messages, health, waiting, a log) has no part in it.
+
+use whirlstand_control::Estimator;
+use whirlstand_msgs::{Command, Head, Message, Setpoint, flags};
+
+use crate::config::{ControllerConfig, Engine, EstimatorConfig, NodeConfig, VehicleSource};
+use crate::controller::{Law, Profile};
+use crate::error::NodeError;
+use crate::estimator::Filter;
+use crate::gate::Gate;
+use crate::plant::{diverged, simulated};
+use crate::setup::Setup;
+
+/// Law and filter, designed once for all flights that differ in nothing that these know of: in noise, disturbances, effects,
+/// initial states, setpoints.
+pub struct Pilot {
+    known: Known,
+    setup: Setup,
+    estimator: Estimator,
+    law: Law,
+}
+
+/// What law and filter follow from.
+#[derive(Debug, Clone, PartialEq)]
+struct Known {
+    vehicle: VehicleSource,
+    model: Option<VehicleSource>,
+    controller: ControllerConfig,
+    estimator: EstimatorConfig,
+    engine: Engine,
+    period_ns: u64,
+}
+
+impl Known {
+    fn of(config: &NodeConfig) -> Self {
+        Self {
+            vehicle: config.vehicle.clone(),
+            model: config.model.clone(),
+            controller: config.controller.clone(),
+            estimator: config.estimator.clone(),
+            engine: config.plant.engine,
+            period_ns: config.period_ns,
+        }
+    }
+
+    fn is_of(&self, config: &NodeConfig) -> bool {
+        self.period_ns == config.period_ns
+            && self.engine == config.plant.engine
+            && self.controller == config.controller
+            && self.estimator == config.estimator
+            && self.model == config.model
+            && self.vehicle == config.vehicle
+    }
+}
+
+/// What a step of a flight was; SI.
+pub struct Step<'a> {
+    /// Bench time, ns.
+    pub stamp_ns: u64,
+    /// The true states.
+    pub x: &'a [f64],
+    /// The inputs in force.
+    pub u: &'a [f64],
+    /// `HELD` and `FAILSAFE` of [`flags`].
+    pub flags: u32,
+    /// What disturbs the derivative of each state.
+    pub disturbance: &'a [f64],
+    /// What the law was asked for.
+    pub setpoint: &'a Setpoint,
+    /// The filter behind the measurement of this step.
+    pub filter: &'a Estimator,
+}
+
+/// What the nodes of a bench would have counted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Steps done.
+    pub steps: u64,
+    /// Steps without a usable command.
+    pub misses: u64,
+    /// Commands that the plant refused or changed.
+    pub rejected: u64,
+    /// Measurements and estimates that filter and law could not use.
+    pub refused: [u64; 2],
+}
+
+impl Pilot {
+    /// Reads the vehicle and designs law and filter.
+    ///
+    /// # Errors
+    /// [`NodeError`] for a vehicle or configuration that cannot fly.
+    pub fn new(config: &NodeConfig) -> Result<Self, NodeError> {
+        let setup = Setup::new(config)?;
+        let estimator = Filter::new(config, &setup)?.into_estimator();
+        let law = Law::new(config, &setup)?;
+        Ok(Self { known: Known::of(config), setup, estimator, law })
+    }
+
+    /// Whether it is the one that this bench would design.
+    pub fn is_of(&self, config: &NodeConfig) -> bool {
+        self.known.is_of(config)
+    }
+
+    /// The vehicle, without the effects of the launch file.
+    pub fn vehicle(&self) -> &whirlstand_vehicle::Vehicle {
+        &self.setup.vehicle
+    }
+
+    /// Flies the bench, for which it must have been designed; `each` sees every step.
+    ///
+    /// # Errors
+    /// [`NodeError`] for an effect or initial state that the vehicle does not have, and for a state that left the model.
+    pub fn fly(&self, config: &NodeConfig, mut each: impl FnMut(&Step<'_>)) -> Result<Counts, NodeError> {
+        let setup = &self.setup;
+        let (n, m) = (setup.vehicle.states.len(), setup.limits.count);
+        let (mut simulator, bounds) = simulated(config, setup)?;
+        let mut profile = Profile::new(config, &setup.vehicle)?;
+        let (mut estimator, mut law) = (self.estimator.clone(), self.law.clone());
+        let mut gate = Gate::new(setup.limits, config.plant.misses_to_failsafe);
+        // An input that shows in the measurement of the same moment must be there before it.
+        let shows = setup.vehicle.d.iter().any(|v| *v != 0.0);
+        let believed = setup.model.d.iter().any(|v| *v != 0.0);
+        let mut before = gate.applied().u;
+        let mut counts = Counts::default();
+        for step in 0..config.steps {
+            let applied = if step == 0 { gate.applied() } else { gate.close(true) };
+            simulator.apply(&applied.u[..m]);
+            let (fresh, clean) = measured(&mut simulator);
+            counts.refused[0] += u64::from(!clean);
+            let now = if believed { applied.u } else { before };
+            estimator.step(simulator.measure(), fresh, &before[..m], &now[..m]);
+            let head = Head { seq: 0, step, stamp_ns: step * config.period_ns };
+            let setpoint = profile.at(head);
+            let mut command = Command { head, count: m as u32, ..Command::zeroed() };
+            if estimator.x().iter().all(|x| x.is_finite()) {
+                command.flags = law.step(estimator.x(), setpoint, &mut command.u);
+            } else {
+                counts.refused[1] += 1;
+                (command.count, command.flags) = (0, flags::WITHHELD);
+            }
+            each(&Step {
+                stamp_ns: head.stamp_ns,
+                x: &simulator.state()[..n],
+                u: simulator.applied(),
+                flags: applied.flags,
+                disturbance: simulator.disturbance(),
+                setpoint,
+                filter: &estimator,
+            });
+            // Faults are counted by the gate.
+            let _ = gate.offer(&command, step);
+            before = applied.u;
+            simulator.advance();
+            if !shows {
+                simulator.measure();
+            }
+            // Step 0 is over before a bench begins to look.
+            if step > 0
+                && let Some(error) = diverged(&simulator, &bounds, &setup.vehicle)
+            {
+                return Err(error);
+            }
+        }
+        Ok(Counts { steps: config.steps, misses: gate.misses(), rejected: gate.rejected(), ..counts })
+    }
+}
+
+/// Measures, and tells which outputs are fresh and can be used, and whether all fresh ones can.
+fn measured(simulator: &mut whirlstand_vehicle::Simulator) -> (u64, bool) {
+    let finite = simulator.measure().iter().enumerate().fold(0, |bits, (i, y)| bits | u64::from(y.is_finite()) << i);
+    let fresh = simulator.fresh().iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
+    (fresh & finite, fresh & !finite == 0)
+}
