@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::importance::Importance;
 use crate::quantity::{Quantity, Value};
 
 /// How the points are laid.
@@ -19,6 +20,8 @@ pub enum Method {
     Sobol,
     /// Every combination of the levels.
     Grid,
+    /// Where failures are frequent, each flight with its weight.
+    Importance,
 }
 
 impl Method {
@@ -29,6 +32,7 @@ impl Method {
             Self::LatinHypercube => "latin-hypercube",
             Self::Sobol => "sobol",
             Self::Grid => "grid",
+            Self::Importance => "importance",
         }
     }
 
@@ -82,6 +86,7 @@ enum Kind {
     Sobol,
     /// For each quantity, its values.
     Grid(Vec<Vec<Value>>),
+    Importance(Importance),
 }
 
 impl Draw {
@@ -90,6 +95,7 @@ impl Draw {
         seed: u64,
         flights: Option<u64>,
         quantities: &[Quantity],
+        importance: Option<Importance>,
     ) -> Result<Self, DrawError> {
         let asked = flights.unwrap_or(0);
         let within = |most: u64| match asked <= most {
@@ -99,6 +105,8 @@ impl Draw {
         let coordinates: usize = quantities.iter().map(Quantity::coordinates).sum();
         let (kind, flights) = match method {
             Method::Random => (Kind::Random, asked),
+            // Without centre and spread, the draws are those of nature, each of weight 1.
+            Method::Importance => (importance.map_or(Kind::Random, Kind::Importance), asked),
             Method::Sobol => {
                 within(MOST_SOBOL)?;
                 (Kind::Sobol, asked)
@@ -167,7 +175,22 @@ impl Draw {
             .collect()
     }
 
-    fn point(&self, flight: u64, coordinates: usize) -> Vec<f64> {
+    /// How much a flight counts, where flights count differently.
+    pub(crate) fn weight(&self, flight: u64) -> Option<f64> {
+        match &self.kind {
+            Kind::Importance(importance) => {
+                Some(importance.point(&mut stream(self.seed, (1 << 32) + flight)).1)
+            }
+            _ => None,
+        }
+    }
+
+    /// The point of a flight in the unit cube; that of a grid has no meaning.
+    pub(crate) fn point(&self, flight: u64, coordinates: usize) -> Vec<f64> {
+        if let Kind::Importance(importance) = &self.kind {
+            let point = importance.point(&mut stream(self.seed, (1 << 32) + flight)).0;
+            return point.into_iter().map(|p| p.clamp(f64::EPSILON, 1.0 - f64::EPSILON)).collect();
+        }
         // Beside the streams of the permutations.
         let mut within = stream(self.seed, (1 << 32) + flight);
         (0..coordinates)
@@ -181,7 +204,7 @@ impl Draw {
                     let part = parts[coordinate].get(flight as usize).copied().unwrap_or(0);
                     (f64::from(part) + within.random::<f64>()) / self.flights.max(1) as f64
                 }
-                Kind::Random | Kind::Grid(_) => within.random::<f64>(),
+                Kind::Random | Kind::Grid(_) | Kind::Importance(_) => within.random::<f64>(),
             })
             .map(|p| p.clamp(f64::EPSILON, 1.0 - f64::EPSILON))
             .collect()
@@ -206,7 +229,7 @@ mod tests {
 
     fn drawn(method: Method, seed: u64, flights: u64) -> Vec<Vec<f64>> {
         let quantities = [quantity("a"), quantity("b")];
-        let draw = Draw::new(method, seed, Some(flights), &quantities).unwrap();
+        let draw = Draw::new(method, seed, Some(flights), &quantities, None).unwrap();
         let row = |n| draw.values(n, &quantities).iter().filter_map(Value::number).collect();
         (0..draw.flights()).map(row).collect()
     }
@@ -247,8 +270,11 @@ mod tests {
         assert_eq!((rows.len(), rows[0].clone(), rows[5].clone()), (9, vec![0.0, 0.0], vec![0.5, 1.0]));
         let mut free = quantity("x");
         free.levels = None;
-        assert_eq!(Draw::new(Method::Grid, 0, None, &[free]).unwrap_err(), DrawError::NoLevels("x".into()));
-        let error = Draw::new(Method::Sobol, 0, Some(1 << 17), &[quantity("x")]).unwrap_err();
+        assert_eq!(
+            Draw::new(Method::Grid, 0, None, &[free], None).unwrap_err(),
+            DrawError::NoLevels("x".into())
+        );
+        let error = Draw::new(Method::Sobol, 0, Some(1 << 17), &[quantity("x")], None).unwrap_err();
         assert!(error.to_string().contains("65536"), "{error}");
     }
 }

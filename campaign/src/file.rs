@@ -1,11 +1,17 @@
 //! The campaign file: a TOML beside a launch file. `docs/campaign.md` is its manual.
 
-use nalgebra::DMatrix;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
 use serde::Deserialize;
 use toml::Spanned;
 
 use crate::draw::{Draw, DrawError, Method};
-use crate::quantity::{Number, Quantity, Value, Variation};
+use crate::importance::{Failures, Importance, WrittenImportance};
+use crate::quantity::{Quantity, Value};
+use crate::source::Answer;
+use crate::table::Table;
+use crate::variation::{WrittenVariation, found, quantity};
 
 /// What is wrong in a campaign file, and where.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -32,34 +38,24 @@ struct WrittenCampaign {
     effects: Vec<toml::Table>,
     #[serde(default)]
     vary: Vec<Spanned<WrittenVariation>>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct WrittenVariation {
-    key: Option<String>,
+    importance: Option<WrittenImportance>,
+    /// What [`Campaign::open`] put in of the files that `found` names.
     #[serde(default)]
-    keys: Vec<String>,
-    uniform: Option<[Number; 2]>,
-    normal: Option<WrittenNormal>,
-    integers: Option<[i64; 2]>,
-    among: Option<Vec<toml::Value>>,
-    levels: Option<usize>,
+    sources: BTreeMap<String, String>,
+}
+
+/// The files that a campaign names, whatever else it says.
+#[derive(Debug, Default, Deserialize)]
+struct Named {
+    #[serde(default)]
+    vary: Vec<NamedVariation>,
+    #[serde(default)]
+    importance: WrittenImportance,
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct WrittenNormal {
-    mean: Means,
-    std: Option<Number>,
-    covariance: Option<Vec<Vec<f64>>>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum Means {
-    One(Number),
-    Many(Vec<Number>),
+struct NamedVariation {
+    found: Option<String>,
 }
 
 fn random() -> Method {
@@ -73,7 +69,7 @@ fn one() -> u64 {
 /// A campaign: a launch file, what varies in it, and how many times it is flown.
 #[derive(Debug, Clone)]
 pub struct Campaign {
-    /// The file as text.
+    /// The file as text, with what was read of other files.
     pub text: String,
     /// Launch file: a built-in name, or a path relative to the campaign file.
     pub launch: String,
@@ -86,6 +82,8 @@ pub struct Campaign {
     /// Seed of the draws.
     pub seed: u64,
     quantities: Vec<Quantity>,
+    /// Keys of what was found elsewhere, and their place: `added.0.value` and the like.
+    names: BTreeMap<String, String>,
     draw: Draw,
 }
 
@@ -93,6 +91,36 @@ pub struct Campaign {
 const ADDED: &str = "added.";
 
 impl Campaign {
+    /// Reads a campaign file, and the answers of identify and diagnose that it names, relative to its folder. Their part is put
+    /// behind the text, so that the text alone is the campaign from then on.
+    ///
+    /// # Errors
+    /// As [`Campaign::parse`], and for files that cannot be read, by name.
+    pub fn open(path: &Path) -> Result<Self, CampaignError> {
+        let origin = path.display().to_string();
+        let fail = |message: String| CampaignError { place: origin.clone(), message };
+        let mut text = std::fs::read_to_string(path)
+            .map_err(|e| fail(format!("the campaign file cannot be read: {e}")))?;
+        // What is no TOML is told by `parse`, with its line.
+        let named: Named = toml::from_str(&text).unwrap_or_default();
+        let mut sources = toml::Table::new();
+        for file in named.vary.into_iter().filter_map(|variation| variation.found) {
+            let told = |e: String| fail(format!("found = \"{file}\": {e}"));
+            let json = std::fs::read_to_string(beside(path, &file));
+            let json = json.map_err(|e| told(format!("it cannot be read: {e}")))?;
+            sources.insert(file.clone(), Answer::parse(&json).map_err(told)?.to_json().into());
+        }
+        if let Some(file) = named.importance.after {
+            let failures =
+                failures(&beside(path, &file)).map_err(|e| fail(format!("after = \"{file}\": {e}")))?;
+            sources.insert(file, serde_json::to_string(&failures).unwrap_or_default().into());
+        }
+        if !sources.is_empty() {
+            text.push_str(&format!("\n[sources]\n{sources}"));
+        }
+        Self::parse(&origin, &text)
+    }
+
     /// Reads the text of a campaign file; `origin` is what messages call it.
     ///
     /// # Errors
@@ -106,15 +134,28 @@ impl Campaign {
         let written: WrittenCampaign =
             toml::from_str(text).map_err(|e| fail(e.span().map_or(0, |s| s.start), e.message().into()))?;
         let mut quantities: Vec<Quantity> = Vec::new();
+        let (mut effects, mut names) = (written.effects, BTreeMap::new());
         for variation in written.vary {
             let at = variation.span().start;
-            let quantity = quantity(variation.into_inner()).map_err(|message| fail(at, message))?;
-            if let Some(key) =
-                quantity.keys.iter().find(|key| quantities.iter().any(|q| q.keys.contains(key)))
-            {
-                return Err(fail(at, format!("{key} varies already above")));
+            let variation = variation.into_inner();
+            let new = match variation.found.is_some() {
+                true => {
+                    let added = found(&variation, &written.sources).map_err(|message| fail(at, message))?;
+                    names.extend(added.names.into_iter().map(|(name, effect, parameter)| {
+                        (name, format!("{ADDED}{}.{parameter}", effects.len() + effect))
+                    }));
+                    effects.extend(added.effects);
+                    added.quantities
+                }
+                false => vec![quantity(variation).map_err(|message| fail(at, message))?],
+            };
+            for quantity in new {
+                let varies = |key: &&String| quantities.iter().any(|q| q.keys.contains(key));
+                if let Some(key) = quantity.keys.iter().find(varies) {
+                    return Err(fail(at, format!("{key} varies already above")));
+                }
+                quantities.push(quantity);
             }
-            quantities.push(quantity);
         }
         let whole = |message: String| CampaignError { place: origin.into(), message };
         match (written.method, written.flights) {
@@ -128,10 +169,16 @@ impl Campaign {
             (_, None | Some(0)) => return Err(whole("`flights` says how often to fly: at least 1".into())),
             _ => {}
         }
-        let draw = Draw::new(written.method, written.seed, written.flights, &quantities)
+        let importance = match (written.method, written.importance) {
+            (Method::Importance, importance) => {
+                Some(tilted(&importance.unwrap_or_default(), &written.sources, &quantities).map_err(whole)?)
+            }
+            (_, Some(_)) => return Err(whole("[importance] belongs to method = \"importance\"".into())),
+            (_, None) => None,
+        };
+        let draw = Draw::new(written.method, written.seed, written.flights, &quantities, importance)
             .map_err(|e: DrawError| whole(e.to_string()))?;
-        let effects: String =
-            written.effects.iter().map(|effect| format!("\n[[effects]]\n{effect}")).collect();
+        let effects: String = effects.iter().map(|effect| format!("\n[[effects]]\n{effect}")).collect();
         Ok(Self {
             text: text.into(),
             launch: written.launch,
@@ -140,6 +187,7 @@ impl Campaign {
             method: written.method,
             seed: written.seed,
             quantities,
+            names,
             draw,
         })
     }
@@ -154,17 +202,80 @@ impl Campaign {
         self.quantities.iter().flat_map(|q| q.keys.iter().cloned().zip(q.units())).collect()
     }
 
+    /// How much flight `number` counts; `None` where all count alike.
+    pub fn weight(&self, number: u64) -> Option<f64> {
+        self.draw.weight(number)
+    }
+
     /// What flight `number` draws, in the order of [`Campaign::keys`].
     pub fn values(&self, number: u64) -> Vec<Value> {
         self.draw.values(number, &self.quantities)
     }
 
+    /// What flight `number` draws, each with the key that it has where the launch file has `own_effects` effects of its own.
+    pub fn drawn(&self, number: u64, own_effects: usize) -> Vec<(String, Value)> {
+        let keys = self.quantities.iter().flat_map(|q| &q.keys);
+        let place = |key: &String| placed(self.names.get(key).unwrap_or(key), own_effects);
+        keys.map(place).zip(self.values(number)).collect()
+    }
+
     /// All that flight `number` sets, each as `--set` takes it, where the launch file has `own_effects` effects of its own.
     pub fn assignments(&self, number: u64, own_effects: usize) -> Vec<String> {
-        let drawn = self.keys().into_iter().zip(self.values(number));
-        let drawn = drawn.map(|((key, _), value)| format!("{}={value}", placed(&key, own_effects)));
+        let drawn = self.drawn(number, own_effects).into_iter().map(|(key, value)| format!("{key}={value}"));
         self.set.iter().cloned().chain(drawn).collect()
     }
+}
+
+fn beside(path: &Path, file: &str) -> PathBuf {
+    path.parent().unwrap_or(Path::new("")).join(file)
+}
+
+/// Where the flights of an earlier campaign broke a limit.
+fn failures(path: &Path) -> Result<Failures, String> {
+    let table = Table::read(path).map_err(|e| e.to_string())?;
+    let campaign = Campaign::parse("its campaign file", &table.info.text).map_err(|e| e.to_string())?;
+    if campaign.method == Method::Grid {
+        return Err("it is a grid, which is no sample".into());
+    }
+    let keys = campaign.keys();
+    let broken = table.flights.iter().filter(|flight| !flight.is_good());
+    let points: Vec<(Vec<f64>, f64)> = broken
+        .map(|f| (campaign.draw.point(f.number, keys.len()), campaign.weight(f.number).unwrap_or(1.0)))
+        .collect();
+    Failures::of(keys, &points).ok_or_else(|| {
+        format!(
+            "it has {} flights that broke a limit, and at least 10 are needed: fly more of them, with method \"importance\" \
+             and a greater `spread`",
+            points.len()
+        )
+    })
+}
+
+/// How method "importance" draws these quantities.
+fn tilted(
+    written: &WrittenImportance,
+    sources: &BTreeMap<String, String>,
+    quantities: &[Quantity],
+) -> Result<Importance, String> {
+    let keys: Vec<(String, String)> =
+        quantities.iter().flat_map(|q| q.keys.iter().cloned().zip(q.units())).collect();
+    let failures = match &written.after {
+        None => None,
+        Some(file) => {
+            let told = |e: String| format!("after = \"{file}\": {e}");
+            let text = sources.get(file).ok_or_else(|| told("it was not read".into()))?;
+            let failures: Failures = serde_json::from_str(text).map_err(|e| told(e.to_string()))?;
+            if failures.keys != keys {
+                return Err(told(
+                    "its keys or their units are not those that vary here, in this order".into(),
+                ));
+            }
+            Some(failures)
+        }
+    };
+    let continuous: Vec<bool> =
+        quantities.iter().flat_map(|q| std::iter::repeat_n(q.is_continuous(), q.coordinates())).collect();
+    Importance::new(written, failures.as_ref(), &continuous)
 }
 
 /// The key with the number that an added effect has behind those of the launch file.
@@ -175,100 +286,6 @@ fn placed(key: &str, own_effects: usize) -> String {
     number
         .parse::<usize>()
         .map_or_else(|_| key.into(), |number| format!("effects.{}.{rest}", own_effects + number))
-}
-
-fn quantity(written: WrittenVariation) -> Result<Quantity, String> {
-    let WrittenVariation { key, keys, uniform, normal, integers, among, levels } = written;
-    let keys = match (key, keys.is_empty()) {
-        (Some(key), true) => vec![key],
-        (None, false) => keys,
-        _ => return Err("`key` names what varies, or `keys` what varies together".into()),
-    };
-    let variation = match (uniform, normal, integers, among) {
-        (Some([low, high]), None, None, None) => even(low, high)?,
-        (None, Some(normal), None, None) => gaussian(normal, keys.len())?,
-        (None, None, Some(ends), None) if ends[0] <= ends[1] => Variation::Integers { ends },
-        (None, None, Some(_), None) => {
-            return Err("`integers` names the first and the last, in this order".into());
-        }
-        (None, None, None, Some(values)) if !values.is_empty() => {
-            let values: Vec<Value> = values.into_iter().map(value).collect::<Result<_, _>>()?;
-            let words = values.iter().filter(|v| v.number().is_none()).count();
-            if words != 0 && words != values.len() {
-                return Err("`among` holds numbers or words, not both".into());
-            }
-            if !values.iter().all(|v| unit(v) == unit(&values[0])) {
-                return Err("`among` needs one unit".into());
-            }
-            Variation::Among { values }
-        }
-        (None, None, None, Some(_)) => return Err("`among` is empty".into()),
-        _ => {
-            return Err(
-                "exactly one of `uniform`, `normal`, `integers` and `among` says how it varies".into()
-            );
-        }
-    };
-    if keys.len() > 1 && !matches!(variation, Variation::Joint { .. }) {
-        return Err("several keys vary together by a `normal` with `covariance` only".into());
-    }
-    if levels.is_some_and(|n| n < 2) || levels.is_some() && !matches!(variation, Variation::Uniform { .. }) {
-        return Err("`levels`, at least 2, belongs to `uniform`".into());
-    }
-    Ok(Quantity { keys, variation, levels })
-}
-
-fn even(low: Number, high: Number) -> Result<Variation, String> {
-    if low.unit != high.unit {
-        return Err(format!("both ends need one unit, not '{}' and '{}'", low.unit, high.unit));
-    }
-    if low.value > high.value {
-        return Err("`uniform` names the lower end first".into());
-    }
-    Ok(Variation::Uniform { ends: [low.value, high.value], unit: low.unit })
-}
-
-fn gaussian(normal: WrittenNormal, keys: usize) -> Result<Variation, String> {
-    match (normal.mean, normal.std, normal.covariance) {
-        (Means::One(mean), Some(std), None) if keys == 1 => {
-            if mean.unit != std.unit {
-                return Err(format!("mean and std need one unit, not '{}' and '{}'", mean.unit, std.unit));
-            }
-            if std.value <= 0.0 {
-                return Err("`std` must be above 0".into());
-            }
-            Ok(Variation::Normal { mean: mean.value, std: std.value, unit: mean.unit })
-        }
-        (Means::Many(means), None, Some(rows)) if means.len() == keys => {
-            if rows.len() != keys || rows.iter().any(|row| row.len() != keys) {
-                return Err(format!("`covariance` has {keys} rows of {keys} numbers, as there are keys"));
-            }
-            let covariance = DMatrix::from_fn(keys, keys, |i, j| rows[i][j]);
-            let scale = covariance.amax();
-            if (&covariance - covariance.transpose()).amax() > 1e-9 * scale {
-                return Err("`covariance` is not symmetric".into());
-            }
-            let factor = covariance.cholesky().ok_or("`covariance` is not positive definite")?.l();
-            let (mean, units) = means.into_iter().map(|m| (m.value, m.unit)).unzip();
-            Ok(Variation::Joint { mean, units, factor })
-        }
-        _ => Err("`normal` has `mean` and `std`, or for several `keys` a list `mean` and `covariance`, in the units of \
-                  the means"
-            .into()),
-    }
-}
-
-fn unit(value: &Value) -> &str {
-    if let Value::Number(number) = value { &number.unit } else { "" }
-}
-
-fn value(value: toml::Value) -> Result<Value, String> {
-    match value {
-        toml::Value::Integer(whole) => Ok(Value::Whole(whole)),
-        toml::Value::Float(value) => Ok(Value::Number(Number { value, unit: String::new() })),
-        toml::Value::String(text) => Ok(text.parse().map_or(Value::Word(text), Value::Number)),
-        other => Err(format!("`among` holds numbers and words, not a {}", other.type_str())),
-    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use statrs::statistics::{Data, OrderStatistics};
 use crate::correlation::rank_correlation;
 use crate::proportion::Proportion;
 use crate::quantity::Value;
-use crate::table::{Columns, Ended, Flight, Table};
+use crate::table::{Columns, Ended, Flight, Table, WEIGHT};
 
 /// Flights that are named as the worst.
 const WORST: usize = 10;
@@ -101,22 +101,53 @@ impl Findings {
         let count = |is: &dyn Fn(&Flight) -> bool| flights.iter().filter(|f| is(f)).count() as u64;
         let all = flights.len() as u64;
         let flown = count(&|f| f.ended == Ended::Complete);
+        let weights = weights(table);
+        // Of weighted flights all count, because a share of those that ended would be biased.
+        let proportion = |is: &dyn Fn(&Flight) -> bool, of: u64| match &weights {
+            None => Proportion::new(count(is), of),
+            Some(weights) => {
+                let hits: Vec<f64> =
+                    flights.iter().zip(weights).filter(|(f, _)| is(f)).map(|(_, weight)| *weight).collect();
+                let most = weights.iter().copied().fold(1.0, f64::max);
+                Proportion::weighted(&hits, all, most)
+            }
+        };
         let limits = columns.limits.iter().enumerate().map(|(i, (key, limit))| {
-            let broken = count(&|f| f.holds.get(i) == Some(&false));
-            LimitFindings { key: key.clone(), limit: *limit, violated: Proportion::new(broken, flown) }
+            let violated = proportion(&|f| f.holds.get(i) == Some(&false), flown);
+            LimitFindings { key: key.clone(), limit: *limit, violated }
         });
         let draws: Vec<Vec<f64>> = (0..columns.keys.len()).map(|key| numbers(flights, key)).collect();
         Self {
-            violated: Proportion::new(count(&|f| !f.is_good()), all),
-            failed: Proportion::new(all - flown, all),
+            violated: proportion(&|f| !f.is_good(), all),
+            failed: proportion(&|f| f.ended != Ended::Complete, all),
             limits: limits.collect(),
-            figures: (0..columns.figures.len()).filter_map(|i| figure(table, &draws, i)).collect(),
+            figures: (0..columns.figures.len())
+                .filter(|i| columns.figures[*i].0 != WEIGHT)
+                .filter_map(|i| figure(table, &draws, weights.as_deref(), i))
+                .collect(),
             worst: worst(flights, columns),
         }
     }
 }
 
-fn figure(table: &Table, draws: &[Vec<f64>], at: usize) -> Option<FigureFindings> {
+/// How much each flight counts; `None` where all count alike.
+fn weights(table: &Table) -> Option<Vec<f64>> {
+    let at = table.info.columns.figures.iter().position(|(key, _)| key == WEIGHT)?;
+    Some(table.flights.iter().map(|f| f.figures.get(at).copied().flatten().unwrap_or(1.0)).collect())
+}
+
+/// The value that a share of the weight of all does not exceed.
+fn weighted_quantile(values: &[(f64, f64)], share: f64) -> f64 {
+    let all: f64 = values.iter().map(|(_, weight)| weight).sum();
+    let mut below = 0.0;
+    let found = values.iter().find(|(_, weight)| {
+        below += weight;
+        below >= share * all
+    });
+    found.or(values.last()).map_or(f64::NAN, |(value, _)| *value)
+}
+
+fn figure(table: &Table, draws: &[Vec<f64>], weights: Option<&[f64]>, at: usize) -> Option<FigureFindings> {
     let columns = &table.info.columns;
     let values: Vec<f64> =
         table.flights.iter().map(|f| f.figures.get(at).copied().flatten().unwrap_or(f64::NAN)).collect();
@@ -127,6 +158,15 @@ fn figure(table: &Table, draws: &[Vec<f64>], at: usize) -> Option<FigureFindings
         return None;
     }
     let count = known.len() as u64;
+    if let Some(weights) = weights {
+        let weighted = values.iter().copied().zip(weights.iter().copied());
+        let mut weighted: Vec<(f64, f64)> = weighted.filter(|(value, _)| value.is_finite()).collect();
+        weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (key, unit) = columns.figures[at].clone();
+        let quantiles = [0.0, 0.05, 0.5, 0.95, 1.0].map(|share| weighted_quantile(&weighted, share));
+        // Ranks of draws that are not those of nature say nothing of nature.
+        return Some(FigureFindings { key, unit, count, quantiles, sensitivities: Vec::new() });
+    }
     let mut known = Data::new(known);
     let mut sensitivities: Vec<Sensitivity> = columns
         .keys

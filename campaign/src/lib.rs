@@ -8,9 +8,12 @@ mod correlation;
 mod draw;
 mod file;
 mod findings;
+mod importance;
 mod proportion;
 mod quantity;
+mod source;
 mod table;
+mod variation;
 
 pub use correlation::rank_correlation;
 pub use draw::{DrawError, Method};
@@ -18,4 +21,4 @@ pub use file::{Campaign, CampaignError};
 pub use findings::{FigureFindings, Findings, LimitFindings, Sensitivity, Worst};
 pub use proportion::Proportion;
 pub use quantity::{Number, Quantity, Value, Variation};
-pub use table::{Columns, Ended, Flight, Shard, Table, TableError, TableInfo};
+pub use table::{Columns, Ended, Flight, Shard, Table, TableError, TableInfo, WEIGHT};

@@ -1,7 +1,7 @@
 //! How often something happened, with its interval.
 
 use serde::Serialize;
-use statrs::distribution::{Beta, ContinuousCDF, Normal};
+use statrs::distribution::{Beta, ChiSquared, ContinuousCDF, Normal};
 
 /// A share of independent trials, with an interval of 95 %.
 ///
@@ -35,6 +35,24 @@ impl Proportion {
         let share = count as f64 / of as f64;
         let (low, high) = if count == 0 || count == of { exact(count, of) } else { score(share, of as f64) };
         Self { count, of, share, low, high }
+    }
+
+    /// Probability of what happened in trials of these weights, of `of` trials none of which can weigh more than `most`.
+    ///
+    /// The interval for a weighted sum of Poisson counts (Fay and Feuer, Statistics in Medicine 16, 1997), which is exact for
+    /// equal weights of a rare event and rather too wide for others.
+    pub fn weighted(weights: &[f64], of: u64, most: f64) -> Self {
+        let n = of.max(1) as f64;
+        let share = weights.iter().sum::<f64>() / n;
+        let variance = weights.iter().map(|w| w * w).sum::<f64>() / (n * n);
+        let chi_square = |p: f64, degrees: f64| ChiSquared::new(degrees).map_or(0.0, |d| d.inverse_cdf(p));
+        let scaled = |p: f64, mean: f64, variance: f64| {
+            variance / (2.0 * mean) * chi_square(p, 2.0 * mean * mean / variance)
+        };
+        let greatest = weights.iter().copied().reduce(f64::max).unwrap_or(most) / n;
+        let low = if weights.is_empty() { 0.0 } else { scaled(ALPHA / 2.0, share, variance) };
+        let high = scaled(1.0 - ALPHA / 2.0, share + greatest, variance + greatest * greatest);
+        Self { count: weights.len() as u64, of, share, low: low.min(1.0), high: high.min(1.0) }
     }
 
     /// Length of the interval.

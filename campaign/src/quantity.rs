@@ -148,6 +148,11 @@ impl Quantity {
         self.keys.len()
     }
 
+    /// Whether it is drawn from a continuous distribution.
+    pub fn is_continuous(&self) -> bool {
+        !matches!(self.variation, Variation::Integers { .. } | Variation::Among { .. })
+    }
+
     /// Its unit for each key; empty without one.
     pub fn units(&self) -> Vec<String> {
         match &self.variation {

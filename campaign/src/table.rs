@@ -61,6 +61,9 @@ pub struct Columns {
     pub figures: Vec<(String, String)>,
 }
 
+/// Figure under which a flight of method "importance" has its weight.
+pub const WEIGHT: &str = "weight";
+
 /// A part of a campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shard {

@@ -2,6 +2,7 @@
 
 pub mod expectation;
 pub mod flight;
+pub mod flown;
 pub mod health;
 mod kept;
 mod layout;
@@ -17,6 +18,7 @@ mod survey;
 
 pub use expectation::{CheckedExpectation, Expectation};
 pub use flight::Flight;
+pub use flown::{Flown, FlownStep, NodeCounts};
 pub use health::NodeHealth;
 pub use run::{Run, RunError};
 pub use summary::{Figure, RunSummary};

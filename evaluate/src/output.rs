@@ -1,6 +1,6 @@
 //! The figures of one output while its record is read.
 
-use crate::metrics::{Judge, Judgement, Part, Recovery, StepResponse};
+use crate::metrics::{Judge, Judgement, Part, Recovery, Samples, StepResponse};
 use crate::summary::{MOST_LISTED, OutputFigures};
 
 /// The greatest of all values; none when there is none, or one of them is none.
@@ -112,6 +112,25 @@ impl OutputSum {
 
     /// Takes the value at time `t`, s, and what was wanted then; NaN where nothing is tracked.
     pub fn take(&mut self, t: f64, y: f64, wanted: f64) {
+        self.sum(t, y, wanted);
+        let (events, visible) = (&mut self.events, self.visible);
+        self.judge.take(t, y, wanted, &mut |judgement| events.take(judgement, visible));
+    }
+
+    /// Takes a whole record at once, in which the given parts are to be judged; this sum was made without parts.
+    pub fn take_record(&mut self, (t, y, wanted): (&[f64], &[f64], &[f64]), parts: &[Part]) {
+        for ((t, y), wanted) in t.iter().zip(y).zip(wanted) {
+            self.sum(*t, *y, *wanted);
+        }
+        let samples = Samples::whole(t, y, wanted);
+        for judgement in parts.iter().filter_map(|part| samples.judge(*part)) {
+            self.events.take(judgement, self.visible);
+        }
+    }
+
+    /// Integrals of the error.
+    #[inline]
+    fn sum(&mut self, t: f64, y: f64, wanted: f64) {
         let error = if wanted.is_finite() { wanted - y } else { -y };
         self.first_s.get_or_insert(t);
         if let Some((before_s, before)) = self.last.replace((t, error)) {
@@ -120,8 +139,6 @@ impl OutputSum {
             self.iae += half * (before.abs() + error.abs());
             self.ise += half * (before * before + error * error);
         }
-        let (events, visible) = (&mut self.events, self.visible);
-        self.judge.take(t, y, wanted, &mut |judgement| events.take(judgement, visible));
     }
 
     /// The figures.

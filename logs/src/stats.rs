@@ -14,11 +14,12 @@ pub fn quantile(values: &[f64], p: f64) -> f64 {
     if v.is_empty() {
         return 0.0;
     }
-    v.sort_unstable_by(f64::total_cmp);
     let at = p.clamp(0.0, 1.0) * (v.len() - 1) as f64;
     let low = at.floor() as usize;
-    let high = (low + 1).min(v.len() - 1);
-    v[low] + (at - low as f64) * (v[high] - v[low])
+    let (_, below, above) = v.select_nth_unstable_by(low, f64::total_cmp);
+    let below = *below;
+    let next = above.iter().copied().min_by(f64::total_cmp).unwrap_or(below);
+    below + (at - low as f64) * (next - below)
 }
 
 /// Arithmetic mean; 0 for an empty slice.

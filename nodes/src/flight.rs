@@ -171,7 +171,8 @@ impl Pilot {
 
 /// Measures, and tells which outputs are fresh and can be used, and whether all fresh ones can.
 fn measured(simulator: &mut whirlstand_vehicle::Simulator) -> (u64, bool) {
-    let finite = simulator.measure().iter().enumerate().fold(0, |bits, (i, y)| bits | u64::from(y.is_finite()) << i);
+    let finite =
+        simulator.measure().iter().enumerate().fold(0, |bits, (i, y)| bits | u64::from(y.is_finite()) << i);
     let fresh = simulator.fresh().iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
     (fresh & finite, fresh & !finite == 0)
 }

@@ -72,15 +72,7 @@ struct Sums {
 
 impl Sums {
     fn take(&mut self, t: f64, estimate: &Estimate, truth: Option<&[f64]>, states: usize) {
-        if self.steps == 0 {
-            self.from_s = t;
-        }
-        self.steps += 1;
-        let degrees = f64::from(estimate.dof);
-        if degrees > 0.0 && estimate.nis.is_finite() {
-            self.nis += estimate.nis;
-            self.degrees += degrees;
-        }
+        self.take_innovation(t, estimate.nis, estimate.dof);
         self.states.resize(states, ErrorSum::default());
         let Some(truth) = truth else { return };
         for (((sum, x), std), truth) in self.states.iter_mut().zip(&estimate.x).zip(&estimate.std).zip(truth)
@@ -92,6 +84,28 @@ impl Sums {
             sum.count += 1;
         }
     }
+
+    fn take_innovation(&mut self, t: f64, nis: f64, dof: u32) {
+        if self.steps == 0 {
+            self.from_s = t;
+        }
+        self.steps += 1;
+        let degrees = f64::from(dof);
+        if degrees > 0.0 && nis.is_finite() {
+            self.nis += nis;
+            self.degrees += degrees;
+        }
+    }
+}
+
+/// What an estimate says of its own consistency.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Claim {
+    /// Time, s.
+    pub t: f64,
+    pub nis: f64,
+    pub dof: u32,
+    pub converged: bool,
 }
 
 /// The consistency of an estimator while its estimates come.
@@ -128,6 +142,21 @@ impl ConsistencySum {
             self.settled = Sums::default();
         } else if self.flagged.steps == 0 {
             self.settled.take(t, estimate, truth, self.states);
+        }
+    }
+
+    /// As [`Self::take`], for the ratio alone; `std` are the claimed standard deviations.
+    pub fn take_claim(&mut self, claim: &Claim, std: &[f64]) {
+        if claim.t >= self.until_s {
+            return;
+        }
+        if claim.converged {
+            self.flagged.take_innovation(claim.t, claim.nis, claim.dof);
+        }
+        if std.iter().zip(&self.most_claimed).any(|(std, most)| std > most) {
+            self.settled = Sums::default();
+        } else if self.flagged.steps == 0 {
+            self.settled.take_innovation(claim.t, claim.nis, claim.dof);
         }
     }
 

@@ -52,6 +52,50 @@ pub(crate) struct Judge {
     wanted: Vec<f64>,
 }
 
+/// Samples of one output: times, values and setpoints (NaN where nothing is tracked).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Samples<'a> {
+    t: &'a [f64],
+    y: &'a [f64],
+    wanted: &'a [f64],
+    /// Most samples of a part that are judged.
+    most: usize,
+}
+
+impl<'a> Samples<'a> {
+    /// A whole record, every slice as long as the others.
+    pub fn whole(t: &'a [f64], y: &'a [f64], wanted: &'a [f64]) -> Self {
+        Self { t, y, wanted, most: MOST_SAMPLES }
+    }
+
+    /// First sample of a part, and the one after its last.
+    fn range(&self, part: &Part) -> (usize, usize) {
+        let (at, until) = part.ends();
+        let from = self.t.partition_point(|t| *t < at - 1e-9);
+        let until = self.t.partition_point(|t| *t <= until + 1e-9);
+        (from, until.clamp(from, from + self.most))
+    }
+
+    /// What a part was worth; `None` where it is too short.
+    pub fn judge(&self, part: Part) -> Option<Judgement> {
+        let (from, end) = self.range(&part);
+        let around = (end - from) / SMOOTHED_SHARE + 1;
+        let quiet = self.t.partition_point(|t| *t < part.ends().0 - QUIET_S - 1e-9);
+        let near = quiet.saturating_sub(around)..(end + around).min(self.t.len());
+        let (t, y, wanted) = (&self.t[near.clone()], &self.y[near.clone()], &self.wanted[near]);
+        // A part that is longer than what is held is judged as far as that goes.
+        let last = self.t.get(end.wrapping_sub(1)).copied();
+        let until = last.filter(|_| end - from == self.most).unwrap_or(part.ends().1);
+        match part {
+            Part::Step { at, to, .. } => step_response(t, y, at, until, to).map(Judgement::Step),
+            Part::Disturbance { at, .. } => {
+                let tracked = self.wanted[from..end].iter().all(|w| w.is_finite());
+                recovery(t, y, tracked.then_some(wanted), at, until).map(Judgement::Disturbance)
+            }
+        }
+    }
+}
+
 impl Judge {
     /// Will judge these parts, which are in the order of their starts.
     pub fn new(parts: impl Into<VecDeque<Part>>) -> Self {
@@ -74,7 +118,7 @@ impl Judge {
         self.wanted.push(wanted);
         while let Some(part) = self.parts.front().filter(|part| self.is_whole(part)).copied() {
             self.parts.pop_front();
-            self.judge(part).into_iter().for_each(&mut *found);
+            self.held().judge(part).into_iter().for_each(&mut *found);
         }
         if self.t.len().is_multiple_of(FORGET_EVERY) {
             self.forget();
@@ -84,16 +128,13 @@ impl Judge {
     /// Judges what the end of the record leaves incomplete.
     pub fn finish(mut self, found: &mut impl FnMut(Judgement)) {
         while let Some(part) = self.parts.pop_front() {
-            self.judge(part).into_iter().for_each(&mut *found);
+            self.held().judge(part).into_iter().for_each(&mut *found);
         }
     }
 
-    /// First sample of a part, and the one after its last.
-    fn range(&self, part: &Part) -> (usize, usize) {
-        let (at, until) = part.ends();
-        let from = self.t.partition_point(|t| *t < at - 1e-9);
-        let until = self.t.partition_point(|t| *t <= until + 1e-9);
-        (from, until.clamp(from, from + self.most_samples))
+    /// The samples that are held.
+    fn held(&self) -> Samples<'_> {
+        Samples { t: &self.t, y: &self.y, wanted: &self.wanted, most: self.most_samples }
     }
 
     /// Whether the samples of a part are there, and so many behind it that averaging does not feel the end.
@@ -103,27 +144,9 @@ impl Judge {
         if last <= at || last <= until + 1e-9 && self.t.len() < self.most_samples {
             return false;
         }
-        let (from, end) = self.range(part);
+        let (from, end) = self.held().range(part);
         let complete = last > until + 1e-9 || end - from == self.most_samples;
         complete && self.t.len() > end + (end - from) / SMOOTHED_SHARE
-    }
-
-    fn judge(&self, part: Part) -> Option<Judgement> {
-        let (from, end) = self.range(&part);
-        let around = (end - from) / SMOOTHED_SHARE + 1;
-        let quiet = self.t.partition_point(|t| *t < part.ends().0 - QUIET_S - 1e-9);
-        let held = quiet.saturating_sub(around)..(end + around).min(self.t.len());
-        let (t, y, wanted) = (&self.t[held.clone()], &self.y[held.clone()], &self.wanted[held]);
-        // A part that is longer than what is held is judged as far as that goes.
-        let last = self.t.get(end.wrapping_sub(1)).copied();
-        let until = last.filter(|_| end - from == self.most_samples).unwrap_or(part.ends().1);
-        match part {
-            Part::Step { at, to, .. } => step_response(t, y, at, until, to).map(Judgement::Step),
-            Part::Disturbance { at, .. } => {
-                let tracked = self.wanted[from..end].iter().all(|w| w.is_finite());
-                recovery(t, y, tracked.then_some(wanted), at, until).map(Judgement::Disturbance)
-            }
-        }
     }
 
     /// Forgets the samples that no part to come needs.

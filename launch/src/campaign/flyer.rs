@@ -5,19 +5,25 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
-use whirlstand_campaign::{Campaign, Columns, Ended, Flight};
+use whirlstand_campaign::{Campaign, Columns, Ended, Flight, WEIGHT};
 use whirlstand_evaluate::expectation::{check, signal_figures};
 use whirlstand_evaluate::summary::{INPUT_KEYS, OUTPUT_KEYS};
-use whirlstand_evaluate::{Expectation, Figure, Run, RunSummary};
+use whirlstand_evaluate::{Expectation, Figure, Flown, FlownStep, NodeCounts, Run, RunSummary};
 use whirlstand_nodes::inproc::run_inproc;
 use whirlstand_nodes::os::StopFlag;
+use whirlstand_nodes::setup::Setup;
 
+use super::pilots::Pilots;
+use super::redrawn::Redrawn;
 use crate::cli::{ModeArg, OverrideArgs, TransportArg};
 use crate::error::Failure;
 use crate::file::{Document, FoundFile, Jobs, LaunchFile, Plan, find, jobs_of};
 
 /// Limits that depend on the wall clock, of which a flight in one thread knows nothing.
 const OF_THE_CLOCK: [&str; 3] = ["max_deadline_misses", "max_latency_p99_s", "max_latency_s"];
+
+/// Steps of a flight that is held in memory while it is flown, a few hundred bytes each.
+const MOST_HELD: u64 = 1 << 18;
 
 /// Keys that cannot vary, because the columns of the table depend on them.
 const FIXED: [&str; 2] = ["vehicle", "expect"];
@@ -30,7 +36,10 @@ pub(super) struct Flyer {
     columns: Columns,
     digest: String,
     name: String,
-    /// Where logs lie until they have been looked at.
+    /// Plans most flights from the first one.
+    redrawn: Option<Redrawn>,
+    pilots: Pilots,
+    /// Where the logs of long flights lie until they have been looked at.
     scratch: TempDir,
 }
 
@@ -41,9 +50,7 @@ impl Flyer {
     /// For everything that is wrong in either, with its place.
     pub fn new(path: &Path) -> Result<Self, Failure> {
         let shown = path.display().to_string();
-        let text =
-            std::fs::read_to_string(path).map_err(|e| Failure::file("read the campaign file", path, &e))?;
-        let campaign = Campaign::parse(&shown, &text).map_err(Failure::mend)?;
+        let campaign = Campaign::open(path).map_err(Failure::mend)?;
         let launch = launch_file(&campaign, path)?;
         let file: LaunchFile = launch.document.read().map_err(Failure::mend)?;
         check_alone(&file, &campaign.launch)?;
@@ -75,9 +82,22 @@ impl Flyer {
             columns: Columns::default(),
             digest: String::new(),
             name,
+            redrawn: None,
+            pilots: Pilots::default(),
             scratch,
         };
-        let first = flyer.plan(0)?;
+        let first = flyer.read(0)?;
+        let (campaign, own_effects) = (&flyer.campaign, flyer.own_effects);
+        let redrawn = Redrawn::new(&flyer.launch.document, &first, campaign, own_effects);
+        // What it leaves out would show in one of these.
+        let same = |redrawn: &Redrawn| {
+            [0, 1, campaign.flights() - 1].into_iter().filter(|n| *n < campaign.flights()).all(|n| {
+                redrawn
+                    .plan(&campaign.drawn(n, own_effects))
+                    .is_none_or(|plan| flyer.read(n).is_ok_and(|read| Redrawn::flies_as(&plan, &read)))
+            })
+        };
+        flyer.redrawn = redrawn.filter(same);
         flyer.columns = columns(&flyer.campaign, &first);
         flyer.digest = flyer.digest_of(&first);
         Ok(flyer)
@@ -122,8 +142,15 @@ impl Flyer {
             .map_err(|e| Failure::Mend(format!("flight {number} of the campaign cannot be flown: {e}")))
     }
 
-    /// The same, for one thread.
+    /// The same, for one thread: from the first flight, where what is drawn is a number that can be put in its place.
     fn plan(&self, number: u64) -> Result<Plan, Failure> {
+        let redrawn = self.redrawn.as_ref();
+        let plan = redrawn.and_then(|r| r.plan(&self.campaign.drawn(number, self.own_effects)));
+        plan.map_or_else(|| self.read(number), Ok)
+    }
+
+    /// The same, from the launch file.
+    fn read(&self, number: u64) -> Result<Plan, Failure> {
         let mut jobs = self.jobs(number, Some(TransportArg::Inproc))?;
         // Variants were refused.
         let job = jobs.runs.pop();
@@ -132,7 +159,8 @@ impl Flyer {
 
     /// Flies one flight; whatever goes wrong is how it ended.
     pub fn fly(&self, number: u64) -> Flight {
-        let figures = vec![None; self.columns.figures.len()];
+        let figures = self.columns.figures.iter();
+        let figures = figures.map(|(key, _)| self.weight(key, number)).collect();
         let failed = |why: String| Flight {
             number,
             values: self.campaign.values(number),
@@ -149,27 +177,69 @@ impl Flyer {
     }
 
     fn flown(&self, number: u64) -> Result<Flight, String> {
-        let mut plan = self.plan(number).map_err(|e| e.to_string())?;
-        let folder = self.scratch.path().join(number.to_string());
-        std::fs::create_dir(&folder).map_err(|e| format!("no folder for its log: {e}"))?;
-        let _removed = Folder(&folder);
-        let log = folder.join("log.mcap");
-        plan.config.bench = format!("campaign-{}-{number}", std::process::id());
-        let Some(recorder) = &mut plan.config.recorder else {
+        let plan = self.plan(number).map_err(|e| e.to_string())?;
+        if plan.config.recorder.is_none() {
             return Err("without a log there are no figures: recorder.enabled must be true".into());
-        };
-        recorder.path = log.to_string_lossy().into_owned();
-        run_inproc(&plan.config, &StopFlag::default()).map_err(|e| e.to_string())?;
-        let run = Run::open(&log, &plan.name, None).map_err(|e| e.to_string())?;
-        let limits = limits(&plan);
-        let checked = check(&limits, &run.figures.timing, Some(&run.figures));
+        }
+        let figures =
+            if plan.config.steps > MOST_HELD { self.recorded(number, &plan)? } else { self.direct(&plan)? };
+        let checked = check(&limits(&plan), &figures.timing, Some(&figures));
         Ok(Flight {
             number,
             values: self.campaign.values(number),
             ended: Ended::Complete,
             holds: checked.iter().map(|c| c.holds).collect(),
-            figures: self.columns.figures.iter().map(|(key, _)| value(&run.figures, key)).collect(),
+            figures: self
+                .columns
+                .figures
+                .iter()
+                .map(|(key, _)| self.weight(key, number).or_else(|| value(&figures, key)))
+                .collect(),
         })
+    }
+
+    /// What stands under `key` for the flight whatever it does: how much it counts.
+    fn weight(&self, key: &str, number: u64) -> Option<f64> {
+        if key == WEIGHT { self.campaign.weight(number) } else { None }
+    }
+
+    /// The figures of a flight without bus and log.
+    fn direct(&self, plan: &Plan) -> Result<RunSummary, String> {
+        let config = &plan.config;
+        let pilot = self.pilots.of(config).map_err(|e| e.to_string())?;
+        let mut flown = Flown::new(pilot.vehicle(), Setup::period_s(config), config.steps as usize);
+        let counts = pilot.fly(config, |step| {
+            flown.take(&FlownStep {
+                stamp_ns: step.stamp_ns,
+                x: step.x,
+                u: step.u,
+                flags: step.flags,
+                disturbance: step.disturbance,
+                setpoint: step.setpoint,
+                innovation: (step.filter.nis(), step.filter.dof()),
+                std: step.filter.std(),
+                converged: step.filter.converged(),
+            });
+        });
+        let counts = counts.map_err(|e| e.to_string())?;
+        let [filter, law] = counts.refused;
+        let counts = NodeCounts { misses: counts.misses, rejected: [counts.rejected, filter, law] };
+        Ok(flown.summary(pilot.vehicle(), &plan.name, config.seed, &counts))
+    }
+
+    /// The figures of a flight that is too long to be held: from a log that is thrown away.
+    fn recorded(&self, number: u64, plan: &Plan) -> Result<RunSummary, String> {
+        let folder = self.scratch.path().join(number.to_string());
+        std::fs::create_dir(&folder).map_err(|e| format!("no folder for its log: {e}"))?;
+        let _removed = Folder(&folder);
+        let log = folder.join("log.mcap");
+        let mut config = plan.config.clone();
+        config.bench = format!("campaign-{}-{number}", std::process::id());
+        if let Some(recorder) = &mut config.recorder {
+            recorder.path = log.to_string_lossy().into_owned();
+        }
+        run_inproc(&config, &StopFlag::default()).map_err(|e| e.to_string())?;
+        Ok(Run::open(&log, &plan.name, None).map_err(|e| e.to_string())?.figures)
     }
 }
 
@@ -220,10 +290,11 @@ fn columns(campaign: &Campaign, plan: &Plan) -> Columns {
     };
     let outputs = vehicle.outputs.iter().flat_map(|output| of(&output.name, &OUTPUT_KEYS));
     let inputs = vehicle.inputs.iter().flat_map(|input| of(&input.name, &INPUT_KEYS));
+    let weight = campaign.weight(0).map(|_| (WEIGHT.to_string(), String::new()));
     Columns {
         keys: campaign.keys(),
         limits: limits(plan).into_iter().map(|e| (e.key, e.limit)).collect(),
-        figures: outputs.chain(inputs).chain([("nis_ratio".into(), String::new())]).collect(),
+        figures: outputs.chain(inputs).chain([("nis_ratio".into(), String::new())]).chain(weight).collect(),
     }
 }
 

@@ -2,6 +2,8 @@
 
 mod flyer;
 mod journal;
+mod pilots;
+mod redrawn;
 mod said;
 mod workers;
 

@@ -165,7 +165,11 @@ impl Said<'_> {
 }
 
 fn share(p: &Proportion) -> String {
-    let percent = |share: f64| number((1e4 * share).round() / 1e2);
+    // Rare events have few digits behind many zeros.
+    let percent = |share: f64| match share {
+        share if share > 0.0 && share < 1e-3 => format!("{:.1e}", 100.0 * share),
+        share => number((1e4 * share).round() / 1e2),
+    };
     format!(
         "{} % ({} to {} % at 95 % confidence; {} of {})",
         percent(p.share),

@@ -3,7 +3,7 @@
 mod amount;
 mod bridge;
 mod builtin;
-mod document;
+pub(crate) mod document;
 mod expect;
 mod finite;
 mod jobs;
@@ -21,9 +21,9 @@ mod fuzz;
 mod tests;
 
 pub(crate) use builtin::{BUILTIN, DEFAULT, FoundFile, find};
-pub(crate) use document::Document;
+pub(crate) use document::{Document, at};
 pub(crate) use jobs::{Jobs, jobs, jobs_of};
-pub(crate) use plan::{Plan, PlannedNode, plan};
+pub(crate) use plan::{Plan, PlannedNode, initial_state, plan};
 pub(crate) use schema::{LaunchFile, Ready, Restart};
 pub(crate) use security::{Security, secret_beyond_its_reach};
 pub(crate) use wording::unknown;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use serde::Deserialize;
 use whirlstand_bus::ZenohConfig;
 use whirlstand_control::{Selector, Weights};
 use whirlstand_live::{Address, AddressError};
@@ -118,6 +119,13 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
     let live = live.map_err(|e: AddressError| document.error_at(at!["live", "address"], e.to_string()))?;
     let name = file.name.unwrap_or_else(|| name.into());
     Ok(Plan { name, vehicle: extended, config, nodes, security, live, expect })
+}
+
+/// An initial state of `vehicle` in SI, from what the launch file has under its name; `None` where that is refused.
+pub(crate) fn initial_state(vehicle: &Vehicle, name: &str, written: toml::Value) -> Option<f64> {
+    let document = Document::parse("", "").ok()?;
+    let amount = Amount::deserialize(written).ok()?;
+    Planner { document: &document, vehicle }.state_value(at![name], name, &amount).ok()
 }
 
 /// The text that goes into the log: the file as it was read, and what was changed without editing it.

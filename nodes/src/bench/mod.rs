@@ -54,6 +54,7 @@ pub fn run(options: &Options, mut progress: impl FnMut(&Figure)) -> Result<Repor
         let new = match name {
             "plant" => throughput::plant(options)?,
             "inproc" => throughput::inproc(options)?,
+            "flight" => throughput::flight(options)?,
             "lockstep" => throughput::lockstep(options)?,
             "recorded" => throughput::recorded(options)?,
             "zenoh" => throughput::zenoh(options)?,

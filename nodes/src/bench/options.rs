@@ -1,8 +1,8 @@
 //! What can be measured, and how.
 
 /// The measurements, in the order in which they run.
-pub const MEASUREMENTS: [&str; 8] =
-    ["plant", "inproc", "lockstep", "recorded", "zenoh", "realtime", "vehicles", "autopilots"];
+pub const MEASUREMENTS: [&str; 9] =
+    ["plant", "inproc", "flight", "lockstep", "recorded", "zenoh", "realtime", "vehicles", "autopilots"];
 
 /// What to measure, and how.
 #[derive(Debug, Clone)]

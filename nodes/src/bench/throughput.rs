@@ -60,6 +60,25 @@ pub(super) fn inproc(options: &Options) -> Result<Vec<Figure>, BenchError> {
     Ok(vec![Figure::highest("closed loop in one process", "steps/s", rates, Some(2e6))])
 }
 
+/// The closed loop without a bus, as a campaign flies it: every step is looked at.
+pub(super) fn flight(options: &Options) -> Result<Vec<Figure>, BenchError> {
+    let config = config("flight", Transport::Inproc, Mode::Lockstep, u64::from(BATCH))?;
+    let pilot = crate::flight::Pilot::new(&config)?;
+    let mut rates = Vec::new();
+    for _ in 0..options.repeat {
+        let (start, mut steps) = (Instant::now(), 0u64);
+        while start.elapsed().as_secs_f64() < options.seconds {
+            steps += pilot
+                .fly(&config, |step| {
+                    black_box(step.x);
+                })?
+                .steps;
+        }
+        rates.push(steps as f64 / start.elapsed().as_secs_f64());
+    }
+    Ok(vec![Figure::highest("one flight without a bus, sensors and noise", "steps/s", rates, Some(3e6))])
+}
+
 /// Three processes over shared memory, beside the bare ring.
 pub(super) fn lockstep(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let (mut steps, mut laps, mut bus_laps) = (Vec::new(), Vec::new(), Vec::new());

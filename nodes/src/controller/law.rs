@@ -59,12 +59,7 @@ impl Law {
     }
 
     /// Computes the inputs for the next period from the estimated states; returns the command's flags.
-    pub(crate) fn step(
-        &mut self,
-        x: &[f64],
-        setpoint: &Setpoint,
-        u: &mut [f64; MAX_INPUTS],
-    ) -> u32 {
+    pub(crate) fn step(&mut self, x: &[f64], setpoint: &Setpoint, u: &mut [f64; MAX_INPUTS]) -> u32 {
         match self {
             Self::Manual => {
                 *u = setpoint.stick;

@@ -1,0 +1,214 @@
+//! What other commands found out, as what varies: parameters with their covariance as `identify` answers them, effects with
+//! their intervals as `diagnose` does.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use crate::quantity::{Quantity, Variation};
+
+/// Schemas of the answers that are read.
+const IDENTIFICATION: &str = "whirlstand.identification.v1";
+const DIAGNOSIS: &str = "whirlstand.diagnosis.v1";
+
+/// Standard deviations from the middle to either end of an interval that holds 95 %.
+const NINETY_FIVE: f64 = 1.96;
+
+/// Standard deviations within which a parameter whose interval has one sign must keep it, or it is drawn evenly.
+const WITHIN: f64 = 5.0;
+
+/// What is kept of an answer: enough to draw from it, and small enough to travel with every part of a campaign.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Answer {
+    schema: String,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    parameters: Vec<Parameter>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    correlations: Vec<Vec<f64>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    standard_errors_hold: Option<bool>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    causes: Vec<Cause>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Parameter {
+    name: String,
+    value: f64,
+    standard_error: Option<f64>,
+    #[serde(default)]
+    unit: String,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Cause {
+    effect: String,
+    #[serde(rename = "where")]
+    place: String,
+    parameters: BTreeMap<String, Estimate>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    text: Option<String>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Estimate {
+    value: f64,
+    low: f64,
+    high: f64,
+    #[serde(default)]
+    unit: String,
+}
+
+/// What a source adds to a campaign.
+#[derive(Debug, Default)]
+pub(crate) struct Added {
+    /// Effects, as tables of `[[effects]]`.
+    pub effects: Vec<toml::Table>,
+    /// Keys by which the parameters of these effects are known, with the effect's index among `effects` and the parameter.
+    pub names: Vec<(String, usize, String)>,
+    /// How they vary.
+    pub quantities: Vec<Quantity>,
+}
+
+impl Answer {
+    /// Reads the answer of `identify --json` or `diagnose --json`.
+    ///
+    /// # Errors
+    /// A sentence on what it is instead.
+    pub fn parse(json: &str) -> Result<Self, String> {
+        let answer: Self = serde_json::from_str(json)
+            .map_err(|e| format!("it is no answer of identify or diagnose as --json writes it: {e}"))?;
+        match answer.schema.as_str() {
+            IDENTIFICATION | DIAGNOSIS => Ok(answer),
+            other => Err(format!("{IDENTIFICATION} or {DIAGNOSIS} is expected, not {other}")),
+        }
+    }
+
+    /// The same in one line.
+    pub fn to_json(&self) -> String {
+        // Strings and finite numbers: nothing that JSON cannot hold.
+        serde_json::to_string(self).unwrap_or_default()
+    }
+
+    /// What it adds: all of it, or what `only` names. `widen` multiplies standard deviations.
+    ///
+    /// # Errors
+    /// A sentence on what cannot be drawn.
+    pub fn added(&self, only: &[String], widen: Option<f64>) -> Result<Added, String> {
+        if widen.is_some_and(|factor| !(factor > 0.0 && factor.is_finite())) {
+            return Err("`widen` must be above 0".into());
+        }
+        let added = match self.schema.as_str() {
+            IDENTIFICATION => self.identified(only, widen)?,
+            _ => self.diagnosed(only, widen.unwrap_or(1.0))?,
+        };
+        if let Some(absent) = only.iter().find(|name| !added.names.iter().any(|(known, ..)| known == *name)) {
+            return Err(format!("it has no parameter {absent}"));
+        }
+        if added.names.is_empty() {
+            return Err("it has nothing that varies".into());
+        }
+        Ok(added)
+    }
+
+    fn identified(&self, only: &[String], widen: Option<f64>) -> Result<Added, String> {
+        if self.standard_errors_hold == Some(false) && widen.is_none() {
+            return Err("its standard errors are too small, as it says itself: something acted in the record that the model \
+                        does not have, or its search ended early; say with `widen` by what to multiply them"
+                .into());
+        }
+        let wanted = |p: &Parameter| only.is_empty() || only.contains(&p.name);
+        let chosen: Vec<usize> =
+            (0..self.parameters.len()).filter(|i| wanted(&self.parameters[*i])).collect();
+        let mut added = Added::default();
+        let (mut mean, mut units, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+        for parameter in chosen.iter().map(|i| &self.parameters[*i]) {
+            let Parameter { name, value, standard_error, unit } = parameter;
+            if name.contains('(') {
+                return Err(format!(
+                    "{name} belongs to an effect of the vehicle file, which a launch file cannot change: name with `only` what \
+                     varies, such as only = [\"A[2,1]\"]"
+                ));
+            }
+            let error = standard_error.filter(|e| *e > 0.0 && e.is_finite()).ok_or_else(|| {
+                format!("{name} has no standard error: method ga gives none, and at its bound a parameter has none")
+            })?;
+            let mut effect = toml::Table::new();
+            effect.insert("effect".into(), "parameter_change".into());
+            effect.insert("where".into(), name.clone().into());
+            effect.insert("value".into(), amount(*value, unit));
+            added.names.push((name.clone(), added.effects.len(), "value".into()));
+            added.effects.push(effect);
+            mean.push(*value);
+            units.push(unit.clone());
+            errors.push(error * widen.unwrap_or(1.0));
+        }
+        let correlation = |i: usize, j: usize| {
+            let row = self.correlations.get(chosen[i]).and_then(|row| row.get(chosen[j]));
+            if i == j { 1.0 } else { row.copied().unwrap_or(f64::NAN) }
+        };
+        let n = chosen.len();
+        // The factor of the correlations, which rounding of units cannot spoil.
+        let factor = DMatrix::from_fn(n, n, correlation)
+            .cholesky()
+            .ok_or("the correlations of its parameters are not positive definite")?
+            .l();
+        let factor = DMatrix::from_fn(n, n, |i, j| errors[i] * factor[(i, j)]);
+        let keys = added.names.iter().map(|(name, ..)| name.clone()).collect();
+        added.quantities =
+            vec![Quantity { keys, variation: Variation::Joint { mean, units, factor }, levels: None }];
+        Ok(added)
+    }
+
+    fn diagnosed(&self, only: &[String], widen: f64) -> Result<Added, String> {
+        let mut added = Added::default();
+        for Cause { effect: kind, place, parameters, text } in &self.causes {
+            let key = |parameter: &str| format!("{kind}({place}).{parameter}");
+            if !only.is_empty() && !parameters.keys().any(|parameter| only.contains(&key(parameter))) {
+                continue;
+            }
+            if text.is_some() && kind == "mode_transition" {
+                return Err(format!(
+                    "{}: a transition to another vehicle cannot be added: name others with `only`",
+                    key("to")
+                ));
+            }
+            let mut effect = toml::Table::new();
+            effect.insert("effect".into(), kind.clone().into());
+            effect.insert("where".into(), place.clone().into());
+            for (parameter, estimate) in parameters {
+                effect.insert(parameter.clone(), amount(estimate.value, &estimate.unit));
+                let wanted = only.is_empty() || only.contains(&key(parameter));
+                if let Some(variation) = estimate.variation(widen).filter(|_| wanted) {
+                    added.names.push((key(parameter), added.effects.len(), parameter.clone()));
+                    added.quantities.push(Quantity { keys: vec![key(parameter)], variation, levels: None });
+                }
+            }
+            added.effects.push(effect);
+        }
+        Ok(added)
+    }
+}
+
+impl Estimate {
+    /// A normal distribution over the interval; an even one where a normal one could lose the sign that the interval has, as
+    /// that of a delay. `None` without an interval.
+    fn variation(&self, widen: f64) -> Option<Variation> {
+        let std = widen * (self.high - self.low) / (2.0 * NINETY_FIVE);
+        if !(std > 0.0 && std.is_finite()) {
+            return None;
+        }
+        let (value, unit) = (self.value, self.unit.clone());
+        let keeps_sign =
+            self.low >= 0.0 && value - WITHIN * std < 0.0 || self.high <= 0.0 && value + WITHIN * std > 0.0;
+        Some(match keeps_sign {
+            true => Variation::Uniform { ends: [self.low, self.high], unit },
+            false => Variation::Normal { mean: value, std, unit },
+        })
+    }
+}
+
+fn amount(value: f64, unit: &str) -> toml::Value {
+    if unit.is_empty() { toml::Value::Float(value) } else { format!("{value:?} {unit}").into() }
+}
