@@ -122,8 +122,78 @@ fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
 }
 
 #[test]
+fn what_identify_found_varies_with_its_covariance() {
+    let place = Place::new(
+        "launch = \"quadrotor\"\nflights = 40\nset = [\"duration_s=9\"]\n[[vary]]\nfound = \"fit.json\"\nwiden = 20.0\n",
+    );
+    let at = |name: &str| place.path(name).display().to_string();
+    run([
+        "excite",
+        "quadrotor",
+        "--kind",
+        "multistep",
+        "--duration",
+        "30",
+        "--seed",
+        "1",
+        "--out",
+        &at("excite"),
+    ])
+    .success();
+    let flight = at("excite/flight.toml");
+    run(["run", &flight, "--mode", "lockstep", "--set", "transport=inproc", "--out", &at("log")]).success();
+    run(["identify", &at("log"), "--vehicle", "quadrotor-structure", "--json", &at("fit.json")]).success();
+
+    let whole = place.answer(&["FILE", "--out", "DIR/whole"]);
+    assert_eq!((&whole["flown"], &whole["findings"]["failed"]["count"]), (&40.into(), &0.into()), "{whole}");
+    let figures = whole["findings"]["figures"].as_array().unwrap();
+    let moved = figures.iter().find(|f| f["key"] == "roll.peak").unwrap();
+    let key = moved["sensitivities"][0]["key"].as_str().unwrap();
+    assert!(key.starts_with("A[") || key.starts_with("B["), "{moved}");
+
+    // A part is the same campaign when the answer lies elsewhere by the time that it is joined.
+    for part in ["1/2", "2/2"] {
+        place.answer(&["FILE", "--out", "DIR/parts", "--shard", part]);
+    }
+    std::fs::remove_file(place.path("fit.json")).unwrap();
+    let parts = ["DIR/parts/part-1-of-2.parquet", "DIR/parts/part-2-of-2.parquet"];
+    run(place.call(&[&["merge"], &parts[..], &["--out", "DIR/joined"]].concat())).success();
+    assert_eq!(bytes(&place.path("joined/flights.parquet")), bytes(&place.path("whole/flights.parquet")));
+    let file = at("gusts.toml");
+    refused(&["campaign", &file, "--out", &at("out")], &["found = \"fit.json\"", "cannot be read"]);
+}
+
+#[test]
+fn a_rare_failure_is_found_where_failures_are_frequent() {
+    let gusts = |flights: u32, more: &str| {
+        format!(
+            "launch = \"quadrotor\"\nflights = {flights}\nmethod = \"importance\"\nset = [\"duration_s=9\"]\n{more}\n\
+             [[vary]]\nkey = \"effects.0.magnitude\"\nnormal = {{ mean = \"150 deg/s^2\", std = \"15 deg/s^2\" }}\n"
+        )
+    };
+    let place = Place::new(&gusts(400, "[importance]\nspread = 4.0"));
+    let pilot = place.answer(&["FILE", "--out", "DIR/pilot"]);
+    assert!(pilot["findings"]["violated"]["count"].as_u64().unwrap() >= 10, "{pilot}");
+    std::fs::write(place.path("gusts.toml"), gusts(400, "[importance]\nafter = \"pilot/flights.parquet\""))
+        .unwrap();
+    let rare = place.answer(&["FILE", "--out", "DIR/rare"]);
+    let [pilot, rare] = [pilot, rare].map(|answer| answer["findings"]["violated"].clone());
+    let end = |p: &Value, key: &str| p[key].as_f64().unwrap();
+    assert!(end(&rare, "share") < 0.02 && end(&rare, "low") > 0.0, "{rare}");
+    // Two unbiased answers to one question, the second narrower.
+    assert!(
+        end(&rare, "low") < end(&pilot, "high") && end(&pilot, "low") < end(&rare, "high"),
+        "{pilot} {rare}"
+    );
+    let width = |p: &Value| end(p, "high") - end(p, "low");
+    assert!(width(&rare) < width(&pilot), "{pilot} {rare}");
+    let file = place.path("gusts.toml").display().to_string();
+    refused(&["campaign", &file, "--until-width", "0.1"], &["importance", "\"random\" or \"sobol\""]);
+}
+
+#[test]
 fn a_killed_campaign_goes_on_where_it_was_to_the_same_bytes() {
-    let place = Place::new(&GUSTS.replace("duration_s=9", "duration_s=20"));
+    let place = Place::new(&GUSTS.replace("duration_s=9", "duration_s=1000"));
     place.answer(&["FILE", "--out", "DIR/whole"]);
     let mut killed = spawn(whirlstand(place.call(&["FILE", "--out", "DIR/cut", "--jobs", "1", "--resume"])));
     // Killed as soon as something is kept.
@@ -150,8 +220,12 @@ fn a_killed_campaign_goes_on_where_it_was_to_the_same_bytes() {
 
 #[test]
 fn ctrl_c_keeps_what_is_done_and_enough_is_enough() {
-    let place =
-        Place::new(&GUSTS.replace("latin-hypercube", "sobol").replace("flights = 24", "flights = 60000"));
+    let place = Place::new(
+        &GUSTS
+            .replace("latin-hypercube", "sobol")
+            .replace("flights = 24", "flights = 60000")
+            .replace("duration_s=9", "duration_s=60"),
+    );
     let mut bench = spawn(whirlstand(place.call(&["FILE", "--out", "DIR/cut"])));
     let journal = place.path("cut/flights.jsonl");
     while std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count()) < 3 && bench.is_alive() {

@@ -212,3 +212,78 @@ impl Estimate {
 fn amount(value: f64, unit: &str) -> toml::Value {
     if unit.is_empty() { toml::Value::Float(value) } else { format!("{value:?} {unit}").into() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Value;
+
+    const IDENTIFIED: &str = r#"{"schema": "whirlstand.identification.v1", "standard_errors_hold": true, "verdict": "fits",
+        "parameters": [
+            {"name": "A[2,1]", "value": -1.1, "standard_error": 0.1, "unit": "1/s^2", "lower": -30.0},
+            {"name": "B[2,1]", "value": 4.0, "standard_error": 0.5, "unit": "deg/s^2"}],
+        "correlations": [[1.0, 0.8], [0.8, 1.0]]}"#;
+
+    const DIAGNOSED: &str = r#"{"schema": "whirlstand.diagnosis.v1", "causes": [
+        {"effect": "input_delay", "where": "u_roll",
+         "parameters": {"delay_s": {"value": 0.02, "low": 0.0, "high": 0.04, "unit": "s"}}},
+        {"effect": "sensor_bias", "where": "roll",
+         "parameters": {"offset": {"value": 0.1, "low": 0.08, "high": 0.12, "unit": "rad"}}}]}"#;
+
+    fn added(json: &str, only: &[&str], widen: Option<f64>) -> Result<Added, String> {
+        let only: Vec<String> = only.iter().map(|name| (*name).to_string()).collect();
+        let kept = Answer::parse(json)?.to_json();
+        Answer::parse(&kept)?.added(&only, widen)
+    }
+
+    #[test]
+    fn identified_parameters_are_drawn_with_their_covariance() {
+        let all = added(IDENTIFIED, &[], None).unwrap();
+        assert_eq!(all.effects[1]["value"].as_str(), Some("4.0 deg/s^2"));
+        let Variation::Joint { mean, factor, .. } = &all.quantities[0].variation else { panic!("{all:?}") };
+        let covariance = factor * factor.transpose();
+        assert_eq!(mean, &[-1.1, 4.0]);
+        assert!((covariance[(0, 0)] - 0.01).abs() < 1e-12 && (covariance[(0, 1)] - 0.04).abs() < 1e-12);
+        let wide = added(IDENTIFIED, &["B[2,1]"], Some(2.0)).unwrap();
+        assert_eq!(wide.names, [("B[2,1]".to_string(), 0, "value".to_string())]);
+        let Variation::Joint { factor, .. } = &wide.quantities[0].variation else { panic!("{wide:?}") };
+        assert!((factor[(0, 0)] - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn causes_are_drawn_within_their_intervals_and_keep_their_sign() {
+        let all = added(DIAGNOSED, &[], None).unwrap();
+        assert_eq!(all.quantities.len(), 2);
+        assert_eq!(all.names[0], ("input_delay(u_roll).delay_s".to_string(), 0, "delay_s".to_string()));
+        assert!((0..100).all(|i| {
+            let drawn = all.quantities[0].at(&[(f64::from(i) + 0.5) / 100.0]);
+            drawn[0].number().is_some_and(|delay| (0.0..=0.04).contains(&delay))
+        }));
+        let one = all.quantities[1].at(&[0.5]);
+        assert!(matches!(&one[0], Value::Number(n) if (n.value - 0.1).abs() < 1e-9 && n.unit == "rad"));
+        assert_eq!(added(DIAGNOSED, &["sensor_bias(roll).offset"], None).unwrap().effects.len(), 1);
+    }
+
+    #[test]
+    fn what_cannot_be_drawn_is_told() {
+        let told = |json: &str, only: &[&str], words: &str| {
+            let error = added(json, only, None).unwrap_err();
+            assert!(error.contains(words), "{error}");
+        };
+        told("{}", &[], "no answer of identify or diagnose");
+        told(
+            &IDENTIFIED.replace("identification.v1", "compare.v1"),
+            &[],
+            "is expected, not whirlstand.compare.v1",
+        );
+        told(&IDENTIFIED.replace("true", "false"), &[], "`widen`");
+        told(&IDENTIFIED.replace("0.5,", "null,"), &[], "B[2,1] has no standard error");
+        told(&IDENTIFIED.replace("A[2,1]", "input_delay(u).delay_s"), &[], "an effect of the vehicle file");
+        told(IDENTIFIED, &["A[9,9]"], "no parameter A[9,9]");
+        told(
+            &IDENTIFIED.replace("[0.8, 1.0]", "[1.8, 1.0]").replace("1.0, 0.8", "1.0, 1.8"),
+            &[],
+            "positive definite",
+        );
+    }
+}

@@ -304,3 +304,73 @@ fn value(figures: &RunSummary, key: &str) -> Option<f64> {
         _ => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is compared of a flight's figures.
+    fn bits(
+        flyer: &Flyer,
+        figures: &Result<RunSummary, String>,
+    ) -> Result<Vec<(String, Option<u64>)>, String> {
+        let figures = figures.as_ref().map_err(Clone::clone)?;
+        let of = |key: &str| (key.to_string(), value(figures, key).map(f64::to_bits));
+        let counts = ["held_steps", "failsafe_steps", "deadline_misses", "lost", "restarts"];
+        Ok(flyer.columns.figures.iter().map(|(key, _)| key.as_str()).chain(counts).map(of).collect())
+    }
+
+    /// Flies the campaign's flights without a log and with one, read from the launch file.
+    fn same(campaign: &str) -> Vec<Result<RunSummary, String>> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("c.toml");
+        std::fs::write(&path, campaign).unwrap();
+        let flyer = Flyer::new(&path).unwrap();
+        let fly = |number| {
+            let (plan, read) = (flyer.plan(number).unwrap(), flyer.read(number).unwrap());
+            assert!(Redrawn::flies_as(&plan, &read), "flight {number} of {campaign}");
+            let (direct, recorded) = (flyer.direct(&plan), flyer.recorded(number, &read));
+            let [a, b] = [&direct, &recorded].map(|figures| bits(&flyer, figures));
+            assert_eq!(a, b, "flight {number} of {campaign}");
+            if let (Ok(direct), Ok(recorded)) = (&direct, &recorded) {
+                let limits = limits(&plan);
+                let holds = |figures: &RunSummary| check(&limits, &figures.timing, Some(figures));
+                assert_eq!(holds(direct), holds(recorded), "flight {number} of {campaign}");
+                assert_eq!(direct.disturbances, recorded.disturbances);
+            }
+            direct
+        };
+        (0..flyer.campaign.flights()).map(fly).collect()
+    }
+
+    #[test]
+    fn a_flight_without_a_log_has_the_figures_of_its_log_to_the_last_bit() {
+        for law in ["smc", "lqr", "ppc", "manual"] {
+            same(&format!(
+                "launch = \"quadrotor\"\nflights = 3\nset = [\"duration_s=9\", \"controller.law={law}\"]\n\
+                 [[effects]]\neffect = \"input_delay\"\nwhere = \"u_roll\"\ndelay_s = 0.012\n\
+                 [[effects]]\neffect = \"dropouts\"\nwhere = \"pitch\"\nfraction = 0.05\n\
+                 [[effects]]\neffect = \"turbulence\"\nwhere = \"roll_rate\"\nstd = \"20 deg/s^2\"\nbandwidth_hz = 2.0\n\
+                 [[vary]]\nkey = \"effects.0.magnitude\"\nuniform = [\"100 deg/s^2\", \"300 deg/s^2\"]\n\
+                 [[vary]]\nkey = \"plant.initial.roll\"\nuniform = [\"-5 deg\", \"5 deg\"]\n\
+                 [[vary]]\nkey = \"seed\"\nintegers = [1, 1000]\n"
+            ));
+        }
+        for launch in ["helicopter-hover-lqr", "helicopter-longitudinal-smc", "helicopter-lateral-ppc"] {
+            same(&format!(
+                "launch = \"{launch}\"\nflights = 2\nset = [\"duration_s=7\"]\n\
+                 [[vary]]\nkey = \"seed\"\nintegers = [1, 1000]\n\
+                 [[vary]]\nkey = \"estimator.kind\"\namong = [\"model\", \"kinematic\"]\n"
+            ));
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_leaves_its_model_ends_with_the_same_words() {
+        let ends = same(
+            "launch = \"quadrotor\"\nflights = 1\nset = [\"duration_s=9\", \"controller.law=manual\"]\n\
+             [[effects]]\neffect = \"parameter_change\"\nwhere = \"A[2,1]\"\nvalue = \"90 1/s^2\"\n",
+        );
+        assert!(ends[0].as_ref().is_err_and(|why| why.contains("roll")), "{ends:?}");
+    }
+}

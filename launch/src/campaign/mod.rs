@@ -46,7 +46,10 @@ fn fly(args: &CampaignFlyArgs) -> Result<ExitCode, Failure> {
             campaign.method.word()
         )));
     }
+    let name = args.shard.map_or("flights".into(), part_name);
     let out = match &args.out {
+        // Parts are flown side by side into one folder.
+        Some(path) if args.shard.is_some() => OutFolder::shared(path, &name)?,
         Some(path) => OutFolder::given(path)?,
         None => OutFolder::fresh(&folder_name(flyer.name()))?,
     };
@@ -60,7 +63,6 @@ fn fly(args: &CampaignFlyArgs) -> Result<ExitCode, Failure> {
     };
     let numbers: Vec<u64> =
         (0..campaign.flights()).filter(|n| args.shard.is_none_or(|s| s.has(*n))).collect();
-    let name = args.shard.map_or("flights".into(), part_name);
     let journal_path = out.path().join(format!("{name}.jsonl"));
     let (mut journal, done) = Journal::open(&journal_path, &info, args.resume)?;
     let jobs =

@@ -26,7 +26,17 @@ impl OutFolder {
     /// When it cannot be made, or another run writes into it.
     pub fn given(path: &Path) -> Result<Self, Failure> {
         std::fs::create_dir_all(path).map_err(|e| Failure::file("make the folder", path, &e))?;
-        Self::lock(path)
+        Self::lock(path, LOCK)
+    }
+
+    /// A folder that the user named, for one of several runs that write different files into it at the same time: kept from
+    /// another run of the same part only.
+    ///
+    /// # Errors
+    /// When it cannot be made, or another run of the part writes into it.
+    pub fn shared(path: &Path, part: &str) -> Result<Self, Failure> {
+        std::fs::create_dir_all(path).map_err(|e| Failure::file("make the folder", path, &e))?;
+        Self::lock(path, &format!("{LOCK}.{part}"))
     }
 
     /// A folder that nobody had before: `out/NAME-DATE-TIME`, in UTC, with a number behind it if there is one already.
@@ -38,7 +48,7 @@ impl OutFolder {
         let stamp: String = stamp.trim_end_matches('Z').replace('T', "-").replace(':', "");
         let base = Path::new("out");
         std::fs::create_dir_all(base).map_err(|e| Failure::file("make the folder", base, &e))?;
-        Self::lock(&make_new(base, &format!("{name}-{stamp}"))?)
+        Self::lock(&make_new(base, &format!("{name}-{stamp}"))?, LOCK)
     }
 
     /// Where it is, from the root.
@@ -56,9 +66,9 @@ impl OutFolder {
         self.lock.as_ref().map(AsFd::as_fd)
     }
 
-    fn lock(path: &Path) -> Result<Self, Failure> {
+    fn lock(path: &Path, name: &str) -> Result<Self, Failure> {
         let path = path.canonicalize().map_err(|e| Failure::file("use the folder", path, &e))?;
-        let file = path.join(LOCK);
+        let file = path.join(name);
         let lock = match LockFile::take(&file, &Holder::here()) {
             Ok(lock) => Some(lock),
             Err(Refused::Held(holder)) => {
