@@ -12,7 +12,7 @@ use crate::controller::{Law, Profile};
 use crate::error::NodeError;
 use crate::estimator::Filter;
 use crate::gate::Gate;
-use crate::plant::{diverged, simulated};
+use crate::plant::simulation::{diverged, simulated};
 use crate::setup::Setup;
 
 /// Law and filter, designed once for all flights that differ in nothing that these know of: in noise, disturbances, effects,

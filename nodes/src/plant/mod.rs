@@ -9,7 +9,7 @@ mod latencies;
 mod outside;
 mod pace;
 mod phase;
-mod simulation;
+pub(crate) mod simulation;
 mod waiting;
 
 use std::time::{Duration, Instant};
@@ -31,7 +31,6 @@ pub use outside::INJECT_TOPIC;
 use pace::Pace;
 use phase::Phase;
 use simulation::Simulation;
-pub(crate) use simulation::{diverged, simulated};
 use waiting::{Waiting, whom};
 
 /// Queue for commands; one is awaited at a time.
