@@ -118,7 +118,7 @@ impl Findings {
         });
         let draws: Vec<Vec<f64>> = (0..columns.keys.len()).map(|key| numbers(flights, key)).collect();
         Self {
-            violated: proportion(&|f| !f.is_good(), all),
+            violated: violated(table, flights.len()),
             failed: proportion(&|f| f.ended != Ended::Complete, all),
             limits: limits.collect(),
             figures: (0..columns.figures.len())
@@ -128,6 +128,17 @@ impl Findings {
             worst: worst(flights, columns),
         }
     }
+}
+
+/// How often the first so many flights did not end within all limits.
+pub fn violated(table: &Table, first: usize) -> Proportion {
+    let flights = &table.flights[..first.min(table.flights.len())];
+    let of = flights.len() as u64;
+    let Some(weights) = weights(table) else {
+        return Proportion::new(flights.iter().filter(|f| !f.is_good()).count() as u64, of);
+    };
+    let broken = flights.iter().zip(&weights).filter(|(f, _)| !f.is_good()).map(|(_, weight)| *weight);
+    Proportion::weighted(&broken.collect::<Vec<_>>(), of, weights.iter().copied().fold(1.0, f64::max))
 }
 
 /// How much each flight counts; `None` where all count alike.

@@ -206,7 +206,7 @@ mod tests {
         };
         let all: Vec<Proportion> = (0..200).map(one).collect();
         hold(&all, truth);
-        // 300 flights tell it to about a third; brute force would need a million for that.
+        // 300 flights tell it to an eighth; brute force would need seven million for that.
         assert!(all.iter().all(|p| p.high < 4.0 * truth && p.high > 0.0), "{truth}");
     }
 

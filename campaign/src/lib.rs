@@ -18,7 +18,7 @@ mod variation;
 pub use correlation::rank_correlation;
 pub use draw::{DrawError, Method};
 pub use file::{Campaign, CampaignError};
-pub use findings::{FigureFindings, Findings, LimitFindings, Sensitivity, Worst};
+pub use findings::{FigureFindings, Findings, LimitFindings, Sensitivity, Worst, violated};
 pub use proportion::Proportion;
 pub use quantity::{Number, Quantity, Value, Variation};
 pub use table::{Columns, Ended, Flight, Shard, Table, TableError, TableInfo, WEIGHT};

@@ -1,7 +1,7 @@
 //! The page of a campaign: how often limits are broken, how figures are distributed, what moves them, the worst flights.
 
 use whirlstand_campaign::{
-    Ended, Findings, Flight, LimitFindings, Proportion, Table as Flights, Value, Worst,
+    Ended, Findings, Flight, LimitFindings, Proportion, Table as Flights, Value, WEIGHT, Worst, violated,
 };
 use whirlstand_logs::shown::{number, shown};
 
@@ -60,8 +60,18 @@ pub fn campaign_report(report: &CampaignReport) -> Result<String, ReportError> {
     page.to_html()
 }
 
+/// Rare events have few digits behind many zeros.
 fn percent(share: f64) -> String {
-    number((1e4 * share).round() / 1e2)
+    if share > 0.0 && share < 1e-3 {
+        format!("{:.1e}", 100.0 * share)
+    } else {
+        number((1e4 * share).round() / 1e2)
+    }
+}
+
+/// Whether flights count differently: they were drawn where failures are frequent.
+fn is_weighted(report: &CampaignReport) -> bool {
+    report.table.info.columns.figures.iter().any(|(key, _)| key == WEIGHT)
 }
 
 fn interval(p: &Proportion) -> Vec<Cell> {
@@ -89,16 +99,12 @@ fn shares(report: &CampaignReport) -> Section {
     let flights = &report.table.flights;
     let step = flights.len().div_ceil(POINTS).max(1);
     let mut plot = Plot::new("share", "share of flights that break a limit", "flights", "%");
-    let mut broken = 0;
     let [mut at, mut share, mut low, mut high] = [const { Vec::new() }; 4];
-    for (i, flight) in flights.iter().enumerate() {
-        broken += u64::from(!flight.is_good());
-        if (i + 1) % step == 0 || i + 1 == flights.len() {
-            let p = Proportion::new(broken, i as u64 + 1);
-            at.push(p.of as f64);
-            for (line, value) in [(&mut share, p.share), (&mut low, p.low), (&mut high, p.high)] {
-                line.push(100.0 * value);
-            }
+    for first in (1..=flights.len()).filter(|n| n % step == 0 || *n == flights.len()) {
+        let p = violated(report.table, first);
+        at.push(p.of as f64);
+        for (line, value) in [(&mut share, p.share), (&mut low, p.low), (&mut high, p.high)] {
+            line.push(100.0 * value);
         }
     }
     plot.traces.push(Trace::new("share", 0, Style::Main, &at, &share));
@@ -111,7 +117,12 @@ fn shares(report: &CampaignReport) -> Section {
         tables: vec![Table {
             head: ["", "flights", "share, %", "from, %", "to, %"].map(String::from).to_vec(),
             rows,
-            note: "Wilson's interval at 95 % confidence, Clopper and Pearson's where nothing or everything happened.".into(),
+            note: match is_weighted(report) {
+                true => "Means of weights with Fay and Feuer's interval at 95 % confidence: flights were drawn where failures are \
+                         frequent. Histograms below are of the draws, quantiles are weighted.",
+                false => "Wilson's interval at 95 % confidence, Clopper and Pearson's where nothing or everything happened.",
+            }
+            .into(),
             ..Table::default()
         }],
         columns: 2,
