@@ -1,12 +1,12 @@
 """A stand-in for PX4: connects to the simulator with pymavlink and flies by its sensors.
 
     px4.py PORT REPORT [--free] [--reconnect-after STEPS] [--pty NAME] [--disarmed] [--telemetry PORT] [--turned AXIS]
-           [--wait-for FILE] [--replay-after STEPS] [--beyond]
+           [--wait-for FILE] [--replay-after STEPS] [--beyond] [--station SECONDS]
 
 `--free`: without lockstep, as hardware in the loop is; `--pty`: over a serial line of that name, as it is as well.
 `--telemetry`: tells its attitude to a ground station; `--turned`: with the wrong sign of one axis.
 `--wait-for`: connects once that file is there; `--replay-after`: says the same outputs again and again from then on; `--beyond`:
-with outputs that go beyond their range.
+with outputs that go beyond their range. `--station`: armed by a ground station on the same line, which its checks allow after so long.
 """
 
 import argparse
@@ -18,6 +18,7 @@ import tty
 
 from pymavlink.dialects.v20 import common
 
+import commander
 import flight
 
 GROUPS = {"accel": 0x7, "gyro": 0x38, "mag": 0x1C0, "baro": 0x1A00, "diff": 0x400}
@@ -88,6 +89,7 @@ def main():
     parser.add_argument("--wait-for")
     parser.add_argument("--replay-after", type=int)
     parser.add_argument("--beyond", action="store_true")
+    parser.add_argument("--station", type=float)
     args = parser.parse_args()
     report = flight.Report(args.report)
     flight.end_in_order(report)
@@ -119,6 +121,8 @@ def converse(link, args, report, seen, steps):
     attitude, last, turned, began = flight.Attitude(), None, 0.0, None
     first_time = None
     telemetry = flight.Telemetry(args.telemetry, 12) if args.telemetry else None
+    station = commander.Commander(mav, send, report, args.station) if args.station is not None else None
+    gyro = (0.0, 0.0, 0.0)
     while True:
         try:
             data = link.recv(65536)
@@ -126,8 +130,12 @@ def converse(link, args, report, seen, steps):
             data = b""
         if not data:
             return None
+        if station:
+            station.tick(attitude.told(args.turned), gyro)
         for message in mav.parse_buffer(data) or []:
             kind = message.get_type()
+            if station:
+                station.hear(message)
             seen[kind] = seen.get(kind, 0) + 1
             report.demand(kind != "BAD_DATA", "bad data")
             if kind == "HIL_GPS":
@@ -148,6 +156,8 @@ def converse(link, args, report, seen, steps):
             attitude.step(gyro, (message.xacc, message.yacc, message.zacc), dt)
             # Half a second to start, then armed.
             armed = last - first_time > 500_000 and not args.disarmed
+            if station:
+                armed = station.armed
             if telemetry:
                 telemetry.attitude(last // 1000, attitude.told(args.turned))
             controls = flight.quad_x(*flight.level(attitude, gyro)) if armed else [0.0] * 4

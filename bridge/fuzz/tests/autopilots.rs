@@ -7,7 +7,7 @@ use std::time::Duration;
 use whirlstand_bridge::attitude_receiver::{AttitudeReceiver, TelemetryProtocol};
 use whirlstand_bridge::autopilot::ardupilot::{Ardupilot, ArdupilotOptions};
 use whirlstand_bridge::autopilot::betaflight::{Betaflight, BetaflightOptions, MOTORS, Packets, RAW};
-use whirlstand_bridge::autopilot::px4::{Px4, Px4Options};
+use whirlstand_bridge::autopilot::px4::{Px4, Px4Options, STATION};
 use whirlstand_bridge::autopilot::{Autopilot, Event, Rc};
 use whirlstand_bridge::mavlink::dialect::{
     HIL_ACTUATOR_CONTROLS_DATA, HilActuatorControlsFlags, MavModeFlag,
@@ -38,7 +38,7 @@ fn drive(
         assert_eq!(autopilot.counts(), before);
         autopilot.receive(port, &wire, now, &mut |_, _| {});
         if piece.pause() == 1 {
-            autopilot.end_of_datagram();
+            autopilot.end_of_datagram(port);
         }
         received += 1;
         bytes += wire.len() as u64;
@@ -63,7 +63,7 @@ fn drive(
 fn px4() {
     bolero::check!().for_each(|input: &[u8]| {
         let mut px4 = Px4::new(Px4Options { rc: true, ..Px4Options::default() }, true);
-        drive(&mut px4, &[0], input, |piece, now| {
+        drive(&mut px4, &[0, STATION], input, |piece, now| {
             if piece.first().is_some_and(|b| b & 1 == 1) {
                 return mavlink_frame(&piece[1..]);
             }

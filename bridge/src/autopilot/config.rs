@@ -84,7 +84,12 @@ impl AutopilotConfig {
         let motors = self.mixer.frame != FrameKind::Ccpm;
         let period = std::time::Duration::from_nanos(period_ns);
         match self.kind {
-            AutopilotKind::Px4Hil => Box::new(Px4::new(self.px4.clone(), motors)),
+            AutopilotKind::Px4Hil => {
+                let line = self.px4.state_period_ns(1e9 / period_ns as f64, self.sensors.gps_hz);
+                // A line that carries less was refused with the other options.
+                let state_period_ns = line.unwrap_or(u64::MAX);
+                Box::new(Px4::with_state_period(self.px4.clone(), motors, state_period_ns))
+            }
             AutopilotKind::ArdupilotJson => Box::new(Ardupilot::new(self.ardupilot.clone(), motors)),
             AutopilotKind::BetaflightSitl => {
                 Box::new(Betaflight::new(self.betaflight.clone(), motors, period))
@@ -131,6 +136,11 @@ impl AutopilotConfig {
                 &["ardupilot", "pwm_min"],
                 format!("it must be below pwm_max, {low} is not below {high}"),
             );
+        }
+        if self.kind == AutopilotKind::Px4Hil
+            && let Err(message) = self.px4.state_period_ns(rate_hz, sensors.gps_hz)
+        {
+            return wrong(&["px4", "link"], message);
         }
         if self.kind == AutopilotKind::BetaflightSitl {
             if lockstep {

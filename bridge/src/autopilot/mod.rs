@@ -19,6 +19,7 @@ mod rc;
 use std::time::Duration;
 
 use crate::mixer::MAX_OUTPUTS;
+use crate::note::Note;
 use crate::sensors::Sensors;
 
 pub use config::{AutopilotConfig, AutopilotKind, Parts};
@@ -70,12 +71,14 @@ pub struct Counts {
     pub lost: u64,
     /// Sensor packets that were left out because they would have come in a burst.
     pub skipped: u64,
+    /// Messages of a ground station that belong to the loop, and were not passed on.
+    pub refused: u64,
 }
 
 impl Counts {
     /// Packets that came and were given up.
     pub fn dropped(&self) -> u64 {
-        self.malformed + self.stale
+        self.malformed + self.stale + self.refused
     }
 }
 
@@ -88,8 +91,8 @@ pub trait Autopilot {
     /// something in it was valid: not damaged, and not older than what came before.
     fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) -> bool;
 
-    /// What was received last was a datagram: nothing goes on behind it.
-    fn end_of_datagram(&mut self) {}
+    /// What was received last through `port` was a datagram: nothing goes on behind it.
+    fn end_of_datagram(&mut self, _port: usize) {}
 
     /// The next event from the received bytes; `None` until more bytes come.
     fn next(&mut self) -> Option<Event>;
@@ -105,6 +108,11 @@ pub trait Autopilot {
 
     /// What the autopilot said last in words.
     fn said(&self) -> Option<&str> {
+        None
+    }
+
+    /// The oldest note for the user.
+    fn note(&mut self) -> Option<Note> {
         None
     }
 

@@ -131,6 +131,7 @@ impl Deframer {
             Head::Incomplete => None,
             Head::Drop(bytes, drop) => {
                 self.stream.skip(bytes);
+                self.last = bytes;
                 Some(self.dropped(drop))
             }
             Head::Frame(bytes, header, message) => {
@@ -143,7 +144,7 @@ impl Deframer {
         }
     }
 
-    /// The bytes of the message that [`Deframer::next`] gave last, until the next call of anything else.
+    /// The bytes of the message or drop that [`Deframer::next`] gave last, until the next call of anything else.
     pub fn frame(&self) -> &[u8] {
         self.stream.behind(self.last)
     }

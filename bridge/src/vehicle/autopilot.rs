@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use super::clock::ns;
-use super::note::Notes;
 use super::output::euler;
 use super::receivers::{Receivers, rc_channels};
 use super::requests::{Answer, Requests};
@@ -11,6 +10,7 @@ use super::telemetry::Group;
 use super::warnings::Warnings;
 use crate::config::{AttitudeMessage, MavlinkConfig, RatesMessage};
 use crate::mavlink::{Counts, Deframer, Encoder, Event, Header, MavMessage, Signing, dialect};
+use crate::note::Notes;
 
 /// Between two of our heartbeats.
 const HEARTBEAT: Duration = Duration::from_secs(1);

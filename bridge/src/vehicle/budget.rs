@@ -3,12 +3,10 @@
 use std::time::Duration;
 
 use crate::config::{BridgeConfig, BridgeKind, ConfigError, Output};
+use crate::line::{COMMON_SHARE, serial_line};
 
-/// Share of a line of their own that outputs may take, ...
+/// Share of a line of their own that outputs may take.
 const OWN_SHARE: f64 = 0.9;
-
-/// ... and of one that heartbeats, requests and exchanges of time go over as well.
-const COMMON_SHARE: f64 = 0.8;
 
 /// Bytes of a signature.
 const SIGNATURE: u32 = 13;
@@ -23,16 +21,6 @@ fn bytes(output: Output, signed: bool) -> u32 {
         Output::Crsf => 26,
         Output::Sbus => 25,
     }
-}
-
-/// Rate of a serial line, baud, and bits of a byte; `None` for another link. `serial://PATH:BAUD`, with `:8E2` behind it for
-/// two stop bits and a parity.
-fn serial_line(link: &str) -> Option<(f64, f64)> {
-    let address = link.strip_prefix("serial://")?;
-    let (address, bits) = address.strip_suffix(":8E2").map_or((address, 10.0), |rest| (rest, 12.0));
-    let address = address.strip_suffix(":8N1").unwrap_or(address);
-    let baud: f64 = address.rsplit_once(':')?.1.parse().ok()?;
-    (baud > 0.0).then_some((baud, bits))
 }
 
 /// The least time between two outputs that the line carries, and what is to be told of it; nothing for a line that carries the
@@ -73,16 +61,4 @@ pub(super) fn budget(
         Duration::from_secs_f64(1.0 / most_hz),
         format!("{text}: the newest are sent, the others left out"),
     )))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_says_its_rate_and_format() {
-        assert_eq!(serial_line("serial:///dev/ttyUSB0:100000:8E2"), Some((100_000.0, 12.0)));
-        assert_eq!(serial_line("serial:///dev/ttyACM0:57600"), Some((57_600.0, 10.0)));
-        assert_eq!(serial_line("udpin://0.0.0.0:14550"), None);
-    }
 }

@@ -10,7 +10,6 @@ mod clock;
 mod decide;
 mod figures;
 mod inbound;
-mod note;
 mod options;
 mod outbound;
 mod output;
@@ -31,6 +30,8 @@ use crate::config::{
 };
 use crate::crsf;
 use crate::mavlink::{Deframer, Signing};
+pub use crate::note::Note;
+use crate::note::Notes;
 use crate::pilot::Pilot;
 use crate::sbus;
 use crate::sign_watch::SignWatch;
@@ -40,8 +41,6 @@ use autopilot::Autopilot;
 use budget::budget;
 pub use figures::Figures;
 pub use inbound::Received;
-pub use note::Note;
-use note::Notes;
 use options::{check_mavlink, check_safety, missing};
 pub use telemetry::{FIELDS, Group, Refusals, Telemetry};
 

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use super::note::Notes;
 use super::telemetry::{Group, Telemetry};
 use crate::mavlink::dialect;
+use crate::note::Notes;
 use crate::pilot::Pilot;
 
 /// Where the contents of a received message go.

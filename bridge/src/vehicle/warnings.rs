@@ -1,8 +1,8 @@
 //! What is told, once, of a MAVLink link on which little comes that can be used.
 
-use super::note::Notes;
 use crate::mavlink::dialect::STATUSTEXT_DATA;
 use crate::mavlink::{Counts, status_text};
+use crate::note::Notes;
 
 /// After so many bytes without a message the baud rate is said to be wrong.
 const BAUD_WARNING_BYTES: u64 = 600;

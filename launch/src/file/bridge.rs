@@ -50,9 +50,12 @@ impl Planner<'_> {
             autopilot
                 .parts(self.vehicle, file.mode == Mode::Lockstep, file.rate_hz)
                 .map_err(|e| self.bridge_error(&e))?;
-            for (key, link) in [("px4", &autopilot.px4.link), ("ardupilot", &autopilot.ardupilot.link)] {
+            let links =
+                [("px4", "link", &autopilot.px4.link), ("ardupilot", "link", &autopilot.ardupilot.link)];
+            let forward = autopilot.px4.forward.iter().map(|link| ("px4", "forward", link));
+            for (table, key, link) in links.into_iter().chain(forward) {
                 link.parse::<Address>()
-                    .map_err(|e| self.bridge_error(&ConfigError::new(&[key, "link"], e.to_string())))?;
+                    .map_err(|e| self.bridge_error(&ConfigError::new(&[table, key], e.to_string())))?;
             }
         }
         Ok(Some(config))

@@ -66,10 +66,7 @@ pub fn python_with(package: &str) -> Result<PathBuf, Missing> {
         return Ok(python);
     }
     let what = format!("no package {package} in {}", python.display());
-    Err(Missing::installable(
-        what,
-        "install examples/python/requirements.txt and set WHIRLSTAND_PYTHON to that Python",
-    ))
+    Err(Missing::installable(what, "install it as .ci/run does, and set WHIRLSTAND_PYTHON to that Python"))
 }
 
 /// Betaflight's own program, built as software in the loop.

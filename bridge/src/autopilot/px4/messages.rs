@@ -1,11 +1,11 @@
 //! Sensors as MAVLink messages.
 
 use crate::autopilot::RC_CHANNELS;
-use crate::mavlink::MavMessage;
 use crate::mavlink::dialect::{
-    HEARTBEAT_DATA, HIL_GPS_DATA, HIL_SENSOR_DATA, HIL_STATE_QUATERNION_DATA, HilSensorUpdatedFlags,
-    MavAutopilot, MavModeFlag, MavState, MavType, RC_CHANNELS_DATA,
+    COMMAND_LONG_DATA, HEARTBEAT_DATA, HIL_GPS_DATA, HIL_SENSOR_DATA, HIL_STATE_QUATERNION_DATA,
+    HilSensorUpdatedFlags, MavAutopilot, MavCmd, MavModeFlag, MavState, MavType, RC_CHANNELS_DATA,
 };
+use crate::mavlink::{Header, MavMessage};
 use crate::sensors::{STANDARD_GRAVITY, Sensors};
 
 /// PX4 takes a time of zero for none, so its clock starts here, us.
@@ -34,6 +34,16 @@ pub(super) fn heartbeat() -> MavMessage {
         base_mode: MavModeFlag::empty(),
         system_status: MavState::MAV_STATE_ACTIVE,
         mavlink_version: 3,
+    })
+}
+
+/// Asks the vehicle to report its arming checks.
+pub(super) fn ask_for_arming_checks(vehicle: Header) -> MavMessage {
+    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        target_system: vehicle.system,
+        target_component: vehicle.component,
+        command: MavCmd::MAV_CMD_RUN_PREARM_CHECKS,
+        ..Default::default()
     })
 }
 

@@ -4,24 +4,35 @@
 //! serial line or UDP. HIL_SENSOR advances PX4's clock, and in lockstep PX4 answers it with HIL_ACTUATOR_CONTROLS of
 //! the same time. HIL_GPS, HIL_STATE_QUATERNION (for PX4's log of the truth) and RC_CHANNELS go along.
 //!
+//! Over the same line PX4 speaks to a ground station, which comes through a port of its own ([`STATION`]); HEARTBEAT,
+//! STATUSTEXT and the summary of its arming checks are heard on the way.
+//!
 //! Source: <https://docs.px4.io/main/en/simulation/#simulator-mavlink-api>,
 //! <https://mavlink.io/en/messages/common.html>.
 
+mod events;
+mod heard;
 mod messages;
+mod options;
+mod station;
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::mavlink::dialect::{HilActuatorControlsFlags, MavAutopilot, MavCmd, MavModeFlag};
-use crate::mavlink::{Deframer, Encoder, Header, MavMessage, status_text};
+use crate::mavlink::{Deframer, DropReason, Encoder, Header, MavMessage};
 use crate::mixer::MAX_OUTPUTS;
-use crate::peer::Pin;
+use crate::note::{Note, Notes};
 use crate::sensors::Sensors;
+use heard::Heard;
+pub use options::Px4Options;
+use station::{Owned, Station, is_for_station};
 
 /// The TCP port of PX4's first instance.
 pub const PORT: u16 = 4560;
+
+/// The port of the ground station; the link to PX4 is port 0.
+pub const STATION: usize = 1;
 
 /// Output of each motor of a quad in the order of the mixer's frames, which is PX4's own.
 pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
@@ -41,29 +52,10 @@ const MAG_PERIOD_NS: u64 = 10_000_000;
 const BARO_PERIOD_NS: u64 = 20_000_000;
 const CHANNEL_PERIOD_NS: u64 = 20_000_000;
 const HEARTBEAT_PERIOD_NS: u64 = 1_000_000_000;
+/// Between two requests for the summary of the arming checks, which PX4 tells by itself only when it changes.
+const CHECKS_PERIOD_NS: u64 = 4_000_000_000;
 /// Until PX4 asks for another one.
 const STATE_PERIOD_NS: u64 = 5_000_000;
-
-/// Options of the link to PX4.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Px4Options {
-    /// Where PX4 is: `tcpin://ADDRESS:PORT` where PX4 connects, or `serial://DEVICE:BAUD` or `udpin://ADDRESS:PORT` for
-    /// hardware.
-    pub link: String,
-    /// The only address that is believed on `udpin` and `tcpin`; absent: the first that speaks validly.
-    pub peer: Option<Pin>,
-    /// Send the pitot's differential pressure.
-    pub airspeed: bool,
-    /// Send the pilot's channels; without them PX4 listens to its ground station alone.
-    pub rc: bool,
-}
-
-impl Default for Px4Options {
-    fn default() -> Self {
-        Self { link: format!("tcpin://127.0.0.1:{PORT}"), peer: None, airspeed: false, rc: false }
-    }
-}
 
 /// A board that reboots says nothing for longer, ...
 const REBOOT: Duration = Duration::from_millis(500);
@@ -100,14 +92,19 @@ pub struct Px4 {
     /// Time of the last HIL_ACTUATOR_CONTROLS, us, and when it came.
     controlled: Option<(u64, Duration)>,
     state_period_ns: u64,
+    /// What the line allows.
+    least_state_period_ns: u64,
     mag: Due,
     baro: Due,
     channels: Due,
     state: Due,
     heartbeat: Due,
+    ask_checks: Due,
     event: Option<Event>,
-    /// What PX4 said last in words, over a line on which it speaks to its ground station as well.
-    said: Option<String>,
+    /// What PX4 says to everybody, on a line on which it speaks to its ground station as well.
+    heard: Heard,
+    station: Station,
+    notes: Notes,
     counts: Counts,
     /// What past connections exchanged.
     past: Counts,
@@ -117,6 +114,15 @@ pub struct Px4 {
 impl Px4 {
     /// A conversation that has not begun; `motors` says that outputs are motors and not servos.
     pub fn new(options: Px4Options, motors: bool) -> Self {
+        Self::with_state_period(options, motors, STATE_PERIOD_NS)
+    }
+
+    /// The same on a line that carries the truth no more often than this, ns.
+    pub(in crate::autopilot) fn with_state_period(
+        options: Px4Options,
+        motors: bool,
+        least_state_period_ns: u64,
+    ) -> Self {
         Self {
             options,
             motors,
@@ -127,13 +133,17 @@ impl Px4 {
             answered: true,
             controlled: None,
             state_period_ns: STATE_PERIOD_NS,
+            least_state_period_ns,
             mag: Due::default(),
             baro: Due::default(),
             channels: Due::default(),
             state: Due::default(),
             heartbeat: Due::default(),
+            ask_checks: Due::default(),
             event: None,
-            said: None,
+            heard: Heard::default(),
+            station: Station::default(),
+            notes: Notes::default(),
             counts: Counts::default(),
             past: Counts::default(),
             out: Vec::new(),
@@ -185,7 +195,7 @@ impl Px4 {
     }
 
     /// Takes a message in; returns whether it counts.
-    fn take(&mut self, message: &MavMessage, now: Duration) -> bool {
+    fn take(&mut self, header: Header, message: &MavMessage, now: Duration) -> bool {
         match message {
             MavMessage::HIL_ACTUATOR_CONTROLS(controls) => return self.controls(controls, now),
             MavMessage::COMMAND_LONG(command)
@@ -199,11 +209,9 @@ impl Px4 {
                     _ => STATE_PERIOD_NS,
                 };
             }
-            MavMessage::STATUSTEXT(m) => {
-                if let Some((_, text)) = status_text(m) {
-                    self.said = Some(text);
-                }
-            }
+            MavMessage::HEARTBEAT(beat) => self.heard.beat(header, beat, &mut self.notes),
+            MavMessage::STATUSTEXT(m) => self.heard.words(m, &mut self.notes),
+            MavMessage::EVENT(event) => self.heard.event(event, &mut self.notes),
             _ => {}
         }
         true
@@ -211,7 +219,10 @@ impl Px4 {
 }
 
 impl Autopilot for Px4 {
-    fn recognises(&mut self, _port: usize, datagram: &[u8], now: Duration) -> bool {
+    fn recognises(&mut self, port: usize, datagram: &[u8], now: Duration) -> bool {
+        if port == STATION {
+            return self.station.recognises(datagram, now);
+        }
         let is_autopilots = |_: &Header, message: &MavMessage| match message {
             MavMessage::HEARTBEAT(beat) => beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID,
             message => matches!(message, MavMessage::HIL_ACTUATOR_CONTROLS(_)),
@@ -219,18 +230,36 @@ impl Autopilot for Px4 {
         self.deframer.recognises(datagram, now, is_autopilots)
     }
 
-    fn receive(&mut self, _port: usize, bytes: &[u8], now: Duration, _send: &mut Send<'_>) -> bool {
+    fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) -> bool {
+        if port == STATION {
+            let vehicle = self.heard.vehicle().map(|header| (header.system, header.component));
+            let owned = Owned { vehicle, channels: self.options.rc };
+            return self.station.receive(bytes, now, owned, &mut self.notes, &mut |frame| send(0, frame));
+        }
         self.deframer.push(bytes);
         let mut valid = false;
         while let Some(event) = self.deframer.next(now) {
-            if let crate::mavlink::Event::Message(_, message) = event {
-                valid |= self.take(&message, now);
+            match event {
+                crate::mavlink::Event::Message(header, message) => {
+                    if is_for_station(&message) {
+                        send(STATION, self.deframer.frame());
+                    }
+                    valid |= self.take(header, &message, now);
+                }
+                // A message of another dialect says nothing to the loop, but to the station it may. One byte is no message.
+                crate::mavlink::Event::Dropped(DropReason::Unknown(_)) if self.deframer.frame().len() > 1 => {
+                    send(STATION, self.deframer.frame());
+                }
+                crate::mavlink::Event::Dropped(_) => {}
             }
         }
         valid
     }
 
-    fn end_of_datagram(&mut self) {
+    fn end_of_datagram(&mut self, port: usize) {
+        if port == STATION {
+            return self.station.end();
+        }
         // What is left of it is counted there.
         let _ = self.deframer.end();
     }
@@ -257,7 +286,13 @@ impl Autopilot for Px4 {
         if self.options.rc && self.channels.take(ns, CHANNEL_PERIOD_NS) {
             put(&messages::channels(sensors, &rc.pulses()));
         }
-        if self.state_period_ns != u64::MAX && self.state.take(ns, self.state_period_ns) {
+        if let Some(vehicle) = self.heard.vehicle().filter(|_| !self.heard.is_armed())
+            && self.ask_checks.take(ns, CHECKS_PERIOD_NS)
+        {
+            put(&messages::ask_for_arming_checks(vehicle));
+        }
+        let state_period_ns = self.state_period_ns.max(self.least_state_period_ns);
+        if state_period_ns != u64::MAX && self.state.take(ns, state_period_ns) {
             put(&messages::state(sensors));
         }
         // Last, because it makes PX4 run.
@@ -272,7 +307,11 @@ impl Autopilot for Px4 {
     }
 
     fn said(&self) -> Option<&str> {
-        self.said.as_deref()
+        self.heard.said()
+    }
+
+    fn note(&mut self) -> Option<Note> {
+        self.notes.take()
     }
 
     fn is_answered(&self) -> bool {
@@ -283,16 +322,30 @@ impl Autopilot for Px4 {
         self.lockstep
     }
 
-    fn disconnected(&mut self, _port: usize) {
-        *self = Self { past: self.counts(), ..Self::new(self.options.clone(), self.motors) };
+    fn disconnected(&mut self, port: usize) {
+        if port == STATION {
+            return self.station.end();
+        }
+        let anew = Self::with_state_period(self.options.clone(), self.motors, self.least_state_period_ns);
+        let (station, notes) = (std::mem::take(&mut self.station), std::mem::take(&mut self.notes));
+        *self = Self { past: self.past_counts(), station, notes, ..anew };
     }
 
     fn counts(&self) -> Counts {
+        Counts { refused: self.station.refused(), ..self.past_counts() }
+    }
+}
+
+impl Px4 {
+    /// What was exchanged with PX4 over this connection and those before.
+    fn past_counts(&self) -> Counts {
         let wire = self.deframer.counts();
+        // A whole frame of another dialect is no damage.
+        let damaged = wire.dropped() - wire.unknown + wire.noise_bytes;
         Counts {
             sent: self.past.sent + self.counts.sent,
             outputs: self.past.outputs + self.counts.outputs,
-            malformed: self.past.malformed + self.counts.malformed + wire.dropped() + wire.noise_bytes,
+            malformed: self.past.malformed + self.counts.malformed + damaged,
             stale: self.past.stale + self.counts.stale,
             lost: self.past.lost + wire.lost,
             ..Counts::default()
@@ -300,5 +353,7 @@ impl Autopilot for Px4 {
     }
 }
 
+#[cfg(test)]
+mod station_tests;
 #[cfg(test)]
 mod tests;

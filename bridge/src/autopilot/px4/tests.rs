@@ -5,16 +5,16 @@ use proptest::prelude::*;
 
 const PERIOD_NS: u64 = 4_000_000;
 
-struct Bench {
-    px4: Px4,
+pub(super) struct Bench {
+    pub px4: Px4,
     model: SensorModel,
     encoder: Encoder,
     deframer: Deframer,
-    now: Duration,
+    pub now: Duration,
 }
 
 impl Bench {
-    fn new(options: Px4Options) -> Self {
+    pub(super) fn new(options: Px4Options) -> Self {
         Self {
             px4: Px4::new(options, true),
             model: SensorModel::new(SensorOptions::default(), PERIOD_NS, 1),
@@ -24,7 +24,7 @@ impl Bench {
         }
     }
 
-    fn sense(&mut self) -> Vec<MavMessage> {
+    pub(super) fn sense(&mut self) -> Vec<MavMessage> {
         self.now += Duration::from_nanos(PERIOD_NS);
         let sensors = self.model.step(&Motion::default(), &Errors::default());
         let deframer = &mut self.deframer;
@@ -38,14 +38,14 @@ impl Bench {
             .collect()
     }
 
-    fn bytes(&mut self, message: &MavMessage) -> Vec<u8> {
+    pub(super) fn bytes(&mut self, message: &MavMessage) -> Vec<u8> {
         let mut out = Vec::new();
         self.encoder.encode(message, self.now, &mut out);
         out
     }
 
-    fn receive(&mut self, bytes: &[u8]) -> Option<Outputs> {
-        self.px4.receive(0, bytes, self.now, &mut |_, _| panic!("nothing is asked"));
+    pub(super) fn receive(&mut self, bytes: &[u8]) -> Option<Outputs> {
+        self.px4.receive(0, bytes, self.now, &mut |port, _| assert_eq!(port, STATION, "nothing is asked"));
         match self.px4.next()? {
             Event::Outputs(outputs) => Some(outputs),
             other => panic!("{other:?}"),
@@ -53,7 +53,7 @@ impl Bench {
     }
 }
 
-fn controls(time_usec: u64, first: f32, armed: bool, lockstep: bool) -> MavMessage {
+pub(super) fn controls(time_usec: u64, first: f32, armed: bool, lockstep: bool) -> MavMessage {
     let mut controls = [0.5; 16];
     controls[0] = first;
     controls[15] = f32::NAN;
@@ -243,7 +243,7 @@ fn a_datagram_of_somebody_unknown_is_px4s_only_by_itself() {
     assert_eq!(bench.px4.counts(), Counts::default(), "whose it is, is counted where it came in");
     // Half a frame in a datagram goes on nowhere.
     bench.px4.receive(0, &good[..20], now, &mut |_, _| {});
-    bench.px4.end_of_datagram();
+    bench.px4.end_of_datagram(0);
     assert!(bench.receive(&good).is_some());
 }
 

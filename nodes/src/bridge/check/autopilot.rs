@@ -7,6 +7,7 @@
 use std::time::{Duration, Instant};
 
 use whirlstand_bridge::attitude_receiver::{AttitudeReceiver, TelemetryProtocol};
+use whirlstand_bridge::autopilot::px4::STATION;
 use whirlstand_bridge::autopilot::{
     Autopilot, AutopilotConfig, AutopilotKind, Event, Outputs, Parts, Rc, Stage,
 };
@@ -49,7 +50,8 @@ struct Check<'a> {
     autopilot: Box<dyn Autopilot>,
     links: Links,
     attitude_receiver: AttitudeReceiver,
-    telemetry: Link,
+    /// Where the autopilot tells its attitude; nowhere else than on its only line.
+    telemetry: Option<Link>,
     model: SensorModel,
     mixer: Mixer,
     rc: Rc,
@@ -91,14 +93,23 @@ pub fn check_autopilot(
         .parts(&setup.vehicle, false, 1e9 / config.period_ns as f64)
         .map_err(|e| wrong(format!("bridge.{}", e.path.join(".")), name, e.message))?;
     let (usual, protocol) = usual_place(autopilot.kind);
-    let place = options.telemetry.as_deref().unwrap_or(usual);
-    let address: Address = place.parse().map_err(|e| wrong("--telemetry".into(), place, format!("{e}")))?;
+    let mut links = Links::new(&autopilot)?;
+    let only = links.shared_serial().filter(|_| options.telemetry.is_none()).map(ToString::to_string);
+    let place = only.as_deref().or(options.telemetry.as_deref()).unwrap_or(usual);
+    let telemetry = if only.is_some() {
+        links.overhear();
+        None
+    } else {
+        let address: Address =
+            place.parse().map_err(|e| wrong("--telemetry".into(), place, format!("{e}")))?;
+        Some(Link::new(address))
+    };
     let now = Instant::now();
     let mut check = Check {
         name,
-        links: Links::new(&autopilot)?,
+        links,
         attitude_receiver: AttitudeReceiver::new(protocol),
-        telemetry: Link::new(address),
+        telemetry,
         model: SensorModel::new(autopilot.sensors.clone(), config.period_ns, config.seed),
         rc,
         flight: Flight::new(&autopilot.flight, autopilot.mixer.frame),
@@ -218,19 +229,35 @@ impl Check<'_> {
 
     fn wait(&self) {
         // Both outcomes mean the same: look again.
-        wait_for_bytes(self.links.fds().chain(self.telemetry.fd()), self.due(), Duration::ZERO);
+        let telemetry = self.telemetry.as_ref().and_then(Link::fd);
+        wait_for_bytes(self.links.fds().chain(telemetry), self.due(), Duration::ZERO);
     }
 
     /// What the autopilot says to its ground station.
     fn receive(&mut self, now: Duration) {
-        // One that is not there yet is tried again; that it never came is told by what was not heard.
-        let _ = self.telemetry.maintain(Instant::now());
-        let mut protocol = Telemetry { receiver: &mut self.attitude_receiver, now };
-        let _ = self.telemetry.drain(&mut [0; BUFFER], Instant::now(), &mut protocol);
+        match &mut self.telemetry {
+            Some(telemetry) => {
+                // One that is not there yet is tried again; that it never came is told by what was not heard.
+                let _ = telemetry.maintain(Instant::now());
+                let mut protocol = Telemetry { receiver: &mut self.attitude_receiver, now };
+                let _ = telemetry.drain(&mut [0; BUFFER], Instant::now(), &mut protocol);
+            }
+            None => {
+                let heard = self.links.take_overheard();
+                self.attitude_receiver.receive(&heard, now);
+            }
+        }
         let mut ask = Vec::new();
         self.attitude_receiver.ask(now, &mut ask);
-        if !ask.is_empty() {
-            self.telemetry.sender().send(&ask);
+        let links = &mut self.links;
+        match &self.telemetry {
+            _ if ask.is_empty() => {}
+            Some(telemetry) => {
+                telemetry.sender().send(&ask);
+            }
+            None => {
+                self.autopilot.receive(STATION, &ask, now, &mut |port, bytes| links.send(port, bytes));
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use std::ops::Add;
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
+use whirlstand_bridge::autopilot::px4::STATION;
 use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, AutopilotKind};
 use whirlstand_bridge::peer::{PeerCounts, SILENCE};
 
@@ -12,9 +13,16 @@ use crate::bridge::link::{
 };
 use crate::error::NodeError;
 
+/// A ground station's heartbeat comes once a second: one that is lost is no reason to believe somebody else.
+const STATION_SILENCE: Duration = Duration::from_secs(3);
+
 /// All links to the autopilot.
 pub(in crate::bridge) struct Links {
     links: Vec<Link>,
+    /// The links of the loop come first, then that of a ground station.
+    loop_links: usize,
+    /// What the autopilot says to a ground station, for one within this process.
+    overheard: Option<Vec<u8>>,
     senders: Vec<LinkSender>,
     /// Why a link was lost since it was last asked.
     lost: Option<String>,
@@ -28,7 +36,7 @@ impl Links {
     /// [`NodeError::Config`] for an address that is none.
     pub(in crate::bridge) fn new(options: &AutopilotConfig) -> Result<Self, NodeError> {
         let (px4, ardupilot, b) = (&options.px4, &options.ardupilot, &options.betaflight);
-        let links = match options.kind {
+        let mut links = match options.kind {
             AutopilotKind::Px4Hil => vec![configured("px4", "link", &px4.link, px4.peer, SILENCE)?],
             AutopilotKind::ArdupilotJson => {
                 vec![configured("ardupilot", "link", &ardupilot.link, ardupilot.peer, SILENCE)?]
@@ -44,13 +52,33 @@ impl Links {
                 vec![from(raw)?, from(motors)?, to(state)?, to(channels)?]
             }
         };
+        let loop_links = links.len();
+        if let Some(forward) = px4.forward.as_ref().filter(|_| options.kind == AutopilotKind::Px4Hil) {
+            debug_assert_eq!(loop_links, STATION);
+            links.push(configured("px4", "forward", forward, None, STATION_SILENCE)?);
+        }
         let senders = links.iter().map(Link::sender).collect();
-        Ok(Self { links, senders, lost: None, buffer: vec![0; BUFFER] })
+        Ok(Self { links, loop_links, overheard: None, senders, lost: None, buffer: vec![0; BUFFER] })
+    }
+
+    /// Keeps what the autopilot says to a ground station, for [`Links::take_overheard`].
+    pub(in crate::bridge) fn overhear(&mut self) {
+        self.overheard.get_or_insert_default();
+    }
+
+    /// What the autopilot said to a ground station since the last call.
+    pub(in crate::bridge) fn take_overheard(&mut self) -> Vec<u8> {
+        self.overheard.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// The link over which PX4 is simulated and speaks to its ground station as well.
+    pub(in crate::bridge) fn shared_serial(&self) -> Option<&Address> {
+        self.links.first().map(Link::address).filter(|address| matches!(address, Address::Serial { .. }))
     }
 
     /// Opens what is closed, and hands what waits, up to a limit, to the autopilot's protocol.
     pub(in crate::bridge) fn receive(&mut self, autopilot: &mut dyn Autopilot, now: Duration) {
-        let Self { links, senders, lost, buffer } = self;
+        let Self { links, loop_links, overheard, senders, lost, buffer } = self;
         let instant = Instant::now();
         for (port, link) in links.iter_mut().enumerate() {
             match link.maintain(instant) {
@@ -58,14 +86,23 @@ impl Links {
                 Some(LinkEvent::Down(why)) => tracing::warn!("{why}"),
                 Some(LinkEvent::Replaced(why)) => {
                     autopilot.disconnected(port);
-                    *lost = Some(why);
+                    tell_lost(lost, port < *loop_links, why);
                 }
                 None => {}
             }
-            let mut protocol = Protocol { autopilot: &mut *autopilot, senders, port, now, lost: &mut *lost };
+            let is_loops = port < *loop_links;
+            let mut protocol = Protocol {
+                autopilot: &mut *autopilot,
+                senders,
+                overheard,
+                port,
+                is_loops,
+                now,
+                lost: &mut *lost,
+            };
             if let Err(LinkEvent::Down(why)) = link.drain(buffer, instant, &mut protocol) {
                 autopilot.disconnected(port);
-                *lost = Some(why);
+                tell_lost(lost, is_loops, why);
             }
             while let Some((warn, text)) = link.take_note() {
                 if warn {
@@ -79,8 +116,8 @@ impl Links {
 
     /// Where the autopilot is waited for.
     pub(super) fn place(&self) -> String {
-        let places: Vec<_> =
-            self.links.iter().map(Link::address).filter(|a| a.is_open()).map(Address::place).collect();
+        let links = self.links.iter().take(self.loop_links);
+        let places: Vec<_> = links.map(Link::address).filter(|a| a.is_open()).map(Address::place).collect();
         match self.links.first() {
             Some(link) if places.is_empty() => link.address().place(),
             _ => places.join(" and "),
@@ -120,11 +157,22 @@ impl Links {
     }
 }
 
+/// A link of the loop that is lost ends the flight; a ground station that is lost is told.
+fn tell_lost(lost: &mut Option<String>, is_loops: bool, why: String) {
+    if is_loops {
+        *lost = Some(why);
+    } else {
+        tracing::info!("the ground station's link: {why}");
+    }
+}
+
 /// The autopilot's protocol behind one of its ports.
 struct Protocol<'a> {
     autopilot: &'a mut dyn Autopilot,
     senders: &'a [LinkSender],
+    overheard: &'a mut Option<Vec<u8>>,
     port: usize,
+    is_loops: bool,
     now: Duration,
     lost: &'a mut Option<String>,
 }
@@ -136,18 +184,21 @@ impl Decoder for Protocol<'_> {
 
     fn peer_changed(&mut self) {
         self.autopilot.disconnected(self.port);
-        *self.lost = Some("it began anew at another address, or is another".into());
+        tell_lost(self.lost, self.is_loops, "it began anew at another address, or is another".into());
     }
 
     fn decode(&mut self, bytes: &[u8], is_datagram: bool) -> bool {
-        let senders = self.senders;
+        let Self { senders, overheard, .. } = self;
         let valid = self.autopilot.receive(self.port, bytes, self.now, &mut |to, bytes| {
             if let Some(sender) = senders.get(to) {
                 sender.send(bytes);
             }
+            if let Some(heard) = overheard.as_mut().filter(|_| to == STATION) {
+                heard.extend_from_slice(bytes);
+            }
         });
         if is_datagram {
-            self.autopilot.end_of_datagram();
+            self.autopilot.end_of_datagram(self.port);
         }
         valid
     }

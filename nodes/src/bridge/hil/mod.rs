@@ -40,7 +40,7 @@ use exchange::exchange;
 use inbox::{Inbox, VehicleSample};
 use links::Links;
 use state::{Fault, Flight};
-use tally::Tally;
+use tally::{Tally, tell};
 
 /// How long the pilot's channels say at the end that they are disarmed: some of their periods.
 const DISARM_TIME: Duration = Duration::from_millis(100);
@@ -162,6 +162,9 @@ impl Hil {
                     self.flight.forget();
                 }
             }
+        }
+        while let Some(note) = self.autopilot.note() {
+            tell(&note);
         }
         if let Some(why) = self.links.take_lost() {
             tracing::warn!("{why}: neutral until {} is armed again", self.name);

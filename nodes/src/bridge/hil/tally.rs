@@ -2,6 +2,7 @@
 
 use whirlstand_bridge::autopilot::{Counts, Outputs};
 use whirlstand_bridge::mixer::Mixer;
+use whirlstand_bridge::note::Note;
 use whirlstand_bridge::peer::PeerCounts;
 
 /// So much of nothing but what cannot be read is reported as a wrong link.
@@ -90,6 +91,16 @@ impl Tally {
                 self.name
             );
         }
+    }
+}
+
+/// Tells what the protocol has to say.
+pub(super) fn tell(note: &Note) {
+    let Note { warn, text } = note;
+    if *warn {
+        tracing::warn!("{text}");
+    } else {
+        tracing::info!("{text}");
     }
 }
 

@@ -1,0 +1,62 @@
+//! Options of the link to PX4, and what a serial line carries.
+
+use serde::{Deserialize, Serialize};
+
+use super::{CHANNEL_PERIOD_NS, PORT, STATE_PERIOD_NS};
+use crate::line::{COMMON_SHARE, serial_line};
+use crate::peer::Pin;
+
+/// Bytes of the longest frames: HIL_SENSOR, HIL_GPS, RC_CHANNELS, HIL_STATE_QUATERNION and HEARTBEAT.
+const SENSOR_BYTES: f64 = 77.0;
+const GPS_BYTES: f64 = 51.0;
+const CHANNEL_BYTES: f64 = 54.0;
+const STATE_BYTES: f64 = 76.0;
+const HEARTBEAT_BYTES: f64 = 21.0;
+
+/// Options of the link to PX4.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Px4Options {
+    /// Where PX4 is: `tcpin://ADDRESS:PORT` where PX4 connects, or `serial://DEVICE:BAUD` or `udpin://ADDRESS:PORT` for
+    /// hardware.
+    pub link: String,
+    /// The only address that is believed on `udpin` and `tcpin`; absent: the first that speaks validly.
+    pub peer: Option<Pin>,
+    /// Where a ground station meets PX4 through this bridge, for example `udpout://127.0.0.1:14550`.
+    pub forward: Option<String>,
+    /// Send the pitot's differential pressure.
+    pub airspeed: bool,
+    /// Send the pilot's channels; without them PX4 listens to its ground station alone.
+    pub rc: bool,
+}
+
+impl Default for Px4Options {
+    fn default() -> Self {
+        let link = format!("tcpin://127.0.0.1:{PORT}");
+        Self { link, peer: None, forward: None, airspeed: false, rc: false }
+    }
+}
+
+impl Px4Options {
+    /// The least time between two messages of the truth that leaves the line to the sensors, ns.
+    ///
+    /// # Errors
+    /// In words: the line does not carry `rate_hz` sensors and `gps_hz` fixes a second.
+    pub(in crate::autopilot) fn state_period_ns(&self, rate_hz: f64, gps_hz: f64) -> Result<u64, String> {
+        let Some((baud, bits)) = serial_line(&self.link) else { return Ok(STATE_PERIOD_NS) };
+        let carried = COMMON_SHARE * baud / bits;
+        let channels = if self.rc { CHANNEL_BYTES * 1e9 / CHANNEL_PERIOD_NS as f64 } else { 0.0 };
+        let left = carried - HEARTBEAT_BYTES - GPS_BYTES * gps_hz - channels;
+        let most_hz = (left / SENSOR_BYTES).floor();
+        if rate_hz > most_hz {
+            return Err(format!(
+                "{} carries {carried:.0} bytes a second for the sensors, and {rate_hz:.0} HIL_SENSOR a second are more: give the \
+                 line a higher rate, or rate_hz at most {most_hz:.0}",
+                self.link
+            ));
+        }
+        let state_hz = (left - SENSOR_BYTES * rate_hz) / STATE_BYTES;
+        // Less than one a second is none.
+        Ok(if state_hz < 1.0 { u64::MAX } else { STATE_PERIOD_NS.max((1e9 / state_hz) as u64) })
+    }
+}

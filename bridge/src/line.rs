@@ -1,0 +1,26 @@
+//! What a serial line carries, by its address.
+
+/// Share of a line that the loop may take, where heartbeats, requests, exchanges of time or a ground station use it as well.
+pub(crate) const COMMON_SHARE: f64 = 0.8;
+
+/// Rate of a serial line, baud, and bits of a byte; `None` for another link. `serial://PATH:BAUD`, with `:8E2` behind it for
+/// two stop bits and a parity.
+pub(crate) fn serial_line(link: &str) -> Option<(f64, f64)> {
+    let address = link.strip_prefix("serial://")?;
+    let (address, bits) = address.strip_suffix(":8E2").map_or((address, 10.0), |rest| (rest, 12.0));
+    let address = address.strip_suffix(":8N1").unwrap_or(address);
+    let baud: f64 = address.rsplit_once(':')?.1.parse().ok()?;
+    (baud > 0.0).then_some((baud, bits))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_says_its_rate_and_format() {
+        assert_eq!(serial_line("serial:///dev/ttyUSB0:100000:8E2"), Some((100_000.0, 12.0)));
+        assert_eq!(serial_line("serial:///dev/ttyACM0:57600"), Some((57_600.0, 10.0)));
+        assert_eq!(serial_line("udpin://0.0.0.0:14550"), None);
+    }
+}
