@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-use support::flight::{Flight, betaflight, fly, free_tcp, free_udp};
+use support::flight::{Flight, betaflight, fly, free_tcp, free_udp, take_off};
 use support::{json, run, spawn};
 use whirlstand_test_harness::{Missing, Outcome, python};
 
@@ -263,6 +263,48 @@ fn strangers_at_an_autopilots_port_are_refused_while_it_flies() -> Outcome {
     Ok(())
 }
 
+/// Its switch is on, and it has two reasons: they are told, each with what it means, and the bench says so while it waits.
+fn betaflight_that_does_not_arm_says_why() -> Outcome {
+    let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
+    let msp = free_tcp();
+    let (mut arguments, options) = betaflight(ports);
+    arguments.extend([
+        "--msp".into(),
+        msp.to_string(),
+        "--blocked".into(),
+        format!("{:#x}", 1 << 28 | 1 << 23 | 1 << 7),
+    ]);
+    let mut options = options.to_vec();
+    options.push(format!("bridge.betaflight.msp=tcpout://127.0.0.1:{msp}"));
+    let mut flying =
+        take_off("betaflight-sitl", "betaflight.py", &arguments, &options, &["--mode", "realtime"])?;
+    flying.wait_for(
+        "Betaflight cannot be armed: THROTTLE (the throttle is not low), ACC_CALIB (the accelerometer is not calibrated)",
+    );
+    Ok(())
+}
+
+/// As its comment says: then the controller is ours, and holds what Betaflight holds.
+fn the_example_of_betaflight_flies_without_its_bridge_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight");
+    std::fs::copy(example.join("agile.toml"), dir.path().join("agile.toml")).unwrap();
+    let text = std::fs::read_to_string(example.join("flight.toml")).unwrap();
+    let line = "bridge = \"betaflight-sitl\"    # without this line the controller is ours\n";
+    assert!(text.contains(line), "{text}");
+    let launch = dir.path().join("flight.toml");
+    std::fs::write(&launch, text.replace(line, "")).unwrap();
+    let out = dir.path().join("out");
+    // In lockstep, so that a busy machine changes nothing.
+    let args = ["run", launch.to_str().unwrap(), "--mode", "lockstep", "--out", out.to_str().unwrap()];
+    run(args).success();
+    let outputs = &json(out.join("summary.json"))["runs"][0]["outputs"];
+    for axis in ["roll", "pitch"] {
+        let peak = outputs[axis]["peak"].as_f64().unwrap();
+        assert!((0.02..0.35).contains(&peak), "{axis}: {outputs}");
+    }
+}
+
 fn an_autopilot_that_is_not_armed_never_begins() {
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
     let dir = tempfile::tempdir().unwrap();
@@ -318,6 +360,8 @@ whirlstand_test_harness::tests!(
     ardupilot_with_32_channels_flies_in_realtime_and_may_start_again,
     betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm,
     strangers_at_an_autopilots_port_are_refused_while_it_flies,
+    betaflight_that_does_not_arm_says_why,
+    the_example_of_betaflight_flies_without_its_bridge_line,
     an_autopilot_that_is_not_armed_never_begins,
     what_an_autopilots_bridge_cannot_be_is_refused_with_its_place
 );

@@ -15,6 +15,7 @@ pub mod limit;
 mod line;
 pub mod mavlink;
 pub mod mixer;
+mod msp;
 pub mod note;
 pub mod peer;
 pub mod pilot;

@@ -1,9 +1,10 @@
 """A stand-in for Betaflight's software-in-the-loop build, strict about pace, layout and arming.
 
-    betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT]
+    betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT] [--blocked FLAGS]
 
 Its clock follows the ratio of simulated to wall time as Betaflight's does; it arms after its boot grace on AUX 1 going
-from low to high at low throttle. `--msp`: tells its attitude there, over TCP.
+from low to high at low throttle. `--msp`: tells its attitude there, over TCP, and
+its arming flags; `--blocked`: with these it is never armed.
 """
 
 import argparse
@@ -21,22 +22,33 @@ FDM = struct.Struct("<18d")
 RC = struct.Struct("<d16H")
 
 
-def tell(port, attitude):
-    """Answers MSP_ATTITUDE; Betaflight's pitch is positive nose down, its heading 0 to 359 degrees."""
+def tell(port, attitude, blocked):
+    """Answers MSP_ATTITUDE, pitch positive nose down and heading 0 to 359 degrees, and MSP_STATUS_EX as 2025.12 lays it out."""
     with socket.create_server(("127.0.0.1", port)) as server:
-        link, _ = server.accept()
-        asked = b""
-        while data := link.recv(4096):
-            asked += data
-            while len(asked) >= 6:
-                request, asked = asked[:6], asked[6:]
-                assert request == b"$M<\x00\x6c\x6c", request
-                roll, pitch, yaw = (math.degrees(angle) for angle in attitude.told(None))
-                body = b"\x06\x6c" + struct.pack("<3h", round(10 * roll), round(-10 * pitch), round(yaw) % 360)
-                sum = 0
-                for byte in body:
-                    sum ^= byte
-                link.sendall(b"$M>" + body + bytes([sum]))
+        while True:
+            link, _ = server.accept()
+            asked = b""
+            while data := link.recv(4096):
+                asked += data
+                while len(asked) >= 6:
+                    request, asked = asked[:6], asked[6:]
+                    assert request[:4] == b"$M<\x00" and request[4] == request[5], request
+                    link.sendall(answer(request[4], attitude, blocked))
+
+
+def answer(command, attitude, blocked):
+    if command == 108:
+        roll, pitch, yaw = (math.degrees(angle) for angle in attitude.told(None))
+        body = struct.pack("<3h", round(10 * roll), round(-10 * pitch), round(yaw) % 360)
+    else:
+        assert command == 150, command
+        # Cycle time, errors, sensors, modes, profile, load, profiles, rate profile; further modes; flags.
+        body = struct.pack("<HHHIBHBB", 250, 0, 0x23, 1, 0, 3, 4, 0) + b"\x01\x00" + struct.pack("<BIB", 29, blocked, 0)
+    body = bytes([len(body), command]) + body
+    check = 0
+    for byte in body:
+        check ^= byte
+    return b"$M>" + body + bytes([check])
 
 
 def main():
@@ -45,6 +57,7 @@ def main():
         parser.add_argument(port, type=int)
     parser.add_argument("report")
     parser.add_argument("--msp", type=int)
+    parser.add_argument("--blocked", type=lambda text: int(text, 0), default=0)
     args = parser.parse_args()
     report = flight.Report(args.report)
     report["disarmed"] = False
@@ -57,7 +70,7 @@ def main():
     attitude, last, last_wall, clock = flight.Attitude(), None, None, 0.0
     began = None
     if args.msp:
-        threading.Thread(target=tell, args=(args.msp, attitude), daemon=True).start()
+        threading.Thread(target=tell, args=(args.msp, attitude, args.blocked), daemon=True).start()
     armed, seen_low, aux, throttle = False, False, 1000, 1000
     report["rates"] = []
     report["armed_at"] = report["rc"] = None
@@ -75,7 +88,7 @@ def main():
             grace_over = began is not None and now - began > BOOT_GRACE_S
             if grace_over and aux < 1300 and throttle <= 1050:
                 seen_low = True
-            if not armed and aux > 1700:
+            if not armed and aux > 1700 and not args.blocked:
                 report.demand(grace_over and seen_low and throttle <= 1050, "armed too early or with throttle up")
                 armed = grace_over and seen_low and throttle <= 1050
                 report["armed_at"] = now - began if began else None

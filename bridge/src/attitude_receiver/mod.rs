@@ -1,16 +1,14 @@
 //! What an autopilot says of its own attitude, over its telemetry and not over the link that simulates its sensors: a
 //! check of the sensors needs it as a reference.
 
-mod msp;
-
 use std::time::Duration;
 
 use crate::mavlink::dialect::{
     COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavModeFlag, MavState, MavType,
 };
 use crate::mavlink::{Deframer, Encoder, Event, Header, MavMessage};
+use crate::msp::{self, Answer, Parser};
 use crate::sensors::wrapped;
-use msp::{Attitude, Parser};
 
 /// Between two heartbeats, and two requests for the attitude that were not obeyed.
 const SECOND: Duration = Duration::from_secs(1);
@@ -76,7 +74,7 @@ impl AttitudeReceiver {
             Conversation::Msp(_) => {
                 let mut parser = Parser::default();
                 parser.push(datagram);
-                parser.next_attitude().is_some()
+                parser.next_answer().is_some()
             }
         }
     }
@@ -115,8 +113,10 @@ impl AttitudeReceiver {
             }
             Conversation::Msp(parser) => {
                 parser.push(bytes);
-                while let Some(Attitude { angles }) = parser.next_attitude() {
-                    self.attitude = Some((angles, now));
+                while let Some(answer) = parser.next_answer() {
+                    if let Answer::Attitude(angles) = answer {
+                        self.attitude = Some((angles, now));
+                    }
                     valid = true;
                 }
             }

@@ -12,7 +12,8 @@
 //! | to Betaflight | 9003 | `fdm_packet`: 18 f64 |
 //! | to Betaflight | 9004 | `rc_packet`: f64 time, u16\[16\] pulses in us |
 //!
-//! All are little-endian. Betaflight has these ports from its compilation.
+//! All are little-endian. Betaflight has these ports from its compilation. Over TCP 5761 it is asked in the MultiWii Serial
+//! Protocol why it is not armed.
 //!
 //! Source: `src/platform/SIMULATOR/target/SITL/target.h` and `sitl.c` of Betaflight 2025.12 (`src/main/target/SITL` of
 //! older releases).
@@ -23,8 +24,10 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
+use super::{Autopilot, Counts, Event, Outputs, Rc, Send, Stage};
 use crate::mixer::MAX_OUTPUTS;
+use crate::msp::{Answer, ArmingFlags, Parser, STATUS_REQUEST};
+use crate::note::{Note, Notes};
 use crate::peer::Pin;
 use crate::sensors::Sensors;
 
@@ -40,6 +43,18 @@ pub const MOTORS: usize = 1;
 pub const STATE: usize = 2;
 /// Index of the port to which the channels go.
 pub const CHANNELS: usize = 3;
+
+/// Index of the port on which it answers questions.
+pub const MSP: usize = 4;
+
+/// Where Betaflight answers questions.
+pub const MSP_PLACE: &str = "tcpout://127.0.0.1:5761";
+
+/// Between two questions why it is not armed.
+const ASK: Duration = Duration::from_millis(500);
+
+/// A motor above that turns.
+const TURNING: f64 = 0.005;
 
 /// Betaflight's motor 1 is at the rear right, then front right, rear left, front left.
 pub const NATIVE_ORDER: [usize; 4] = [2, 3, 4, 1];
@@ -75,6 +90,8 @@ pub struct BetaflightOptions {
     pub flavour: Flavour,
     /// Packets from which the outputs are taken.
     pub packets: Packets,
+    /// Where it is asked why it is not armed; empty: nowhere.
+    pub msp: String,
 }
 
 impl Default for BetaflightOptions {
@@ -86,6 +103,7 @@ impl Default for BetaflightOptions {
             ports: PORTS,
             flavour: Flavour::default(),
             packets: Packets::default(),
+            msp: MSP_PLACE.into(),
         }
     }
 }
@@ -102,6 +120,14 @@ pub struct Betaflight {
     last_channels: Option<Duration>,
     event: Option<Event>,
     counts: Counts,
+    answers: Parser,
+    turns: bool,
+    next_ask: Duration,
+    /// Its flags, and why it is not armed, as they were told last.
+    flags: ArmingFlags,
+    said: Option<String>,
+    told: Option<String>,
+    notes: Notes,
 }
 
 impl Betaflight {
@@ -117,6 +143,46 @@ impl Betaflight {
             last_channels: None,
             event: None,
             counts: Counts::default(),
+            answers: Parser::default(),
+            turns: false,
+            next_ask: Duration::ZERO,
+            flags: ArmingFlags::default(),
+            said: None,
+            told: None,
+            notes: Notes::default(),
+        }
+    }
+
+    /// Takes in answers; whether there was one.
+    fn hear(&mut self, bytes: &[u8]) -> bool {
+        self.answers.push(bytes);
+        let mut valid = false;
+        while let Some(answer) = self.answers.next_answer() {
+            valid = true;
+            if let Answer::Arming(flags) = answer
+                && self.flags != flags
+            {
+                self.flags = flags;
+                self.said = flags.reason();
+            }
+        }
+        valid
+    }
+
+    /// Asks why it is not armed, while it is not, and tells it once its switch is on.
+    fn ask(&mut self, rc: &Rc, now: Duration, send: &mut Send<'_>) {
+        if self.turns || self.options.msp.is_empty() {
+            return;
+        }
+        if now >= self.next_ask {
+            self.next_ask = now + ASK;
+            send(MSP, &STATUS_REQUEST);
+        }
+        if matches!(rc.stage(), Stage::Arming | Stage::Flying) && self.told != self.said {
+            if let Some(why) = &self.said {
+                self.notes.warn(format!("Betaflight cannot be armed: {why}"));
+            }
+            self.told.clone_from(&self.said);
         }
     }
 
@@ -144,10 +210,18 @@ impl Betaflight {
 
 impl Autopilot for Betaflight {
     fn recognises(&mut self, port: usize, datagram: &[u8], _now: Duration) -> bool {
+        if port == MSP {
+            let mut parser = Parser::default();
+            parser.push(datagram);
+            return parser.next_answer().is_some();
+        }
         self.outputs(port, datagram).is_ok()
     }
 
     fn receive(&mut self, port: usize, bytes: &[u8], _now: Duration, _send: &mut Send<'_>) -> bool {
+        if port == MSP {
+            return self.hear(bytes);
+        }
         let Ok(outputs) = self.outputs(port, bytes) else {
             self.counts.malformed += 1;
             return false;
@@ -156,6 +230,7 @@ impl Autopilot for Betaflight {
         if (port == RAW) == (self.options.packets == Packets::Raw) {
             self.counts.outputs += 1;
             self.answered = true;
+            self.turns = outputs.values[..4].iter().any(|v| *v > TURNING);
             self.event = Some(Event::Outputs(outputs));
         }
         true
@@ -177,11 +252,20 @@ impl Autopilot for Betaflight {
             self.counts.sent += 1;
             send(CHANNELS, &packet::channels(now, &rc.pulses()));
         }
+        self.ask(rc, now, send);
         self.last_state = Some(now);
         self.answered = false;
         self.counts.sent += 1;
         let origin = *self.origin.get_or_insert((sensors.gps.latitude, sensors.gps.longitude));
         send(STATE, &packet::state(now, sensors, self.options.flavour, origin));
+    }
+
+    fn said(&self) -> Option<&str> {
+        self.said.as_deref()
+    }
+
+    fn note(&mut self) -> Option<Note> {
+        self.notes.take()
     }
 
     fn is_answered(&self) -> bool {
@@ -192,8 +276,12 @@ impl Autopilot for Betaflight {
         false
     }
 
-    fn disconnected(&mut self, _port: usize) {
-        self.origin = None;
+    fn disconnected(&mut self, port: usize) {
+        if port == MSP {
+            self.answers = Parser::default();
+        } else {
+            self.origin = None;
+        }
     }
 
     fn counts(&self) -> Counts {

@@ -187,6 +187,7 @@ fn packets_keep_their_pace() {
                 assert_eq!(u16::from_le_bytes([bytes[8 + 4], bytes[8 + 5]]), 1000, "throttle low");
                 channels += 1;
             }
+            MSP => assert_eq!(bytes, STATUS_REQUEST),
             _ => panic!("port {port}"),
         });
     }
@@ -212,4 +213,37 @@ proptest! {
             None => prop_assert_eq!(betaflight.counts().malformed, 1),
         }
     }
+}
+
+#[test]
+fn it_is_asked_why_it_is_not_armed_and_that_is_told_once_its_switch_is_on() {
+    let mut betaflight = Betaflight::new(BetaflightOptions::default(), true, PERIOD);
+    let mut rc =
+        Rc::new(crate::autopilot::RcOptions { arm: true, grace_s: 1.0, ..Default::default() }).unwrap();
+    let mut model = SensorModel::new(SensorOptions::default(), PERIOD.as_nanos() as u64, 1);
+    // MSP_STATUS_EX with one byte of further modes: throttle not low, and the switch, which is flag 28.
+    let mut answer = vec![b'$', b'M', b'>', 22, 150];
+    answer.extend([&[0; 15][..], &[1, 0, 29], &(1_u32 << 28 | 1 << 7).to_le_bytes()].concat());
+    answer.push(answer[3..].iter().fold(0, |sum, b| sum ^ b));
+    let (mut asked, mut told) = (0, Vec::new());
+    for ms in (0..4000).step_by(4) {
+        let now = Duration::from_millis(ms);
+        rc.turn(true, true, now);
+        let sensors = model.step(&Motion::default(), &Errors::default());
+        let mut question = false;
+        betaflight
+            .sense(&sensors, &rc, now, &mut |port, bytes| question |= port == MSP && bytes == STATUS_REQUEST);
+        if question {
+            asked += 1;
+            assert!(betaflight.receive(MSP, &answer, now, &mut |_, _| panic!("nothing is asked")));
+        }
+        told.extend(std::iter::from_fn(|| betaflight.note()).map(|note| (ms, note.text)));
+    }
+    assert_eq!(asked, 8, "twice a second");
+    assert_eq!(told, [(1000, "Betaflight cannot be armed: THROTTLE (the throttle is not low)".to_string())]);
+    assert_eq!(betaflight.said(), Some("THROTTLE (the throttle is not low)"));
+    // Once its motors turn it flies, and nobody asks.
+    assert!(betaflight.receive(RAW, &raw([1100.0; 16]), Duration::from_secs(4), &mut |_, _| {}));
+    let sensors = model.step(&Motion::default(), &Errors::default());
+    betaflight.sense(&sensors, &rc, Duration::from_secs(9), &mut |port, _| assert_ne!(port, MSP));
 }

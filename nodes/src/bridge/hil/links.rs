@@ -4,6 +4,7 @@ use std::ops::Add;
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
+use whirlstand_bridge::autopilot::betaflight::MSP;
 use whirlstand_bridge::autopilot::px4::STATION;
 use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, AutopilotKind};
 use whirlstand_bridge::peer::{PeerCounts, SILENCE};
@@ -19,8 +20,10 @@ const STATION_SILENCE: Duration = Duration::from_secs(3);
 /// All links to the autopilot.
 pub(in crate::bridge) struct Links {
     links: Vec<Link>,
-    /// The links of the loop come first, then that of a ground station.
+    /// The links of the loop come first, then that of a ground station or of questions.
     loop_links: usize,
+    /// In flight nobody is connected to: that may take its time.
+    flies: bool,
     /// What the autopilot says to a ground station, for one within this process.
     overheard: Option<Vec<u8>>,
     senders: Vec<LinkSender>,
@@ -53,12 +56,29 @@ impl Links {
             }
         };
         let loop_links = links.len();
+        if options.kind == AutopilotKind::BetaflightSitl && !b.msp.is_empty() {
+            debug_assert_eq!(loop_links, MSP);
+            links.push(configured("betaflight", "msp", &b.msp, None, STATION_SILENCE)?);
+        }
         if let Some(forward) = px4.forward.as_ref().filter(|_| options.kind == AutopilotKind::Px4Hil) {
             debug_assert_eq!(loop_links, STATION);
             links.push(configured("px4", "forward", forward, None, STATION_SILENCE)?);
         }
         let senders = links.iter().map(Link::sender).collect();
-        Ok(Self { links, loop_links, overheard: None, senders, lost: None, buffer: vec![0; BUFFER] })
+        Ok(Self {
+            links,
+            loop_links,
+            flies: false,
+            overheard: None,
+            senders,
+            lost: None,
+            buffer: vec![0; BUFFER],
+        })
+    }
+
+    /// The run begins.
+    pub(in crate::bridge) fn begin(&mut self) {
+        self.flies = true;
     }
 
     /// Keeps what the autopilot says to a ground station, for [`Links::take_overheard`].
@@ -78,11 +98,17 @@ impl Links {
 
     /// Opens what is closed, and hands what waits, up to a limit, to the autopilot's protocol.
     pub(in crate::bridge) fn receive(&mut self, autopilot: &mut dyn Autopilot, now: Duration) {
-        let Self { links, loop_links, overheard, senders, lost, buffer } = self;
+        let Self { links, loop_links, flies, overheard, senders, lost, buffer } = self;
         let instant = Instant::now();
         for (port, link) in links.iter_mut().enumerate() {
+            let connects = matches!(link.address(), Address::TcpOut(_)) && !link.is_up();
+            if *flies && port >= *loop_links && connects {
+                continue;
+            }
             match link.maintain(instant) {
                 Some(LinkEvent::Up) => tracing::info!("{} is open", link.address()),
+                // What is beside the loop may be missing.
+                Some(LinkEvent::Down(why)) if port >= *loop_links => tracing::info!("{why}"),
                 Some(LinkEvent::Down(why)) => tracing::warn!("{why}"),
                 Some(LinkEvent::Replaced(why)) => {
                     autopilot.disconnected(port);
@@ -157,12 +183,12 @@ impl Links {
     }
 }
 
-/// A link of the loop that is lost ends the flight; a ground station that is lost is told.
+/// A link of the loop that is lost ends the flight; one beside it that is lost is told.
 fn tell_lost(lost: &mut Option<String>, is_loops: bool, why: String) {
     if is_loops {
         *lost = Some(why);
     } else {
-        tracing::info!("the ground station's link: {why}");
+        tracing::info!("beside the loop: {why}");
     }
 }
 

@@ -245,6 +245,7 @@ impl Hil {
             tracing::info!("{} flies: the run begins", self.name);
             self.waits.over();
             self.flight.start();
+            self.links.begin();
             self.tally.begin(self.autopilot.counts());
             self.answer(self.at.map_or(0, |at| at.step))?;
         }
@@ -294,9 +295,7 @@ impl Hil {
         }
         let command = Command { head, count: count as u32, u, ..Command::zeroed() };
         self.commands.send(&command)?;
-        let mut setpoint = Setpoint::zeroed();
-        setpoint.head = command.head;
-        self.setpoints.send(&setpoint)?;
+        self.setpoints.send(&Setpoint { head: command.head, ..Setpoint::zeroed() })?;
         self.last = Some(command);
         self.steps += 1;
         Ok(())

@@ -294,3 +294,30 @@ fn tcp_peers_may_leave_and_come_back() {
         assert!(matches!(&down, LinkEvent::Down(why) if why.contains("the other end closed it")), "{down:?}");
     }
 }
+
+/// A pseudo-terminal's driver holds nothing back, so a pair of sockets stands for the line: TIOCOUTQ counts there as well what was
+/// written and is not read.
+#[test]
+fn nothing_is_added_to_a_line_whose_driver_holds_more_than_50_ms_back() {
+    use std::os::unix::net::UnixStream;
+
+    let (line, mut other) = UnixStream::pair().unwrap();
+    line.set_nonblocking(true).unwrap();
+    let most_waiting = serial::most_waiting(57_600, false);
+    let wire = Mutex::new(Some(Arc::new(Wire::Serial(line.into()))));
+    let sender = LinkSender(Arc::new(Shared { wire, most_waiting, ..Shared::default() }));
+    let old = [1; 300];
+    assert!(sender.send(&old), "nothing waits yet");
+    for dropped in 1..=10 {
+        assert!(!sender.send(&[2; 20]), "it would go out behind 50 ms of old outputs");
+        assert_eq!(sender.dropped(), dropped, "told as unsent");
+    }
+    let mut read = [0; 300];
+    other.read_exact(&mut read).unwrap();
+    assert_eq!(read, old);
+    // The line has caught up: the newest goes out at once, and nothing of what was left out.
+    assert!(sender.send(&[3; 20]));
+    let mut read = [0; 64];
+    assert_eq!(other.read(&mut read).unwrap(), 20);
+    assert_eq!(read[..20], [3; 20]);
+}
