@@ -20,6 +20,12 @@ import tty
 
 from hand import Hand
 
+try:
+    # What others read of the same bytes, where it is installed.
+    from crsf_parser import CRSFParser, PacketValidationStatus
+except ImportError:
+    CRSFParser = None
+
 # Frames in a row that the channels must be as a phase awaits.
 LASTING = 50
 # What they may take for that, s.
@@ -80,12 +86,33 @@ def write(fd, data):
         pass
 
 
+class Judge:
+    """The frames as crsf_parser reads them, which has the channels in the opposite order."""
+
+    def __init__(self, faults):
+        self.frames, self.faults, self.ticks = 0, faults, None
+        self.parser = CRSFParser(self.hear) if CRSFParser else None
+
+    def hear(self, frame, status):
+        if status != PacketValidationStatus.VALID:
+            self.faults.append(f"crsf_parser: {status}")
+        self.frames += 1
+        self.ticks = list(frame.payload.channels)[::-1]
+
+    def take(self, whole, ticks):
+        if self.parser:
+            self.parser.parse_stream(bytearray(whole))
+            if self.ticks != ticks:
+                self.faults.append(f"crsf_parser reads {self.ticks}, and here it is {ticks}")
+
+
 class Module:
     def __init__(self):
         self.bytes = b""
         self.frames = 0
         self.faults = []
         self.channels = None
+        self.judge = Judge(self.faults)
 
     def take(self, data):
         self.bytes += data
@@ -97,12 +124,15 @@ class Module:
                 continue
             if len(self.bytes) < 26:
                 return
-            body, self.bytes = self.bytes[2:26], self.bytes[26:]
+            whole, self.bytes = self.bytes[:26], self.bytes[26:]
+            body = whole[2:]
             if body[0] != 0x16 or crc8(body[:-1]) != body[-1]:
                 self.faults.append(f"a damaged frame {body.hex()}")
                 continue
             self.frames += 1
-            self.channels = [round(1500 + (t - 992) * 5 / 8) for t in unpack(body[1:-1])]
+            ticks = unpack(body[1:-1])
+            self.judge.take(whole, ticks)
+            self.channels = [round(1500 + (t - 992) * 5 / 8) for t in ticks]
 
 
 class Radio:
@@ -125,10 +155,18 @@ class Radio:
             packed = struct.pack(">hhh", *(round(angle * 1e4) for angle in (pitch, roll, yaw)))
             link = bytes([60, 61, 100, 8, 0, 4, 2, 70, 100, 8])
             write(self.module_fd, frame(0x1E, packed) + frame(0x14, link))
-        us = [sticks.get("roll", 1500), 1500, 1200, 1500] + [1000] * 12
+        us = [sticks.get("roll", 1500), 1500, 1200, 1500] + [1600] * 12
         us[4] = 2000 if sticks.get("arm") else 1000
         us[5] = 2000 if sticks.get("automatic") else 1000
         write(self.receiver_fd, sbus(us, sticks.get("failsafe", False)))
+
+    def check_switches(self, awaited, channels):
+        """5 arms the vehicle, 6 is a switch of the bench alone, and the others are the pilot's, once somebody is in charge."""
+        arm = {"automatic": 2000, "manual": 2000, "neutral": 2000, "disarmed": 1000}[awaited]
+        rest = [1000 if awaited == "disarmed" else 1600] * 10
+        wanted = [arm, 1000, *rest]
+        if not all(near(value, want) for value, want in zip(channels[4:], wanted)):
+            self.module.faults.append(f"{awaited}: switches {channels[4:]}, not {wanted}")
 
     def phase(self, awaited, sticks):
         """The channels that were seen while they were as awaited, frame after frame for a while."""
@@ -145,10 +183,12 @@ class Radio:
             if self.module.frames == frames:
                 continue
             frames = self.module.frames
-            here = self.module.channels[0], self.module.channels[2]
+            channels = self.module.channels
+            here = channels[0], channels[2]
             if AWAITED[awaited](*here) and (sticks["arm"] or not again):
                 again = False
                 seen.append(here)
+                self.check_switches(awaited, channels)
             else:
                 # A wave that passes through neutral is not neutral.
                 seen = []
@@ -170,7 +210,7 @@ def main():
     else:
         notes["phases"] = [radio.phase(awaited, sticks) for awaited, sticks in json.loads(script)]
     with open(report, "w") as out:
-        json.dump({**notes, "frames": radio.module.frames, "faults": radio.module.faults[:20]}, out)
+        json.dump({**notes, "frames": radio.module.frames, "judged": radio.module.judge.frames, "faults": radio.module.faults[:20]}, out)
 
 
 if __name__ == "__main__":

@@ -41,6 +41,8 @@ pub struct Conditions {
     pub link: bool,
     /// Age of the attitude; `None` before the first.
     pub data_age: Option<Duration>,
+    /// Mean time between two attitudes; `None` before some have come.
+    pub data_interval: Option<Duration>,
     /// Whether the vehicle's own failsafe is inactive.
     pub vehicle_well: bool,
     /// Whether commands come in time.
@@ -107,6 +109,9 @@ pub enum Reason {
     /// The vehicle's clock went back.
     #[error("the vehicle restarted")]
     Restarted,
+    /// One attitude that is lost would leave none that may be flown on.
+    #[error("the vehicle's attitude comes too rarely")]
+    TooRare,
 }
 
 /// Which source drives the outputs.
@@ -203,7 +208,8 @@ impl Arming {
 
     fn try_to_arm(&mut self, c: &Conditions, broken: Option<Reason>) -> Mode {
         let stick = c.pilot.is_some_and(|p| !p.neutral).then_some(Reason::StickNotNeutral);
-        self.refused = broken.or(stick);
+        let rare = c.data_interval.is_some_and(|interval| 2 * interval > self.policy.stale);
+        self.refused = broken.or(rare.then_some(Reason::TooRare)).or(stick);
         match self.refused {
             None if self.seen_off => in_charge_by_switch(c),
             None => {

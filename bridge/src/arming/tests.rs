@@ -5,6 +5,7 @@ const GOOD: Conditions = Conditions {
     arm: true,
     link: true,
     data_age: Some(Duration::from_millis(5)),
+    data_interval: Some(Duration::from_millis(10)),
     vehicle_well: true,
     commands: true,
     finite: true,
@@ -48,6 +49,16 @@ fn whatever_breaks_keeps_from_arming_and_ends_it_with_its_reason() {
             assert_eq!(a.update(&GOOD, at(60_000)), None, "it does not come back by itself");
         }
     }
+}
+
+#[test]
+fn an_attitude_that_comes_too_rarely_to_lose_one_keeps_from_arming_and_ends_no_flight() {
+    let mut a = arming(ArmBy::Start);
+    let every = |ms| Conditions { data_interval: Some(at(ms)), ..GOOD };
+    assert_eq!(a.update(&every(126), at(0)), None);
+    assert_eq!((a.mode(), a.refused()), (Mode::Disarmed, Some(Reason::TooRare)));
+    assert_eq!(a.update(&every(125), at(1)), Some(Mode::Automatic));
+    assert_eq!(a.update(&every(126), at(2)), None, "what is lost in flight is told by its age");
 }
 
 #[test]
@@ -127,7 +138,7 @@ prop_compose! {
     ) -> Conditions {
         let [arm, link, vehicle_well, commands, finite, estimate, signs] = bits;
         let pilot = pilot.map(|(present, neutral, automatic)| PilotView { present, neutral, automatic });
-        Conditions { arm, link, data_age: age.map(at), vehicle_well, commands, finite, estimate, signs, pilot }
+        Conditions { arm, link, data_age: age.map(at), data_interval: None, vehicle_well, commands, finite, estimate, signs, pilot }
     }
 }
 

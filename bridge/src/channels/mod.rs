@@ -20,6 +20,13 @@ pub const CHANNELS: usize = 16;
 /// Pulse widths that may be asked for, us.
 const POSSIBLE_US: std::ops::RangeInclusive<f64> = 800.0..=2200.0;
 
+/// The channel that arms a vehicle behind an RC transmitter, from 0; the first four are sticks.
+const ARM: usize = 4;
+
+/// A switch that is off, and one that is on, us.
+const LOW_US: f64 = 1000.0;
+const HIGH_US: f64 = 2000.0;
+
 /// What a channel carries.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Source {
@@ -29,6 +36,8 @@ enum Source {
     Stick(Axis),
     /// A channel of the pilot.
     Pilot(usize),
+    /// The vehicle's arm switch.
+    Arm,
     /// Its trim.
     Fixed,
 }
@@ -117,7 +126,7 @@ impl Row<'_> {
                 let known = inputs.iter().map(|i| i.name.as_str()).collect::<Vec<_>>().join(", ");
                 let message = format!(
                     "there is no '{name}': an input of the vehicle ({known}), pilot.roll, pilot.pitch, \
-                     pilot.throttle, pilot.yaw or pilot.1 to pilot.16 is expected"
+                     pilot.throttle, pilot.yaw, pilot.1 to pilot.16 or arm is expected"
                 );
                 Err(self.wrong("from", message))
             }
@@ -128,7 +137,7 @@ impl Row<'_> {
     fn limit(&self, source: Source) -> Result<OutputLimit, ConfigError> {
         let config = self.config;
         let neutral = config.neutral_us.unwrap_or(match source {
-            Source::Stick(Axis::Throttle) => config.lower_us,
+            Source::Stick(Axis::Throttle) | Source::Arm => config.lower_us,
             _ => config.trim_us,
         });
         let limit = OutputLimit {
@@ -210,6 +219,30 @@ impl Mapping {
         Ok(new)
     }
 
+    /// Gives the channels from 5 on that nobody has named what a vehicle behind an RC transmitter expects there: 5 is its arm
+    /// switch, as ExpressLRS has it; the others are the pilot's own, or low, where no mode is on. `switches` are the
+    /// pilot's two for this bench, which are no modes of the vehicle.
+    #[must_use]
+    pub fn with_switches(mut self, switches: Option<[usize; 2]>) -> Self {
+        for index in (ARM..CHANNELS).filter(|index| !self.in_use[*index]) {
+            let number = index + 1;
+            let source = match switches {
+                _ if index == ARM => Source::Arm,
+                Some(own) if !own.contains(&number) => Source::Pilot(number),
+                _ => Source::Fixed,
+            };
+            let trim_us = LOW_US;
+            let limit =
+                OutputLimit { neutral: LOW_US, lower: LOW_US, upper: HIGH_US, rate_per_s: f64::INFINITY };
+            self.mapped.push(Mapped { index, source, trim_us, span_us: 1.0, reversed: false });
+            self.limits.push(limit);
+        }
+        self.limiter = Limiter::new(self.limits.clone());
+        self.wanted.resize(self.mapped.len(), 0.0);
+        self.place();
+        self
+    }
+
     /// The channels, us, for who is in charge. `inputs` are the controller's, in the vehicle's order.
     pub fn apply(
         &mut self,
@@ -236,6 +269,9 @@ impl Mapping {
                 // A vehicle in the air needs its throttle also when the controller has failed.
                 (_, Source::Stick(axis)) => pilot.map_or(limit.neutral, |p| p.axis_us(axis)),
                 (_, Source::Pilot(channel)) => pilot.map_or(limit.neutral, |p| p.channel_us(channel)),
+                // In the air it stays on for as long as somebody wants it to.
+                (Mode::Failed(_), Source::Arm) if !pilot.is_some_and(Pilot::arm) => limit.neutral,
+                (_, Source::Arm) => limit.upper,
                 (_, Source::Fixed) => m.trim_us,
             };
         }
@@ -249,7 +285,7 @@ impl Mapping {
         self.pushed = pushed;
     }
 
-    /// The channels as they were last, us; those not in use are 1500.
+    /// The channels as they were last, us; those that carry nothing are 1500.
     pub fn us(&self) -> &[f64; CHANNELS] {
         &self.us
     }
@@ -311,6 +347,9 @@ impl Mapping {
 }
 
 fn source(name: &str, inputs: &[Input]) -> Option<Source> {
+    if name == "arm" {
+        return Some(Source::Arm);
+    }
     if let Some(i) = inputs.iter().position(|n| n.name == name) {
         let stick = inputs[i].axis().map(|axis| ANGLES[axis]);
         let stick = stick.or_else(|| ANGLES.into_iter().find(|a| name.contains(a.name())));

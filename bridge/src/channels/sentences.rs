@@ -40,7 +40,9 @@ impl Mapping {
 
     /// One sentence for each channel: what moves it, and what that does to each axis.
     pub fn sentences(&self, inputs: &[Input]) -> Vec<String> {
-        self.mapped.iter().map(|m| sentence(m, inputs)).collect()
+        // That an unnamed channel is low or the pilot's own is what everybody expects.
+        let is_told = |m: &&super::Mapped| self.in_use()[m.index] || m.source == Source::Arm;
+        self.mapped.iter().filter(is_told).map(|m| sentence(m, inputs)).collect()
     }
 }
 
@@ -48,6 +50,7 @@ fn sentence(m: &super::Mapped, inputs: &[Input]) -> String {
     let number = m.index + 1;
     match m.source {
         Source::Fixed => format!("channel {number} stands at {:.0} us while armed", m.trim_us),
+        Source::Arm => format!("channel {number} arms the vehicle: high while somebody is in charge"),
         Source::Stick(axis) => format!("channel {number} is the pilot's {}", axis.name()),
         Source::Pilot(channel) => format!("channel {number} is the pilot's channel {channel}"),
         Source::Input(i, _) => {

@@ -133,3 +133,36 @@ fn each_channel_says_what_it_does_to_each_axis() {
         m.steering(&inputs).iter().map(|s| (s.channel, s.axis, s.up_is_positive)).collect();
     assert_eq!(steering, [(0, 0, true), (1, 1, false)]);
 }
+
+#[test]
+fn an_unnamed_channel_5_arms_and_the_others_are_the_pilots_or_low() {
+    let pilot = pilot();
+    let at = |m: &mut Mapping, mode, pilot| m.apply(mode, &[0.0; 2], pilot, NOW)[4..].to_vec();
+    let low = [1000.0; 12];
+    // With a pilot, whose switches of the bench are 5 and 6, and who has 1234 us on 7 and says nothing of the others.
+    let mut m = Mapping::new(&[], &inputs(), true).unwrap().with_switches(Some([5, 6]));
+    assert_eq!(at(&mut m, Mode::Disarmed, Some(&pilot)), low);
+    for mode in [Mode::Automatic, Mode::Manual, Mode::Failed(Reason::Stale)] {
+        assert_eq!(at(&mut m, mode, Some(&pilot))[..3], [2000.0, 1000.0, 1234.0], "{mode:?}");
+    }
+    assert_eq!(at(&mut m, Mode::Failed(Reason::PilotLost), None), low, "nobody wants it to stay in the air");
+    // Without one.
+    let mut m = Mapping::new(&[], &inputs(), false).unwrap().with_switches(None);
+    assert_eq!(at(&mut m, Mode::Automatic, None)[..2], [2000.0, 1000.0]);
+    assert_eq!(at(&mut m, Mode::Failed(Reason::Stale), None), low);
+    // A channel that the launch file names is its own.
+    let own = [
+        ChannelConfig::new(1, Some("u_roll".into())),
+        ChannelConfig::new(2, Some("u_pitch".into())),
+        ChannelConfig { trim_us: 1700.0, ..ChannelConfig::new(5, None) },
+        ChannelConfig::new(8, Some("arm".into())),
+    ];
+    let mut m = Mapping::new(&own, &inputs(), false).unwrap().with_switches(None);
+    assert_eq!(at(&mut m, Mode::Automatic, None)[..4], [1700.0, 1000.0, 1000.0, 2000.0]);
+    assert_eq!(m.in_use().iter().filter(|used| **used).count(), 4, "what is not named is not checked");
+    assert!(
+        m.sentences(&inputs())
+            .iter()
+            .any(|s| s == "channel 8 arms the vehicle: high while somebody is in charge")
+    );
+}

@@ -159,7 +159,7 @@ pub struct ChannelConfig {
     /// Number, 1 to 16.
     pub channel: usize,
     /// An input of the vehicle, or `pilot.roll`, `pilot.pitch`, `pilot.throttle`, `pilot.yaw`, or `pilot.N` for the
-    /// pilot's channel N; absent: the channel is `trim_us` while armed.
+    /// pilot's channel N, or `arm` for the vehicle's arm switch; absent: the channel is `trim_us` while armed.
     #[serde(default)]
     pub from: Option<String>,
     /// Pulse width of input 0, us.

@@ -26,6 +26,7 @@ impl Vehicle {
             arm,
             link,
             data_age: self.telemetry.age(Group::Attitude, now),
+            data_interval: self.telemetry.interval(),
             vehicle_well: well,
             commands: self.command_at.is_some_and(|at| now.saturating_sub(at) <= self.command_timeout),
             finite: self.finite,

@@ -204,7 +204,10 @@ impl Vehicle {
             stale: Duration::from_secs_f64(safety.stale_s),
             recover_after: safety.recover_after_s.map(Duration::from_secs_f64),
         };
-        let mapping = Mapping::new(&options.channels, &bench.inputs, pilot.is_some())?;
+        let mut mapping = Mapping::new(&options.channels, &bench.inputs, pilot.is_some())?;
+        if matches!(output, Output::Crsf | Output::Sbus) {
+            mapping = mapping.with_switches(options.pilot.as_ref().map(|p| [p.arm, p.automatic]));
+        }
         let mut notes = Notes::default();
         if let Some((line, text)) = budget {
             least_interval = least_interval.max(line);

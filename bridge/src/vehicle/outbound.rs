@@ -37,9 +37,23 @@ impl Vehicle {
         if let Some(reason) = reason
             && self.explained != Some(reason)
         {
-            self.notes.warn(format!("not armed yet: {reason}"));
+            self.notes.warn(self.why_not(reason));
         }
         self.explained = reason;
+    }
+
+    /// A reason in words, with the figures that it comes from.
+    fn why_not(&self, reason: Reason) -> String {
+        let interval = self.telemetry.interval().filter(|_| reason == Reason::TooRare);
+        let Some(interval) = interval else { return format!("not armed yet: {reason}") };
+        let (stale_s, interval_s) = (self.safety.stale_s, interval.as_secs_f64());
+        format!(
+            "not armed yet: {reason}: {:.1} times a second, and bridge.safety.stale_s = {stale_s} needs {:.1} or more, so that one \
+             may be lost; raise the telemetry rate of the link, or stale_s to {:.2} where the vehicle is slow enough for it",
+            1.0 / interval_s,
+            2.0 / stale_s,
+            (200.0 * interval_s).ceil() / 100.0
+        )
     }
 
     /// Tells once who is waited for, when nobody has armed for a while.
@@ -61,7 +75,7 @@ impl Vehicle {
             ArmBy::Start => "nothing else is needed",
         };
         self.notes.warn(match why {
-            Some(reason) => format!("not armed yet: {reason}"),
+            Some(reason) => self.why_not(reason),
             None => format!("not armed yet: {who}"),
         });
     }

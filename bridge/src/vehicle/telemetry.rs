@@ -1,6 +1,6 @@
 //! Measurements of a vehicle, in the fields and signs of the bus.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use whirlstand_msgs::{Imu, Message, Odometry, valid};
@@ -30,6 +30,10 @@ const RESTART_NS: i64 = 1_000_000_000;
 
 /// A message with an older stamp that comes within this time after newer ones was only held back on its way.
 const SILENCE: Duration = Duration::from_millis(200);
+
+/// Attitudes that the rate is told from, and the fewest times between two of them.
+const ARRIVALS: usize = 9;
+const LEAST_INTERVALS: usize = 3;
 
 /// Measurements that come together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,6 +85,8 @@ pub struct Telemetry {
     clock: PeerClock,
     /// The newest stamp, and when it came.
     newest: Option<(i64, Duration)>,
+    /// When the last attitudes came.
+    arrivals: VecDeque<Duration>,
     restarted: bool,
     refusals: Refusals,
 }
@@ -108,6 +114,7 @@ impl Telemetry {
             held: [Held::default(); 4],
             clock: PeerClock::default(),
             newest: None,
+            arrivals: VecDeque::with_capacity(ARRIVALS + 1),
             restarted: false,
             refusals: Refusals::default(),
         })
@@ -165,6 +172,12 @@ impl Telemetry {
         for ((out, value), trim) in trimmed.iter_mut().zip(values).zip(trims) {
             *out = trim.scale * value + trim.offset;
         }
+        if group == Group::Attitude {
+            self.arrivals.push_back(now);
+            if self.arrivals.len() > ARRIVALS {
+                self.arrivals.pop_front();
+            }
+        }
         self.held[group as usize] = Held { values: trimmed, stamp_ns, at: Some(at), fresh: true };
         Ok(())
     }
@@ -174,6 +187,7 @@ impl Telemetry {
         self.held = [Held::default(); 4];
         self.clock.reset();
         self.newest = None;
+        self.arrivals.clear();
         self.restarted = true;
         self.refusals.restarts += 1;
     }
@@ -186,6 +200,13 @@ impl Telemetry {
     /// Age of a group; `None` before the first.
     pub fn age(&self, group: Group, now: Duration) -> Option<Duration> {
         self.held[group as usize].at.map(|at| now.saturating_sub(at))
+    }
+
+    /// Mean time between the last attitudes; `None` before some have come.
+    pub fn interval(&self) -> Option<Duration> {
+        let between = self.arrivals.len().checked_sub(1).filter(|n| *n >= LEAST_INTERVALS)?;
+        let (first, last) = (self.arrivals.front()?, self.arrivals.back()?);
+        Some(last.saturating_sub(*first) / between as u32)
     }
 
     /// The newest values of a group, with trims, in the units of [`Group`].
