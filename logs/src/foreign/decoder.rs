@@ -1,5 +1,7 @@
 //! One decoder per message encoding.
 
+use prost_reflect::prost::Message as _;
+use prost_reflect::prost_types::FileDescriptorSet;
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage, Value};
 
 use super::ros::Definition;
@@ -25,11 +27,7 @@ impl Decoder {
             ("ros1", "ros1msg") => {
                 Ok(Self::Ros(Definition::parse(&topic.schema_name, &text()?)?, Wire::Ros1))
             }
-            ("protobuf", "protobuf") => DescriptorPool::decode(topic.schema.as_slice())
-                .map_err(|e| format!("its protobuf descriptors are damaged: {e}"))?
-                .get_message_by_name(&topic.schema_name)
-                .map(Self::Protobuf)
-                .ok_or_else(|| format!("its protobuf descriptors have no {}", topic.schema_name)),
+            ("protobuf", "protobuf") => descriptor(topic).map(Self::Protobuf),
             (message, schema) => {
                 Err(format!("messages in '{message}' with a schema in '{schema}' are not supported"))
             }
@@ -53,6 +51,21 @@ impl Decoder {
             }
         }
     }
+}
+
+/// The description of a topic's messages.
+fn descriptor(topic: &Topic) -> Result<MessageDescriptor, String> {
+    let damaged = |e: &dyn std::fmt::Display| format!("its protobuf descriptors are damaged: {e}");
+    let files = FileDescriptorSet::decode(topic.schema.as_slice()).map_err(|e| damaged(&e))?;
+    // The pool would index a file that it has not kept, to say where another syntax stands.
+    let known = |syntax: &str| matches!(syntax, "proto2" | "proto3");
+    if let Some(syntax) = files.file.iter().filter_map(|file| file.syntax.as_deref()).find(|s| !known(s)) {
+        return Err(format!("its protobuf descriptors have syntax '{syntax}': proto2 or proto3 is expected"));
+    }
+    DescriptorPool::from_file_descriptor_set(files)
+        .map_err(|e| damaged(&e))?
+        .get_message_by_name(&topic.schema_name)
+        .ok_or_else(|| format!("its protobuf descriptors have no {}", topic.schema_name))
 }
 
 fn json(value: &serde_json::Value, path: &mut PathStack, visit: &mut Visit<'_>) {
@@ -110,4 +123,37 @@ fn protobuf_value(value: &Value, path: &mut PathStack, visit: &mut Visit<'_>, de
         _ => return,
     };
     visit(&path.text, number);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prost_reflect::prost_types::{DescriptorProto, FileDescriptorProto};
+
+    fn reason(syntax: Option<&str>, message: &str) -> Option<String> {
+        let message_type = vec![DescriptorProto { name: Some("Sample".into()), ..Default::default() }];
+        let syntax = syntax.map(Into::into);
+        let file =
+            FileDescriptorProto { name: Some("a.proto".into()), message_type, syntax, ..Default::default() };
+        let topic = Topic {
+            name: "/a".into(),
+            message_encoding: "protobuf".into(),
+            schema_name: message.into(),
+            schema_encoding: "protobuf".into(),
+            schema: FileDescriptorSet { file: vec![file] }.encode_to_vec(),
+        };
+        Decoder::new(&topic).err()
+    }
+
+    #[test]
+    fn a_syntax_of_protobuf_that_is_not_known_is_refused_by_its_name() {
+        for syntax in [None, Some("proto2"), Some("proto3")] {
+            assert_eq!(reason(syntax, "Sample"), None, "{syntax:?}");
+        }
+        for syntax in ["editions", "", "proto4"] {
+            let reason = reason(Some(syntax), "Sample").unwrap();
+            assert!(reason.contains(&format!("syntax '{syntax}': proto2 or proto3 is expected")), "{reason}");
+        }
+        assert!(reason(Some("proto3"), "Other").unwrap().contains("have no Other"));
+    }
 }
