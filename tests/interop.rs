@@ -43,7 +43,52 @@ fn a_python_program_with_the_zenoh_package_is_the_controller() -> Outcome {
     fly("zenoh", "realtime")
 }
 
+/// The controller has no memory left in the middle of a flight: it is started again, the flight goes on where it was, and nothing is
+/// missing in the log. In lockstep, so that a busy machine changes nothing.
+fn a_node_that_runs_out_of_memory_in_flight_is_started_again() -> Outcome {
+    let python = python()?;
+    let place = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (hungry, example) =
+        (place.join("tests/interop/hungry.py"), place.join("examples/python/estimate_zenoh.py"));
+    let dir = tempfile::tempdir().unwrap();
+    let lives = dir.path().join("lives");
+    let exec =
+        format!("nodes.controller.exec=[{python:?}, {hungry:?}, {lives:?}, {example:?}, \"--control\"]");
+    let out = dir.path().join("out");
+    let restart = "nodes.controller.restart=on-failure";
+    let end = run([
+        "run",
+        "quadrotor-lqr",
+        "--transport",
+        "zenoh",
+        "--mode",
+        "lockstep",
+        "--out",
+        out.to_str().unwrap(),
+    ]
+    .into_iter()
+    .chain(["--set", &exec, "--set", restart, "--set", FAULTS_ALLOWED]))
+    .success();
+    assert!(end.stderr.contains("MemoryError"), "{}", end.stderr);
+    let summary = json(out.join("summary.json"));
+    let flight = &summary["runs"][0];
+    assert_eq!(flight["ended"]["how"], "complete", "{}", end.stderr);
+    assert_eq!(flight["ended"]["restarts"]["controller"], 1, "{flight}");
+    assert_eq!(flight["steps"], 2400);
+    assert_eq!(flight["outputs"]["roll"]["recovered"], true, "{}", end.stderr);
+    let info = run(["log", "info", out.join("log.mcap").to_str().unwrap(), "--json"]).success().stdout;
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    let topics = info["topics"].as_array().unwrap();
+    let count = |name: &str| {
+        topics.iter().find(|t| t["name"] == name).unwrap_or_else(|| panic!("{name}: {info}"))["messages"]
+            .as_u64()
+    };
+    assert!(count("/imu") >= Some(2400) && count("/truth") >= Some(2400), "{info}");
+    Ok(())
+}
+
 whirlstand_test_harness::tests!(
+    a_node_that_runs_out_of_memory_in_flight_is_started_again,
     a_python_program_with_the_iceoryx2_package_is_the_controller,
     a_python_program_with_the_zenoh_package_is_the_controller
 );
