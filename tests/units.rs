@@ -19,11 +19,52 @@ fn a_number_without_a_unit_is_answered_with_both_readings() {
         &set("effects=[{effect='input_delay', where='u_roll', delay_s=60}]"),
         &["60 s = 60000 ms", "the run lasts 12 s"],
     );
+    let bias = set("estimator.bias_std=0.5");
+    refused(
+        &bias,
+        &["bias_std is 0.5 without a unit", "0.5 rad/s = 28.6 deg/s, or 0.5 deg/s", "the bias of roll_rate"],
+    );
+    refused(
+        &set("estimator.bias_walk=\"1 deg\""),
+        &["estimator.bias_walk", "the bias of roll_rate, in deg/s"],
+    );
     refused(&["excite", "quadrotor", "--limit", "roll=10"], &["10 rad = 573 deg, or 10 deg", write]);
     let px4 = ["run", "quadrotor-px4", "--set", "bridge.sensors.heading=90"];
     refused(&px4, &["90 rad = 5157 deg, or 90 deg", write]);
     let trim = ["run", "quadrotor-mavlink", "--set", "bridge.measured.roll.offset=2"];
     refused(&trim, &["offset is 2 without a unit: 2 rad = 115 deg, or 2 deg", write]);
+}
+
+/// The standard deviation of a bias is that of its sensor, in any of its units.
+#[test]
+fn a_bias_takes_the_unit_of_its_sensor() {
+    let dir = tempfile::tempdir().unwrap();
+    let fly = |name: &str, bias_std: &str| {
+        let out = dir.path().join(name);
+        let set = format!("estimator.bias_std={bias_std}");
+        let args = [
+            "run",
+            "quadrotor",
+            "--mode",
+            "lockstep",
+            "--transport",
+            "inproc",
+            "--duration",
+            "7",
+            "--set",
+            &set,
+        ];
+        run(args.into_iter().chain(["--out", out.to_str().unwrap()])).success();
+        json(out.join("summary.json"))["runs"][0]["outputs"].clone()
+    };
+    let [degrees, radians, wide] = [
+        ("degrees", "\"1.8 deg/s\""),
+        ("radians", "\"0.031415926535897934 rad/s\""),
+        ("wide", "\"90 deg/s\""),
+    ]
+    .map(|(name, bias_std)| fly(name, bias_std));
+    assert_eq!(degrees, radians);
+    assert_ne!(degrees, wide, "it reaches the filter");
 }
 
 #[test]

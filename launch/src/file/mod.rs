@@ -4,6 +4,7 @@ mod amount;
 mod bridge;
 mod builtin;
 pub(crate) mod document;
+mod estimator;
 mod expect;
 mod finite;
 mod jobs;

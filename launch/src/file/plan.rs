@@ -92,7 +92,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         // An autopilot's sensors come from the truth.
         telemetry: recorded || file.has_autopilot(),
         plant: planner.plant(&file)?,
-        estimator: file.estimator.clone(),
+        estimator: planner.estimator(&file)?,
         controller: file.controller.clone(),
         recorder: recorded.then(|| RecorderConfig {
             path: String::new(),

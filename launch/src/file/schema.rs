@@ -6,11 +6,10 @@ use serde::de::{Error, IgnoredAny};
 use serde::{Deserialize, Deserializer};
 use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
-use whirlstand_nodes::config::{
-    ControllerConfig, Engine, EstimatorConfig, Mode, PlantConfig, RealtimeOptions,
-};
+use whirlstand_nodes::config::{ControllerConfig, Engine, Mode, PlantConfig, RealtimeOptions};
 
 use super::amount::{Amount, Bytes, Seconds, hertz};
+use super::estimator::EstimatorSection;
 
 /// A launch file as it is written; [`super::plan`] makes a runnable bench of it.
 #[derive(Debug, Clone, Deserialize)]
@@ -47,7 +46,7 @@ pub(crate) struct LaunchFile {
     #[serde(default)]
     pub plant: PlantSection,
     #[serde(default)]
-    pub estimator: EstimatorConfig,
+    pub estimator: EstimatorSection,
     pub controller: ControllerConfig,
     /// Steps of the reference: `at_s` and values by state or output.
     #[serde(default)]
