@@ -1,7 +1,7 @@
 //! One flight of a campaign: its launch file with what it draws, in lockstep, in this thread.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
@@ -9,10 +9,9 @@ use whirlstand_campaign::{Campaign, Columns, Ended, Flight, WEIGHT};
 use whirlstand_evaluate::expectation::{check, signal_figures};
 use whirlstand_evaluate::summary::{INPUT_KEYS, OUTPUT_KEYS};
 use whirlstand_evaluate::{Expectation, Figure, Flown, FlownStep, NodeCounts, Run, RunSummary};
-use whirlstand_nodes::inproc::run_inproc;
-use whirlstand_nodes::os::StopFlag;
 use whirlstand_nodes::setup::Setup;
 
+use super::in_thread::InThread;
 use super::pilots::Pilots;
 use super::redrawn::Redrawn;
 use crate::cli::{ModeArg, OverrideArgs, TransportArg};
@@ -229,27 +228,11 @@ impl Flyer {
 
     /// The figures of a flight that is too long to be held: from a log that is thrown away.
     fn recorded(&self, number: u64, plan: &Plan) -> Result<RunSummary, String> {
-        let folder = self.scratch.path().join(number.to_string());
-        std::fs::create_dir(&folder).map_err(|e| format!("no folder for its log: {e}"))?;
-        let _removed = Folder(&folder);
-        let log = folder.join("log.mcap");
-        let mut config = plan.config.clone();
-        config.bench = format!("campaign-{}-{number}", std::process::id());
-        if let Some(recorder) = &mut config.recorder {
-            recorder.path = log.to_string_lossy().into_owned();
-        }
-        run_inproc(&config, &StopFlag::default()).map_err(|e| e.to_string())?;
-        Ok(Run::open(&log, &plan.name, None).map_err(|e| e.to_string())?.figures)
-    }
-}
-
-/// A folder that goes with the flight, however that ends.
-struct Folder<'a>(&'a PathBuf);
-
-impl Drop for Folder<'_> {
-    fn drop(&mut self) {
-        // What stays goes with the scratch folder.
-        let _ = std::fs::remove_dir_all(self.0);
+        let flight =
+            InThread::new(self.scratch.path(), number).map_err(|e| format!("no folder for its log: {e}"))?;
+        let bench = format!("campaign-{}-{number}", std::process::id());
+        flight.fly(plan.config.clone(), bench).map_err(|e| e.to_string())?;
+        Ok(Run::open(flight.log(), &plan.name, None).map_err(|e| e.to_string())?.figures)
     }
 }
 
@@ -277,7 +260,7 @@ fn check_alone(file: &LaunchFile, launch: &str) -> Result<(), Failure> {
 }
 
 /// The limits that a flight in one thread can meet or miss.
-fn limits(plan: &Plan) -> Vec<Expectation> {
+pub(crate) fn limits(plan: &Plan) -> Vec<Expectation> {
     plan.expect.iter().filter(|e| !OF_THE_CLOCK.contains(&e.key.as_str())).cloned().collect()
 }
 

@@ -1,11 +1,17 @@
 //! `whirlstand campaign`: many flights of one launch file, on every processor of this machine or part by part on others.
 
 mod flyer;
+mod in_thread;
 mod journal;
 mod pilots;
 mod redrawn;
 mod said;
+mod side_by_side;
 mod workers;
+
+pub(crate) use flyer::limits;
+pub(crate) use in_thread::InThread;
+pub(crate) use side_by_side::side_by_side;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

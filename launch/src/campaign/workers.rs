@@ -1,20 +1,14 @@
-//! The flights side by side, one thread each, until all are flown, enough is known, or a signal comes.
+//! The flights of a campaign, until all are flown, enough is known, or a signal comes.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::time::Duration;
 
 use indicatif::ProgressBar;
 use whirlstand_campaign::{Flight, Proportion};
 
 use super::flyer::Flyer;
 use super::journal::Journal;
+use super::side_by_side::side_by_side;
 use crate::error::Failure;
-use crate::supervisor::Signals;
-
-/// How often to look whether a signal came.
-const GLANCE: Duration = Duration::from_millis(50);
 
 /// Flights between two looks whether enough is known. Only flights without a gap before them count, so that the end does
 /// not depend on which thread was faster.
@@ -48,45 +42,17 @@ pub(super) fn fly_all(
     if enough(&mut width, &mut flown) {
         return Ok(flown);
     }
-    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let mut signals = Signals::take().map_err(Failure::run)?;
-    std::thread::scope(|scope| {
-        let (sender, flights) = mpsc::channel();
-        for _ in 0..jobs.min(todo.len().max(1)) {
-            let (sender, next, stop, todo) = (sender.clone(), &next, &stop, &todo);
-            scope.spawn(move || {
-                while let Some(number) = todo.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if stop.load(Ordering::Relaxed) || sender.send(flyer.fly(*number)).is_err() {
-                        break;
-                    }
-                }
-            });
-        }
-        drop(sender);
-        let result = loop {
-            match flights.recv_timeout(GLANCE) {
-                Ok(flight) => {
-                    if let Err(failure) = journal.add(&flight) {
-                        break Err(failure);
-                    }
-                    bar.inc(1);
-                    flown.flights.insert(flight.number, flight);
-                    if enough(&mut width, &mut flown) {
-                        break Ok(());
-                    }
-                }
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => break Ok(()),
-            }
-            if signals.next().is_some() {
-                flown.interrupted = true;
-                stop.store(true, Ordering::Relaxed);
-            }
-        };
-        // Those under way come to their end.
-        stop.store(true, Ordering::Relaxed);
-        result
-    })?;
+    flown.interrupted = side_by_side(
+        &todo,
+        jobs,
+        |number| flyer.fly(number),
+        |flight| {
+            journal.add(&flight)?;
+            bar.inc(1);
+            flown.flights.insert(flight.number, flight);
+            Ok(enough(&mut width, &mut flown))
+        },
+    )?;
     flown.interrupted &= flown.flights.len() < numbers.len();
     Ok(flown)
 }

@@ -26,7 +26,7 @@ pub(crate) struct TuneArgs {
     pub law: Option<TunedLaw>,
     /// Number of draws that both laws fly.
     #[arg(long, default_value_t = 200)]
-    pub draws: usize,
+    pub draws: u64,
     /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,

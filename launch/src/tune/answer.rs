@@ -27,7 +27,7 @@ pub(super) struct Tuning {
     /// What the new law cannot use.
     pub left_out: Vec<LeftOut>,
     /// Number of draws that both laws flew.
-    pub draws: usize,
+    pub draws: u64,
     /// The old law on the extended vehicle.
     pub before: LawFigures,
     /// The new law on it.

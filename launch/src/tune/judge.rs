@@ -3,9 +3,11 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use whirlstand_campaign::Proportion;
 use whirlstand_control::SampledPlant;
 use whirlstand_evaluate::expectation::{check, signal_figures};
-use whirlstand_evaluate::{Expectation, Figure, Flight, RunSummary};
+use whirlstand_evaluate::{Expectation, Figure, Flight, Run, RunSummary};
+use whirlstand_logs::stats;
 use whirlstand_vehicle::Vehicle;
 
 /// Figures of an output and of an input that are told.
@@ -31,22 +33,17 @@ pub(super) struct Judged {
     pub figures: Option<RunSummary>,
 }
 
-/// Judges a flight.
-pub(super) fn judge(
-    flight: &Flight,
-    lost: bool,
-    vehicle: &Vehicle,
-    plant: &SampledPlant,
-    expect: &[Expectation],
-) -> Judged {
-    if lost {
-        return Judged { lost, violates: true, cost: f64::INFINITY, figures: None };
+impl Judged {
+    /// A flight on which a state left the model.
+    pub fn lost() -> Self {
+        Self { lost: true, violates: true, cost: f64::INFINITY, figures: None }
     }
-    let figures = flight.summary(vehicle, "", 0);
-    // What a bench alone can miss (deadlines, messages) does not miss here.
-    let signals: Vec<Expectation> = expect.iter().filter(|e| e.key.contains('.')).cloned().collect();
-    let violates = check(&signals, &figures.timing, Some(&figures)).iter().any(|c| !c.holds);
-    Judged { lost, violates, cost: cost(flight, plant), figures: Some(figures) }
+
+    /// A flight that came to its end.
+    pub fn flown(run: Run, flight: &Flight, plant: &SampledPlant, limits: &[Expectation]) -> Self {
+        let violates = check(limits, &run.figures.timing, Some(&run.figures)).iter().any(|c| !c.holds);
+        Self { lost: false, violates, cost: cost(flight, plant), figures: Some(run.figures) }
+    }
 }
 
 /// Mean square of the errors of all states and of all inputs, each measured by its size, rates a hundredth of that (Bryson's
@@ -80,21 +77,19 @@ pub(crate) struct Spread {
 
 impl Spread {
     fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
-        let mut values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-        values.sort_by(f64::total_cmp);
-        let last = values.len().checked_sub(1)?;
-        let at = |share: f64| values[(share * last as f64).round() as usize];
-        Some(Self { median: at(0.5), low: at(0.025), high: at(0.975) })
+        let values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
+        let at = |share: f64| stats::quantile(&values, share);
+        (!values.is_empty()).then(|| Self { median: at(0.5), low: at(0.025), high: at(0.975) })
     }
 }
 
 /// What the flights of one law come to.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct LawFigures {
-    /// Share of the draws on which the vehicle was lost.
-    pub probability_unstable: f64,
-    /// Share of the draws on which an expectation of the launch file does not hold, or the vehicle was lost.
-    pub probability_violated: f64,
+    /// On how many of the draws the vehicle was lost, with the interval of the share.
+    pub probability_unstable: Proportion,
+    /// The same of the draws on which an expectation of the launch file does not hold, or the vehicle was lost.
+    pub probability_violated: Proportion,
     /// Cost; absent when the vehicle was lost on all draws.
     pub cost: Option<Spread>,
     /// Figures under the keys of `[expect]`, SI, over the draws that have them.
@@ -107,7 +102,7 @@ impl LawFigures {
     /// Of all draws.
     pub fn of(judged: &[Judged], vehicle: &Vehicle) -> Self {
         let share = |of: &dyn Fn(&Judged) -> bool| {
-            judged.iter().filter(|j| of(j)).count() as f64 / judged.len().max(1) as f64
+            Proportion::new(judged.iter().filter(|j| of(j)).count() as u64, judged.len() as u64)
         };
         let outputs = vehicle.outputs.iter().flat_map(|o| OUTPUT_FIGURES.map(|f| format!("{}.{f}", o.name)));
         let inputs = vehicle.inputs.iter().flat_map(|i| INPUT_FIGURES.map(|f| format!("{}.{f}", i.name)));

@@ -5,10 +5,11 @@
 
 mod answer;
 mod circle;
-mod draw;
-mod flight;
+mod draws;
 mod judge;
+mod pilot;
 mod text;
+mod trials;
 mod tuned;
 
 pub(crate) use circle::tune;

@@ -1,18 +1,18 @@
 //! A tuning as a screen and as a page.
 
+use whirlstand_campaign::Proportion;
 use whirlstand_control::design::LoopFigures;
-use whirlstand_evaluate::Flight;
 use whirlstand_logs::shown::{number, shown};
+use whirlstand_logs::stats;
 use whirlstand_report::{Fan, LawLine, TuneReport, tune_report};
 use whirlstand_vehicle::Vehicle;
 
 use super::answer::Tuning;
 use super::judge::{LawFigures, Spread};
+use super::trials::Motion;
 use crate::error::Failure;
 use crate::style;
 
-/// Most points in time that a fan shows.
-const POINTS: usize = 400;
 /// Frequencies of the sensitivity.
 const FREQUENCIES: usize = 240;
 
@@ -34,8 +34,9 @@ fn lines(t: &Tuning) -> Vec<LawLine> {
         let unit = t.before.units.get(key).map_or("", String::as_str);
         add(key, spread(t.before.figures.get(key), unit), spread(t.after.figures.get(key), unit));
     }
-    let percent = |p: f64| format!("{:.1} %", 100.0 * p);
-    let chance = |of: &dyn Fn(&LawFigures) -> f64| (percent(of(&t.before)), percent(of(&t.after)));
+    let percent =
+        |p: Proportion| format!("{:.1} % ({:.1} to {:.1} %)", 100.0 * p.share, 100.0 * p.low, 100.0 * p.high);
+    let chance = |of: &dyn Fn(&LawFigures) -> Proportion| (percent(of(&t.before)), percent(of(&t.after)));
     let (before, after) = chance(&|f| f.probability_unstable);
     add("probability of losing the vehicle", before, after);
     let (before, after) = chance(&|f| f.probability_violated);
@@ -107,14 +108,18 @@ fn verdict(t: &Tuning) -> String {
     format!("{kept}: {}{}.", t.gain.why, if t.gain.certain { ratio.as_str() } else { "" })
 }
 
-/// The page.
-pub(super) fn page(t: &Tuning, vehicle: &Vehicle, flights: [Vec<Flight>; 2]) -> Result<String, Failure> {
+/// The page; `top` is the highest frequency that the loop knows, rad/s.
+pub(super) fn page(
+    t: &Tuning,
+    vehicle: &Vehicle,
+    motions: [Vec<Motion>; 2],
+    top: f64,
+) -> Result<String, Failure> {
     let fans = (0..vehicle.states.len()).map(|i| Fan {
         name: vehicle.states[i].name.clone(),
         unit: vehicle.states[i].unit.si_symbol(),
-        laws: [0, 1].map(|law| fan(&flights[law], i, vehicle.states.len())),
+        laws: [0, 1].map(|law| fan(&motions[law], i, vehicle.states.len())),
     });
-    let top = flights.iter().flatten().next().map_or(1.0, |f| std::f64::consts::PI / f.period_s);
     let frequencies: Vec<f64> =
         (0..FREQUENCIES).map(|k| top * 1e-4 * 1e4f64.powf(k as f64 / (FREQUENCIES - 1) as f64)).collect();
     let known = |figures: &Option<LoopFigures>| match figures {
@@ -148,17 +153,17 @@ fn law_name(t: &Tuning) -> String {
 }
 
 /// Time, and where 5 %, half and 95 % of the draws lie.
-fn fan(flights: &[Flight], state: usize, states: usize) -> [Vec<f64>; 4] {
-    let steps = flights.iter().map(|f| f.states.len() / states).max().unwrap_or(0);
-    let period_s = flights.first().map_or(0.0, |f| f.period_s);
+fn fan(motions: &[Motion], state: usize, states: usize) -> [Vec<f64>; 4] {
+    let points = motions.iter().map(|m| m.states.len() / states).max().unwrap_or(0);
+    let spacing_s = motions.first().map_or(0.0, |m| m.spacing_s);
     let mut answer: [Vec<f64>; 4] = Default::default();
-    for k in (0..steps).step_by((steps / POINTS).max(1)) {
-        let mut values: Vec<f64> =
-            flights.iter().filter_map(|f| f.states.get(k * states + state)).copied().collect();
-        values.sort_by(f64::total_cmp);
-        let at = |share: f64| values[(share * (values.len() - 1) as f64).round() as usize];
-        answer[0].push(k as f64 * period_s);
-        [0.05, 0.5, 0.95].iter().enumerate().for_each(|(i, share)| answer[i + 1].push(at(*share)));
+    for k in 0..points {
+        let values: Vec<f64> =
+            motions.iter().filter_map(|m| m.states.get(k * states + state)).copied().collect();
+        answer[0].push(k as f64 * spacing_s);
+        for (i, share) in [0.05, 0.5, 0.95].into_iter().enumerate() {
+            answer[i + 1].push(stats::quantile(&values, share));
+        }
     }
     answer
 }

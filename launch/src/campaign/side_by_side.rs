@@ -1,0 +1,55 @@
+//! Flights side by side, some threads at a time, until all are flown, enough is known, or a signal comes.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
+
+use crate::error::Failure;
+use crate::supervisor::Signals;
+
+/// How often to look whether a signal came.
+const GLANCE: Duration = Duration::from_millis(50);
+
+/// Flies each number of `todo`, `jobs` at a time, and hands what comes of it to `take` in this thread, in the order in which
+/// it comes. `take` answers whether it has enough. Returns whether a signal ended it before; flights that are under way come
+/// to their end in any case.
+///
+/// # Errors
+/// What `take` refuses, and when no signal can be listened for.
+pub(crate) fn side_by_side<T: Send>(
+    todo: &[u64],
+    jobs: usize,
+    fly: impl Fn(u64) -> T + Sync,
+    mut take: impl FnMut(T) -> Result<bool, Failure>,
+) -> Result<bool, Failure> {
+    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let mut signals = Signals::take().map_err(Failure::run)?;
+    std::thread::scope(|scope| {
+        let (sender, flights) = mpsc::channel();
+        for _ in 0..jobs.min(todo.len().max(1)) {
+            let (sender, next, stop, fly) = (sender.clone(), &next, &stop, &fly);
+            scope.spawn(move || {
+                while let Some(number) = todo.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if stop.load(Ordering::Relaxed) || sender.send(fly(*number)).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut interrupted = false;
+        let result = loop {
+            match flights.recv_timeout(GLANCE).map(&mut take) {
+                Ok(Err(failure)) => break Err(failure),
+                Ok(Ok(true)) | Err(RecvTimeoutError::Disconnected) => break Ok(()),
+                Ok(Ok(false)) | Err(RecvTimeoutError::Timeout) => {}
+            }
+            if signals.next().is_some() {
+                interrupted = true;
+                stop.store(true, Ordering::Relaxed);
+            }
+        };
+        stop.store(true, Ordering::Relaxed);
+        result.map(|()| interrupted)
+    })
+}

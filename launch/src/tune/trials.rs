@@ -1,0 +1,118 @@
+//! Laws flown on draws of the vehicle, in the thread-bound bench of campaigns.
+
+use std::path::Path;
+
+use tempfile::TempDir;
+use whirlstand_control::SampledPlant;
+use whirlstand_evaluate::{Expectation, Flight, Run};
+use whirlstand_nodes::error::NodeError;
+use whirlstand_vehicle::Vehicle;
+
+use super::draws::Draws;
+use super::judge::Judged;
+use super::pilot::Pilot;
+use crate::campaign::{InThread, side_by_side};
+use crate::error::Failure;
+
+/// Most points in time of a motion that is kept.
+const POINTS: usize = 400;
+
+/// States of a flight at some of its steps.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Motion {
+    /// The states, points x states, until one left the model.
+    pub states: Vec<f64>,
+    /// From point to point, s.
+    pub spacing_s: f64,
+}
+
+/// What a flight comes to.
+pub(super) struct Trial {
+    /// How it is judged.
+    pub judged: Judged,
+    /// What is shown of it.
+    pub motion: Motion,
+}
+
+/// What all flights of a tuning share.
+pub(super) struct Trials<'a> {
+    pub draws: &'a Draws<'a>,
+    /// Signals of the vehicle that flies.
+    pub vehicle: &'a Vehicle,
+    /// The measure of the cost: the vehicle's own sizes, whatever a law was designed for.
+    pub plant: &'a SampledPlant,
+    /// Limits that a flight in one thread can meet or miss.
+    pub limits: &'a [Expectation],
+}
+
+/// Flights of each law, draw by draw.
+pub(super) type Flown = Vec<Vec<Trial>>;
+
+impl Trials<'_> {
+    /// Flies every law on every draw of `numbers`, on all processors. `progress` is told the share that is done. `None` when a
+    /// signal ended it.
+    ///
+    /// # Errors
+    /// When a flight fails otherwise than by losing the vehicle.
+    pub fn fly(
+        &self,
+        laws: &[&Pilot],
+        numbers: std::ops::Range<u64>,
+        progress: &dyn Fn(f64),
+    ) -> Result<Option<Flown>, Failure> {
+        let scratch = tempfile::Builder::new().prefix("whirlstand-tune-").tempdir();
+        let scratch: TempDir = scratch
+            .map_err(|e| Failure::Run(format!("no folder can be made for the logs of the flights: {e}")))?;
+        let count = laws.len() as u64;
+        let todo: Vec<u64> = (numbers.start * count..numbers.end * count).collect();
+        let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let mut flown: Vec<(u64, Trial)> = Vec::with_capacity(todo.len());
+        let one = |number: u64| {
+            let law = laws[(number % count) as usize];
+            self.one(law, number / count, number, scratch.path()).map(|trial| (number, trial))
+        };
+        let interrupted = side_by_side(&todo, jobs, one, |trial| {
+            flown.push(trial?);
+            progress(flown.len() as f64 / todo.len() as f64);
+            Ok(false)
+        })?;
+        if interrupted {
+            return Ok(None);
+        }
+        flown.sort_by_key(|(number, _)| *number);
+        let mut by_law: Flown = laws.iter().map(|_| Vec::new()).collect();
+        for (number, trial) in flown {
+            by_law[(number % count) as usize].push(trial);
+        }
+        Ok(Some(by_law))
+    }
+
+    fn one(&self, law: &Pilot, draw: u64, number: u64, scratch: &Path) -> Result<Trial, Failure> {
+        let place = InThread::new(scratch, number)
+            .map_err(|e| Failure::Run(format!("no folder for the log of draw {draw}: {e}")))?;
+        let bench = format!("tune-{}-{number}", std::process::id());
+        let config = self.draws.bench(draw, law);
+        let period_s = config.period_ns as f64 * 1e-9;
+        let lost = match place.fly(config, bench) {
+            Ok(()) => false,
+            Err(NodeError::Diverged { .. }) => true,
+            Err(error) => return Err(Failure::Run(format!("draw {draw}: {error}"))),
+        };
+        let flight = Flight::open(place.log(), self.vehicle).map_err(Failure::run)?;
+        let judged = if lost {
+            Judged::lost()
+        } else {
+            let run = Run::open(place.log(), "", None).map_err(Failure::run)?;
+            Judged::flown(run, &flight, self.plant, self.limits)
+        };
+        Ok(Trial { judged, motion: self.motion(&flight, period_s) })
+    }
+
+    fn motion(&self, flight: &Flight, period_s: f64) -> Motion {
+        let states = self.vehicle.states.len();
+        // The same spacing for all, whenever one is lost.
+        let stride = (self.draws.steps() / POINTS).max(1);
+        let rows = flight.states.chunks(states).step_by(stride);
+        Motion { states: rows.flatten().copied().collect(), spacing_s: stride as f64 * period_s }
+    }
+}
