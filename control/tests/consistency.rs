@@ -8,7 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use support::{VEHICLES, plant};
-use whirlstand_control::{Estimator, EstimatorKind, EstimatorOptions, SampledPlant, Sensors};
+use whirlstand_control::{Estimator, EstimatorKind, EstimatorOptions, SampledPlant, Selector, Sensors};
 use whirlstand_linalg::symmetric_eigen;
 
 const TRIALS: u64 = 100;
@@ -130,4 +130,35 @@ fn gains_that_are_kept_for_long_stay_consistent() {
     }
     let divided = |k: usize| if k.is_multiple_of(5) { 0b1111 } else { 0b1010 };
     check("dividers, 2501 steps", &trials(&plant, &options, 2501, divided));
+}
+
+/// An offset of the input is a state of the model, so the trials draw it as well.
+#[test]
+fn a_filter_that_estimates_the_offset_of_an_input_is_consistent() {
+    let options =
+        EstimatorOptions { input_bias: vec![Selector::Name("u_roll".into())], ..EstimatorOptions::default() };
+    for name in VEHICLES {
+        check(name, &trials(&plant(name), &options, STEPS, |_| u64::MAX));
+    }
+}
+
+#[test]
+fn offsets_of_inputs_that_make_no_sense_are_refused() {
+    let plant = plant("quadrotor");
+    let refused = |options: EstimatorOptions| {
+        Estimator::new(&plant, &sensors(&plant), &options).expect_err("refused").to_string()
+    };
+    let of = |name: &str| EstimatorOptions {
+        input_bias: vec![Selector::Name(name.into())],
+        ..EstimatorOptions::default()
+    };
+    assert!(refused(of("u_yaw")).contains("the inputs are u_roll, u_pitch"));
+    let kinematic = EstimatorOptions { kind: EstimatorKind::Kinematic, ..of("u_roll") };
+    assert!(refused(kinematic).contains("knows no inputs"));
+    let nothing = EstimatorOptions { input_bias_walk: Some(0.0), ..of("u_roll") };
+    assert!(refused(nothing).contains("0 is not positive"));
+    // The offset of the input that moves roll and the biases of both sensors of roll cannot be told apart.
+    let both = ["roll", "roll_rate"].map(|name| Selector::Name(name.into())).to_vec();
+    let hidden = refused(EstimatorOptions { bias: Some(both), ..of("u_roll") });
+    assert!(hidden.contains("the offset of u_roll"), "{hidden}");
 }

@@ -7,7 +7,7 @@ use support::{matrix, vehicle};
 use whirlstand_control::design::{EstimatedLoop, Pole};
 use whirlstand_control::{
     Controller, Design, Estimator, EstimatorOptions, InputLimits, LawOptions, LqrOptions, SampledModel,
-    SampledPlant, Sensors, Weights,
+    SampledPlant, Selector, Sensors, Weights,
 };
 use whirlstand_vehicle::{Effect, Kind, LinearModel, Simulator, Vehicle};
 
@@ -33,13 +33,22 @@ fn plant_of(vehicle: &Vehicle) -> (LinearModel, SampledPlant) {
 }
 
 fn filter(vehicle: &Vehicle, linear: &LinearModel, plant: &SampledPlant) -> Estimator {
+    filter_with(vehicle, linear, plant, &EstimatorOptions::default())
+}
+
+fn filter_with(
+    vehicle: &Vehicle,
+    linear: &LinearModel,
+    plant: &SampledPlant,
+    options: &EstimatorOptions,
+) -> Estimator {
     let sensors = Sensors {
         c: linear.c.columns(0, linear.own).into_owned(),
         d: linear.d.clone(),
         std: vehicle.outputs.iter().map(|o| o.noise.max(1e-6)).collect(),
         names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
     };
-    Estimator::of(plant, &sensors, Some(linear), &EstimatorOptions::default()).expect("observable")
+    Estimator::of(plant, &sensors, Some(linear), options).expect("observable")
 }
 
 #[test]
@@ -311,4 +320,45 @@ fn a_command_jumps_over_a_dead_zone_and_the_filter_knows_of_it() {
     assert!(with < without, "{without} {with}");
     let mut controller = Controller::new(&design);
     assert!(!controller.compensate_dead_zones(&[20.0, 0.0]), "no room");
+}
+
+#[test]
+fn an_offset_as_a_state_leaves_no_error_at_rest() {
+    let late = [
+        (Kind::InputDelay, "u_roll", &[("delay_s", 0.06)][..]),
+        (Kind::ActuatorLag, "u_roll", &[("time_constant_s", 0.05)]),
+    ];
+    let known = extended(&late);
+    let (linear, plant) = plant_of(&known);
+    // What nobody knows of: a steady offset of the input.
+    let mut truth = known.clone();
+    truth
+        .add_effect(Effect::new(Kind::InputBias, "u_roll", &[("offset", 2.0)]).expect("in range"))
+        .expect("fits");
+    let options = LqrOptions { integral: vec![Selector::Index(0)], ..LqrOptions::default() };
+    let design = Design::new(&plant, &LawOptions::Lqr(options)).expect("controllable");
+    let fly = |input_bias: &[Selector]| {
+        let options = EstimatorOptions { input_bias: input_bias.to_vec(), ..EstimatorOptions::default() };
+        let mut estimator = filter_with(&known, &linear, &plant, &options);
+        let mut controller = Controller::new(&design);
+        let mut simulator = Simulator::new(&truth, PERIOD, 1).expect("slow enough");
+        let (mut now, mut next, mut sum) = ([0.0; 2], [0.0; 2], 0.0);
+        for k in 0..6000 {
+            let before = now;
+            now = next;
+            simulator.apply(&now);
+            let y = simulator.measure().to_vec();
+            estimator.step(&y, u64::MAX, &before, &now);
+            controller.step(estimator.x(), &[0.0; 4], 1, &mut next);
+            simulator.advance();
+            // Over the last half the noise averages out.
+            sum += if k >= 3000 { simulator.state()[0] / 3000.0 } else { 0.0 };
+        }
+        (sum.abs().to_degrees(), estimator.input_bias()[0])
+    };
+    let ((without, none), (with, found)) = (fly(&[]), fly(&[Selector::Index(0)]));
+    println!("roll at rest {without:.4} -> {with:.4} deg, offset {found:.3} of 2");
+    assert_eq!(none, 0.0);
+    assert!((found - 2.0).abs() < 0.2, "{found}");
+    assert!(with < 0.02 && with < 0.5 * without, "{without} {with}");
 }

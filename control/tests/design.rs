@@ -325,6 +325,24 @@ fn options_refuse_what_they_do_not_know_and_say_so() {
 }
 
 #[test]
+fn defaults_that_are_written_out_change_nothing() {
+    for vehicle in VEHICLES {
+        let plant = plant(vehicle);
+        let angle = Selector::Name("roll".into());
+        let options = LAWS.map(|law| LawOptions::named(law).expect("a law")).into_iter().chain([
+            LawOptions::Lqr(LqrOptions { integral: vec![angle.clone()], ..LqrOptions::default() }),
+            LawOptions::Smc(SmcOptions { integral: vec![angle], ..SmcOptions::default() }),
+        ]);
+        for options in options {
+            let written = options.resolved(&plant).expect("fits the plant");
+            assert_ne!(written, options, "{vehicle}");
+            let gains = [&options, &written].map(|o| Design::new(&plant, o).map(|d| (d.linear, d.sliding)));
+            assert_eq!(gains[0], gains[1], "{vehicle} {written:?}");
+        }
+    }
+}
+
+#[test]
 fn a_test_input_is_added_within_the_limits_and_known_to_the_prediction() {
     let plant = plant("quadrotor");
     let design = Design::new(&plant, &LawOptions::named("lqr").expect("a law")).expect("controllable");

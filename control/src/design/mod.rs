@@ -20,6 +20,7 @@ mod report;
 mod resolve;
 mod sliding;
 mod sliding_law;
+mod written_out;
 
 pub use error::DesignError;
 pub use estimated::{EstimatedLoop, EstimatedLoopError, LoopFigures};

@@ -12,16 +12,16 @@ use crate::riccati::dare;
 use crate::sampled_model::SampledModel;
 use crate::sampled_plant::SampledPlant;
 
-/// Linear-quadratic regulator for the sampled continuous cost.
-pub fn lqr(
-    plant: &SampledPlant,
-    o: &LqrOptions,
-    integral: &[usize],
-) -> Result<(LinearLaw, Option<ReducedLoop>), DesignError> {
-    let (n, m, dt) = (plant.state_count(), plant.input_count(), plant.period_s());
-    let mut q = resolve::weights("q", o.q.as_ref(), plant.own_names(), resolve::bryson(plant, 0.01), true)?;
-    // What moves an actuator is weighed by R already.
-    q.resize(n, 0.0);
+/// Weights of a regulator: of the vehicle's own states, of the inputs, and of the integrals.
+pub struct LqrWeights {
+    pub q: Vec<f64>,
+    pub r: Vec<f64>,
+    pub integral_q: Vec<f64>,
+}
+
+/// The weights that the options say, with the defaults.
+pub fn weights(plant: &SampledPlant, o: &LqrOptions, integral: &[usize]) -> Result<LqrWeights, DesignError> {
+    let q = resolve::weights("q", o.q.as_ref(), plant.own_names(), resolve::bryson(plant, 0.01), true)?;
     let authority = plant.inputs().iter().map(|i| 1.0 / (i.authority() * i.authority())).collect();
     let r = resolve::weights("r", o.r.as_ref(), plant.input_names(), authority, false)?;
     let integral_q = match &o.integral_q {
@@ -34,6 +34,19 @@ pub fn lqr(
     if let Some(value) = integral_q.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
         return Err(DesignError::Value { option: "integral_q", value: *value, needed: "positive" });
     }
+    Ok(LqrWeights { q, r, integral_q })
+}
+
+/// Linear-quadratic regulator for the sampled continuous cost.
+pub fn lqr(
+    plant: &SampledPlant,
+    o: &LqrOptions,
+    integral: &[usize],
+) -> Result<(LinearLaw, Option<ReducedLoop>), DesignError> {
+    let (n, m, dt) = (plant.state_count(), plant.input_count(), plant.period_s());
+    let LqrWeights { mut q, r, integral_q } = weights(plant, o, integral)?;
+    // What moves an actuator is weighed by R already.
+    q.resize(n, 0.0);
     let diagonal = |v: &[f64]| DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(v));
     if let Some(model) = plant.delayed() {
         let problem = Regulator { q: diagonal(&q), r: diagonal(&r) * dt, integral_q: &integral_q };

@@ -35,6 +35,26 @@ fn shaping(plant: &SampledPlant, o: &SmcOptions, integral: &[usize]) -> Result<S
     }
 }
 
+/// How the surface is reached: switching gain and boundary layer of each input, and the rate of the exponential part, 1/s.
+pub struct Switched {
+    pub gain: Vec<f64>,
+    pub layer: Vec<f64>,
+    pub rate: f64,
+}
+
+/// What the options say of it, with the defaults.
+pub fn switched(plant: &SampledPlant, o: &SmcOptions) -> Result<Switched, DesignError> {
+    let bandwidth = resolve::bandwidth(plant)?;
+    let rate = resolve::positive("reaching_rate", o.reaching_rate, bandwidth)?;
+    let authority = plant.inputs().iter().map(|i| 0.2 * i.authority()).collect();
+    let names = plant.input_names();
+    let gain = resolve::weights("switching_gain", o.switching_gain.as_ref(), names, authority, false)?;
+    let layer_rate = (4.0 * bandwidth + rate).min(0.5 / plant.period_s());
+    let narrow = gain.iter().map(|g| g / (layer_rate - rate).max(0.1 * layer_rate)).collect();
+    let layer = resolve::weights("boundary_layer", o.boundary_layer.as_ref(), names, narrow, false)?;
+    Ok(Switched { gain, layer, rate })
+}
+
 /// Sliding mode with a surface by least cost or by poles.
 pub fn smc(
     plant: &SampledPlant,
@@ -47,14 +67,7 @@ pub fn smc(
     let mut surface = Surface::design(&reduced.phi, &reduced.gamma, dt, &shaping)?;
     let on_reduced = surface.clone();
     (surface.c, surface.equivalent) = (reduced.whole(&surface.c), reduced.whole(&surface.equivalent));
-    let bandwidth = resolve::bandwidth(plant)?;
-    let rate = resolve::positive("reaching_rate", o.reaching_rate, bandwidth)?;
-    let authority = plant.inputs().iter().map(|i| 0.2 * i.authority()).collect();
-    let names = plant.input_names();
-    let gain = resolve::weights("switching_gain", o.switching_gain.as_ref(), names, authority, false)?;
-    let layer_rate = (4.0 * bandwidth + rate).min(0.5 / dt);
-    let narrow = gain.iter().map(|g| g / (layer_rate - rate).max(0.1 * layer_rate)).collect();
-    let layer = resolve::weights("boundary_layer", o.boundary_layer.as_ref(), names, narrow, false)?;
+    let Switched { gain, layer, rate } = switched(plant, o)?;
     let c = &surface.c;
     let reaching = Reaching { gain: &gain, layer: &layer, rate };
     let (law, switching, reaching) = if o.super_twisting {

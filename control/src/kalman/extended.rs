@@ -29,6 +29,8 @@ pub struct Ingredients<'a> {
     pub scales: &'a [f64],
     /// Outputs whose bias is estimated, with standard deviation at the start and walk per sqrt(s).
     pub biases: &'a [(usize, f64, f64)],
+    /// Inputs whose offset is estimated, likewise.
+    pub input_biases: &'a [(usize, f64, f64)],
 }
 
 /// The extended model.
@@ -58,7 +60,8 @@ impl Extended {
         let (m, p, nb) = (linear.b.ncols(), linear.c.nrows(), given.biases.len());
         // The filter's states: own, lags of sensors and past outputs, biases, tones.
         let kept: Vec<usize> = (0..own).chain(known..size).collect();
-        let (n, count) = (kept.len(), kept.len() + nb + 2 * linear.tones.len());
+        let trims = given.input_biases.len();
+        let (n, count) = (kept.len(), kept.len() + nb + trims + 2 * linear.tones.len());
         let mut density = DMatrix::zeros(linear.a.nrows(), linear.a.nrows());
         for i in 0..own {
             density[(i, i)] = given.noise[i].powi(2) + linear.turbulence[i].powi(2);
@@ -89,8 +92,20 @@ impl Extended {
             q[(n + k, n + k)] = walk * walk * period_s;
             initial.push(std);
         }
+        // An offset of an input does what a constant command does once past commands, lags and modes are at rest under it.
+        let rest = rest_under_commands(&sampled);
+        for (k, &(input, std, walk)) in given.input_biases.iter().enumerate() {
+            let at = n + nb + k;
+            for (i, &state) in kept.iter().enumerate() {
+                let through = sampled.f.view((state, own), (1, extra)) * rest.column(input);
+                f[(i, at)] = sampled.g[(state, input)] + through[0];
+            }
+            h.set_column(at, &(sampled.d.column(input) + sampled.h.columns(own, extra) * rest.column(input)));
+            q[(at, at)] = walk * walk * period_s;
+            initial.push(std);
+        }
         for (k, &(output, frequency_hz)) in linear.tones.iter().enumerate() {
-            let at = n + nb + 2 * k;
+            let at = n + nb + trims + 2 * k;
             let (sine, cosine) = (std::f64::consts::TAU * frequency_hz * period_s).sin_cos();
             f.view_mut((at, at), (2, 2)).copy_from_slice(&[cosine, -sine, sine, cosine]);
             h[(output, at)] = 1.0;
@@ -132,6 +147,19 @@ fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>)
     initial
 }
 
+/// Where constant commands lead past commands, lags and modes: (I - f) x = g u; they all decay.
+fn rest_under_commands(sampled: &SampledModel) -> DMatrix<f64> {
+    let (own, m) = (sampled.layout.own, sampled.g.ncols());
+    let count = sampled.layout.known() - own;
+    let g = sampled.g.rows(own, count).into_owned();
+    let f = sampled.f.view((own, own), (count, count));
+    let rest = match count {
+        0 => None,
+        _ => (DMatrix::identity(count, count) - f).lu().solve(&g),
+    };
+    rest.unwrap_or_else(|| DMatrix::zeros(count, m))
+}
+
 /// What follows from the commands alone, step by step.
 #[derive(Debug, Clone)]
 pub struct Known {
@@ -159,13 +187,8 @@ impl Known {
         let count = known - own;
         let f = sampled.f.view((own, own), (count, count)).into_owned();
         let g = sampled.g.rows(own, count).into_owned();
-        // Where a constant command leads: (I - f) x = g u; past commands, lags and modes all decay.
-        let rest = match count {
-            0 => None,
-            _ => (DMatrix::identity(count, count) - &f).lu().solve(&g),
-        };
         Self {
-            rest: Packed::new(&rest.unwrap_or_else(|| DMatrix::zeros(count, m))),
+            rest: Packed::new(&rest_under_commands(sampled)),
             f: Packed::new(&f),
             g: Packed::new(&g),
             state: vec![0.0; count],

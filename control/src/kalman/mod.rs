@@ -9,7 +9,7 @@
 //! By default a bias is estimated for gyros only, where kinematics alone make it observable: the angle is measured
 //! as well, and its slope is the rate. The bias of an angle can be told from a constant disturbance only by
 //! trusting the force model to its last digit, so it is estimated only when asked for; a set of biases that the
-//! outputs cannot tell apart is refused.
+//! outputs cannot tell apart is refused. The same holds for the offsets of inputs.
 
 mod covariance;
 mod error;
@@ -19,6 +19,8 @@ mod filter_model;
 mod flow;
 mod model;
 mod observability;
+mod offsets;
+mod options;
 mod schedule;
 mod sensors;
 #[cfg(test)]
@@ -27,5 +29,6 @@ mod tests;
 pub use error::EstimatorError;
 pub use filter::KalmanFilter;
 pub use filter_model::FilterModel;
-pub use model::{Estimator, EstimatorKind, EstimatorOptions};
+pub use model::Estimator;
+pub use options::{EstimatorKind, EstimatorOptions};
 pub use sensors::Sensors;

@@ -1,7 +1,6 @@
-//! The two models and their defaults.
+//! The two models.
 
 use nalgebra::DMatrix;
-use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::{LinearModel, discretise, finite_horizon_gramian};
 
 use super::error::EstimatorError;
@@ -9,39 +8,11 @@ use super::extended::{Extended, Ingredients, Known, kinematic};
 use super::filter::KalmanFilter;
 use super::filter_model::FilterModel;
 use super::observability::check_observable;
+use super::offsets::{Offsets, trimmed};
+use super::options::{EstimatorKind, EstimatorOptions};
 use super::sensors::Sensors;
 use crate::options::{Selector, Weights};
 use crate::sampled_plant::SampledPlant;
-
-/// Which model the filter predicts with.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum EstimatorKind {
-    /// Angles from rates and positions from speeds only; angular rates from angles, no inputs.
-    Kinematic,
-    /// The discretised vehicle with its inputs.
-    #[default]
-    Model,
-}
-
-/// Options of the filter; in a launch file, the table `[estimator]`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct EstimatorOptions {
-    /// Which model.
-    pub kind: EstimatorKind,
-    /// Density of the white noise on the derivative of each state, SI units times sqrt(s), by state. Default:
-    /// zero for kinematic rows; else the state's scale per sqrt(s), thrice that for the kinematic filter.
-    pub process_noise: Option<Weights>,
-    /// Outputs whose bias is estimated. Default: gyros, that is rates whose angle is measured as well.
-    pub bias: Option<Vec<Selector>>,
-    /// Standard deviation of these biases at the start, SI units. Default: ten times the output's noise.
-    pub bias_std: Option<f64>,
-    /// Random walk of these biases, SI units per sqrt(s). Default: a hundredth of the output's noise.
-    pub bias_walk: Option<f64>,
-    /// Outputs used. Default: all for the model; all but gyros for the kinematic filter, as in the paper.
-    pub outputs: Option<Vec<Selector>>,
-}
 
 /// A Kalman filter for the states of a plant and the biases of its sensors.
 ///
@@ -54,6 +25,9 @@ pub struct Estimator {
     /// Per output, the bias state, or none.
     bias_state: Vec<Option<usize>>,
     bias: Vec<f64>,
+    /// Per input, the state of its offset, or none.
+    input_bias_state: Vec<Option<usize>>,
+    input_bias: Vec<f64>,
     steps: u64,
     /// What follows from the commands; absent for a vehicle without effects that a filter has to know.
     known: Option<Known>,
@@ -106,16 +80,24 @@ impl Estimator {
             Some(list) => select("bias", list, &sensors.names)?,
             None => used.iter().copied().filter(|&i| gyro(i)).collect(),
         };
-        let (mut model, mut initial) = filter_model(plant, sensors, options, &kinematics, &biased)?;
+        let trimmed = trimmed(plant, options)?;
+        let offsets = Offsets { biased: &biased, trimmed: &trimmed };
+        let (mut model, mut initial) = filter_model(plant, sensors, options, &kinematics, &offsets)?;
         let used_mask = used.iter().fold(0, |mask, i| mask | 1 << i);
         // Delays and lags hide nothing that the states and biases without them show.
-        check_observable(plant, sensors, &model.f, &model.h, &used, &biased)?;
+        check_observable(plant, sensors, &model.f, &model.h, &used, &offsets)?;
         let (mut first_bias, mut known) = (n, None);
         if let Some(linear) = linear.filter(|l| !l.is_plain()) {
             let noise = process_noise(plant, options, &kinematics)?;
             let biases: Vec<_> = biased.iter().map(|&i| bias_noise(sensors, options, i)).collect();
             let scales = &plant.scales()[..n];
-            let given = Ingredients { noise: &noise, std: &sensors.std, scales, biases: &biases };
+            let given = Ingredients {
+                noise: &noise,
+                std: &sensors.std,
+                scales,
+                biases: &biases,
+                input_biases: &trimmed,
+            };
             let extended = match options.kind {
                 EstimatorKind::Model => Extended::new(linear, plant.period_s(), &given)?,
                 EstimatorKind::Kinematic => {
@@ -127,6 +109,9 @@ impl Estimator {
         }
         let mut bias_state = vec![None; p];
         biased.iter().enumerate().for_each(|(k, &i)| bias_state[i] = Some(first_bias + k));
+        let mut input_bias_state = vec![None; plant.input_count()];
+        let first_trim = first_bias + biased.len();
+        trimmed.iter().enumerate().for_each(|(k, &(i, ..))| input_bias_state[i] = Some(first_trim + k));
         Ok(Self {
             filter: KalmanFilter::new(model, &initial),
             known,
@@ -134,6 +119,8 @@ impl Estimator {
             used: used_mask,
             bias_state,
             bias: vec![0.0; p],
+            input_bias: vec![0.0; plant.input_count()],
+            input_bias_state,
             steps: 0,
         })
     }
@@ -148,7 +135,8 @@ impl Estimator {
                 self.filter.step(&known.y, valid & self.used, &known.before, &known.now);
             }
         }
-        for (value, state) in self.bias.iter_mut().zip(&self.bias_state) {
+        let biases = self.bias.iter_mut().zip(&self.bias_state);
+        for (value, state) in biases.chain(self.input_bias.iter_mut().zip(&self.input_bias_state)) {
             if let Some(k) = state {
                 *value = self.filter.x()[*k];
             }
@@ -169,6 +157,11 @@ impl Estimator {
     /// Estimated bias of each output; zero where none is estimated.
     pub fn bias(&self) -> &[f64] {
         &self.bias
+    }
+
+    /// Estimated offset of each input, the steady command that would do what it does; zero where none is estimated.
+    pub fn input_bias(&self) -> &[f64] {
+        &self.input_bias
     }
 
     /// Normalised innovation squared of the last step, chi-square with [`Self::dof`] degrees of freedom.
@@ -290,16 +283,17 @@ fn process_noise(
     }
 }
 
-/// The sampled model of the states with the biases of the outputs `biased` behind them, and the standard deviations from
-/// which they start.
+/// The sampled model of the states with the biases of outputs and the offsets of inputs behind them, and the standard
+/// deviations from which they start.
 fn filter_model(
     plant: &SampledPlant,
     sensors: &Sensors,
     options: &EstimatorOptions,
     kinematics: &[Option<(usize, f64)>],
-    biased: &[usize],
+    offsets: &Offsets<'_>,
 ) -> Result<(FilterModel, Vec<f64>), EstimatorError> {
-    let (n, m, p, nb) = (plant.own_count(), plant.input_count(), sensors.c.nrows(), biased.len());
+    let (n, m, p) = (plant.own_count(), plant.input_count(), sensors.c.nrows());
+    let (biased, nb) = (offsets.biased, offsets.biased.len() + offsets.trimmed.len());
     let dt = plant.period_s();
     let (a, b, d) = match options.kind {
         EstimatorKind::Model => (plant.own_a(), plant.own_b(), sensors.d.clone()),
@@ -326,6 +320,13 @@ fn filter_model(
         let (_, start, walk) = bias_noise(sensors, options, i);
         initial.push(start);
         q[(n + k, n + k)] = walk * walk * dt;
+    }
+    for (k, &(input, start, walk)) in offsets.trimmed.iter().enumerate() {
+        let at = n + biased.len() + k;
+        f.view_mut((0, at), (n, 1)).copy_from(&gamma.column(input));
+        h.set_column(at, &d.column(input));
+        initial.push(start);
+        q[(at, at)] = walk * walk * dt;
     }
     let variance = sensors.std.iter().map(|s| s * s).collect();
     Ok((FilterModel { f, g, h, d, q, variance }, initial))

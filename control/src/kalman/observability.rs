@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::error::EstimatorError;
+use super::offsets::Offsets;
 use super::sensors::Sensors;
 use crate::sampled_plant::SampledPlant;
 
@@ -13,10 +14,14 @@ pub fn check_observable(
     f: &DMatrix<f64>,
     h: &DMatrix<f64>,
     used: &[usize],
-    biased: &[usize],
+    Offsets { biased, trimmed }: &Offsets<'_>,
 ) -> Result<(), EstimatorError> {
     let n = plant.own_count();
-    let scale = |j: usize| if j < n { plant.scales()[j] } else { sensors.std[biased[j - n]] };
+    let scale = |j: usize| match j.checked_sub(n) {
+        None => plant.scales()[j],
+        Some(k) if k < biased.len() => sensors.std[biased[k]],
+        Some(k) => trimmed[k - biased.len()].1,
+    };
     let size = f.nrows();
     let scaled_f = DMatrix::from_fn(size, size, |i, j| f[(i, j)] * scale(j) / scale(i));
     let scaled_h =
@@ -28,11 +33,12 @@ pub fn check_observable(
         return Ok(());
     }
     let outputs = used.iter().map(|&i| sensors.names[i].as_str()).collect::<Vec<_>>().join(", ");
-    let what = if biased.is_empty() {
-        "the full state".to_owned()
-    } else {
-        let names: Vec<_> = biased.iter().map(|&i| sensors.names[i].as_str()).collect();
-        format!("the state together with the bias of {}", names.join(", "))
+    let biases = biased.iter().map(|&i| format!("the bias of {}", sensors.names[i]));
+    let offsets = trimmed.iter().map(|(i, ..)| format!("the offset of {}", plant.input_names()[*i]));
+    let with: Vec<String> = biases.chain(offsets).collect();
+    let what = match with.is_empty() {
+        true => "the full state".to_owned(),
+        false => format!("the state together with {}", with.join(" and ")),
     };
     Err(EstimatorError::Unobservable { what, outputs })
 }

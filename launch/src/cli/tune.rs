@@ -27,9 +27,19 @@ pub(crate) struct TuneArgs {
     /// Number of draws that both laws fly.
     #[arg(long, default_value_t = 200)]
     pub draws: u64,
+    /// Chooses the weights of the new law anew, against the launch file's expectations: R and the rates' Q of lqr, the bandwidth
+    /// of ppc, the boundary layer of smc. They are chosen on other draws than they are judged on.
+    #[arg(long)]
+    pub retune: bool,
+    /// Peak of the sensitivity, filter included, that --retune may not pass.
+    #[arg(long, default_value_t = 1.6, requires = "retune", value_name = "PEAK")]
+    pub max_sensitivity: f64,
     /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
+    /// Vehicle file that is the truth, where that is known: the laws and one that is designed on it fly it as well.
+    #[arg(long, value_name = "VEHICLE")]
+    pub truth: Option<String>,
     /// Folder for tuned.toml, vehicle.toml and report.html.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,

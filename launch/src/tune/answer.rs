@@ -1,11 +1,15 @@
 //! What `whirlstand tune` answers.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 use whirlstand_control::design::{LeftOut, LoopFigures};
 use whirlstand_diagnose::answer::Cause;
 use whirlstand_nodes::config::LawKind;
 
 use super::judge::{Gain, LawFigures};
+use super::retune::Retuned;
+use super::truth::OnTruth;
 
 /// What `whirlstand tune` answers.
 #[derive(Debug, Clone, Serialize)]
@@ -38,10 +42,31 @@ pub(super) struct Tuning {
     pub loop_after: Option<LoopFigures>,
     /// Which is better.
     pub gain: Gain,
+    /// Weights that were chosen anew, and on what.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub retuned: Option<Retuned>,
+    /// The draw on which the law that is kept costs most.
+    pub worst: WorstDraw,
+    /// What the laws are worth on the vehicle that was told to be the truth.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<OnTruth>,
     /// The launch file that `run` takes.
     pub tuned: String,
     /// The extended vehicle file, if something was found.
     pub extended_vehicle: Option<String>,
     /// The page.
     pub report: String,
+}
+
+/// The draw on which a law costs most.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct WorstDraw {
+    /// Its number.
+    pub draw: u64,
+    /// The vehicle was lost.
+    pub lost: bool,
+    /// Its figures under the keys of `[expect]`, SI.
+    pub figures: BTreeMap<String, f64>,
+    /// The launch file that flies it.
+    pub launch: String,
 }

@@ -12,18 +12,20 @@ use whirlstand_nodes::config::{ControllerConfig, LawKind, NodeConfig, VehicleSou
 use whirlstand_nodes::setup::Setup;
 use whirlstand_vehicle::{LinearModel, Vehicle};
 
-use super::answer::Tuning;
+use super::answer::{Tuning, WorstDraw};
 use super::draws::{Draws, is_disturbance};
-use super::judge::{Gain, Judged, LawFigures, compare};
+use super::judge::{Gain, Judged, LawFigures, compare, told_keys};
 use super::pilot::Pilot;
+use super::retune::{Retuned, Wanted, retune};
 use super::trials::{Flown, Motion, Trials};
-use super::{text, tuned};
+use super::tuned::Choice;
+use super::{text, truth, tuned};
 use crate::campaign::limits;
 use crate::cli::TuneArgs;
 use crate::command::stage_line::StageLine;
 use crate::command::{INTERRUPTED, log, tell, write};
 use crate::error::Failure;
-use crate::file::{Plan, find, plan};
+use crate::file::{find, plan};
 
 /// Fewest draws that are worth a verdict.
 const FEWEST_DRAWS: u64 = 20;
@@ -43,22 +45,37 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     let controller = ControllerConfig { law, ..config.controller.clone() };
     let old = Pilot::new(config, (believed, origin), config.controller.clone())?;
     let new = Pilot::new(config, (extended, origin), controller)?;
-    let draws = Draws::new(config, origin, extended, &diagnosis);
-    let Some(flown) = fly([&old, &new], extended, &plan, &draws, args.draws)? else {
+    let draws = &Draws::new(config, origin, extended, &diagnosis.causes);
+    let plant = &Setup::plant_of(extended, Setup::period_s(config)).map_err(Failure::mend)?;
+    let trials = Trials { draws, vehicle: extended, plant, limits: &limits(&plan) };
+    let Some((new, retuned)) = chosen(args, new, config, (extended, origin), &trials)? else {
+        return Ok(ExitCode::from(INTERRUPTED));
+    };
+    let Some(flown) = fly(&trials, [&old, &new], args.draws)? else {
         return Ok(ExitCode::from(INTERRUPTED));
     };
     let [(old_flights, old_motions), (new_flights, new_motions)] = flown;
     let has_model =
         extended.effects != believed.effects || extended.a != believed.a || extended.b != believed.b;
-    let gain = match (has_model, law == config.controller.law) {
+    let gain = match (has_model, new.controller == old.controller) {
         (false, true) => unchanged(),
         _ => compare(&old_flights, &new_flights),
+    };
+    let truth = args.truth.as_deref().map(|path| truth::fly(path, &plan, [&old, &new], args.draws));
+    let truth = match truth.transpose()? {
+        Some(None) => return Ok(ExitCode::from(INTERRUPTED)),
+        truth => truth.flatten(),
     };
     let paths = Paths::in_folder(&args.out);
     if has_model {
         write(&paths.vehicle, &extended.to_toml())?;
     }
-    write(&paths.tuned, &tuned::launch_file(&found, has_model, law, &gain)?)?;
+    let choice =
+        Choice { has_model, controller: &new.controller, is_retuned: retuned.is_some(), gain: &gain };
+    write(&paths.tuned, &tuned::launch_file(&found, &choice)?)?;
+    let worst = worst(if gain.certain { &new_flights } else { &old_flights }, extended, &paths.worst);
+    write(&paths.worst, &tuned::draw_file(&found, &choice, draws.seed(worst.draw), &config.effects)?)?;
+    write(&paths.worst_vehicle, &draws.vehicle(worst.draw).to_toml())?;
     let linear = LinearModel::new(extended).map_err(Failure::mend)?;
     let shown = |path: &Path| path.display().to_string();
     let answer = Tuning {
@@ -75,6 +92,9 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
         after: LawFigures::of(&new_flights, extended),
         loop_before: old.loop_around(&linear, extended),
         loop_after: new.loop_around(&linear, extended),
+        retuned,
+        worst,
+        truth: truth.map(|truth| truth.judged(gain.certain)),
         gain,
         tuned: shown(&paths.tuned),
         extended_vehicle: has_model.then(|| shown(&paths.vehicle)),
@@ -90,15 +110,7 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
 type Flights = (Vec<Judged>, Vec<Motion>);
 
 /// Both laws on every draw; `None` when a signal ended it.
-fn fly(
-    laws: [&Pilot; 2],
-    extended: &Vehicle,
-    plan: &Plan,
-    draws: &Draws<'_>,
-    count: u64,
-) -> Result<Option<[Flights; 2]>, Failure> {
-    let plant = Setup::plant_of(extended, Setup::period_s(&plan.config)).map_err(Failure::mend)?;
-    let trials = Trials { draws, vehicle: extended, plant: &plant, limits: &limits(plan) };
+fn fly(trials: &Trials<'_>, laws: [&Pilot; 2], count: u64) -> Result<Option<[Flights; 2]>, Failure> {
     let line = StageLine::new("tune", None);
     let listener = line.listener();
     let flown: Result<Option<Flown>, Failure> = trials.fly(&laws, 0..count, &|share| {
@@ -112,9 +124,47 @@ fn fly(
     }))
 }
 
+/// The new law, with weights that were chosen anew where that is asked for; `None` when a signal ended it.
+fn chosen(
+    args: &TuneArgs,
+    new: Pilot,
+    config: &NodeConfig,
+    model: (&Vehicle, &str),
+    trials: &Trials<'_>,
+) -> Result<Option<(Pilot, Option<Retuned>)>, Failure> {
+    if !args.retune {
+        return Ok(Some((new, None)));
+    }
+    if !(args.max_sensitivity > 1.0 && args.max_sensitivity.is_finite()) {
+        return Err(Failure::Mend(format!(
+            "--max-sensitivity {}: a peak above 1 is expected; no loop stays below that",
+            args.max_sensitivity
+        )));
+    }
+    let sensitivity_limit = args.max_sensitivity;
+    // Those that are judged come before.
+    let wanted = Wanted { config, model, trials, first_draw: args.draws, sensitivity_limit };
+    let line = StageLine::new("tune", None);
+    (line.listener())(Stage { what: "choosing weights", detail: "", share: None });
+    let found = retune(new, &wanted);
+    line.finish();
+    Ok(found?.map(|(pilot, told)| (pilot, Some(told))))
+}
+
+/// The draw on which a law costs most; one on which it loses the vehicle before all others.
+fn worst(flights: &[Judged], vehicle: &Vehicle, launch: &Path) -> WorstDraw {
+    let most = flights.iter().enumerate().max_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+    let (draw, lost) = most.map_or((0, false), |(at, judged)| (at as u64, judged.lost));
+    let value = |key: String| Some((key.clone(), most?.1.value(&key)?));
+    let figures = told_keys(vehicle).into_iter().filter_map(value).collect();
+    WorstDraw { draw, lost, figures, launch: launch.display().to_string() }
+}
+
 struct Paths {
     vehicle: PathBuf,
     tuned: PathBuf,
+    worst: PathBuf,
+    worst_vehicle: PathBuf,
     report: PathBuf,
 }
 
@@ -123,6 +173,8 @@ impl Paths {
         Self {
             vehicle: folder.join(tuned::MODEL),
             tuned: folder.join("tuned.toml"),
+            worst: folder.join("worst.toml"),
+            worst_vehicle: folder.join(tuned::WORST_VEHICLE),
             report: folder.join("report.html"),
         }
     }

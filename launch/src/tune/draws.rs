@@ -1,7 +1,7 @@
 //! Draws of the vehicle: what the diagnosis found, within what it is sure of; each as the bench that flies it.
 
 use whirlstand_bus::Transport;
-use whirlstand_diagnose::Diagnosis;
+use whirlstand_diagnose::answer::Cause;
 use whirlstand_nodes::config::{Mode, NodeConfig, RecorderConfig, Role, VehicleSource};
 use whirlstand_vehicle::{Effect, Kind, Stream, Vehicle};
 
@@ -25,18 +25,13 @@ pub(super) struct Draws<'a> {
     /// Where the vehicle's file was read, for what it names beside itself.
     origin: &'a str,
     extended: &'a Vehicle,
-    diagnosis: &'a Diagnosis,
+    causes: &'a [Cause],
 }
 
 impl<'a> Draws<'a> {
-    /// Of `extended`, flown as `config` says: its start, setpoints, stick and disturbances. Other effects of the launch file
-    /// are what the record shows and the diagnosis finds.
-    pub fn new(
-        config: &NodeConfig,
-        origin: &'a str,
-        extended: &'a Vehicle,
-        diagnosis: &'a Diagnosis,
-    ) -> Self {
+    /// Of `extended`, within the intervals of `causes`, flown as `config` says: its start, setpoints, stick and disturbances.
+    /// Other effects of the launch file are what the record shows and the diagnosis finds.
+    pub fn new(config: &NodeConfig, origin: &'a str, extended: &'a Vehicle, causes: &'a [Cause]) -> Self {
         let mut config = config.clone();
         config.effects.retain(is_disturbance);
         config.mode = Mode::Lockstep;
@@ -46,14 +41,14 @@ impl<'a> Draws<'a> {
         config.bridge = None;
         config.realtime.clear();
         config.recorder = Some(RecorderConfig { most_runs: 1, ..RecorderConfig::default() });
-        Self { config, origin, extended, diagnosis }
+        Self { config, origin, extended, causes }
     }
 
     /// The vehicle of a draw, without disturbances; the first is what was found itself.
     pub fn vehicle(&self, number: u64) -> Vehicle {
         match number {
             0 => self.extended.clone(),
-            _ => drawn(self.extended, self.diagnosis, self.seed(number)),
+            _ => drawn(self.extended, self.causes, self.seed(number)),
         }
     }
 
@@ -82,9 +77,9 @@ impl<'a> Draws<'a> {
 
 /// Draws the parameters of the causes anew, each from a normal distribution over its interval. The causes' joint
 /// distribution is not part of a diagnosis, so they are drawn one by one, which spreads them further than they are.
-fn drawn(extended: &Vehicle, diagnosis: &Diagnosis, seed: u64) -> Vehicle {
+fn drawn(extended: &Vehicle, causes: &[Cause], seed: u64) -> Vehicle {
     let mut vehicle = extended.clone();
-    for cause in &diagnosis.causes {
+    for cause in causes {
         let mut stream = Stream::new(seed, &format!("tune/{}/{}", cause.effect, cause.place));
         let found = vehicle
             .effects

@@ -20,6 +20,9 @@ const RATES: f64 = 0.01;
 /// Share of the draws on which the new law must be the better one.
 const BETTER_SHARE: f64 = 0.5;
 
+/// What a figure without a value counts, in parts of its limit.
+const NEVER: f64 = 10.0;
+
 /// One flight, as it is judged.
 #[derive(Debug, Clone)]
 pub(super) struct Judged {
@@ -27,6 +30,9 @@ pub(super) struct Judged {
     pub lost: bool,
     /// An expectation of the launch file does not hold, or the vehicle was lost.
     pub violates: bool,
+    /// The greatest figure of a signal in parts of its limit, 1 for one that just holds; [`NEVER`] for one without a value,
+    /// such as a recovery without an end. Absent where nothing is expected of a signal.
+    pub of_limit: Option<f64>,
     /// See [`cost`]; infinite when the vehicle was lost.
     pub cost: f64,
     /// The figures, where it was not.
@@ -36,13 +42,38 @@ pub(super) struct Judged {
 impl Judged {
     /// A flight on which a state left the model.
     pub fn lost() -> Self {
-        Self { lost: true, violates: true, cost: f64::INFINITY, figures: None }
+        Self { lost: true, violates: true, of_limit: None, cost: f64::INFINITY, figures: None }
     }
 
     /// A flight that came to its end.
     pub fn flown(run: Run, flight: &Flight, plant: &SampledPlant, limits: &[Expectation]) -> Self {
-        let violates = check(limits, &run.figures.timing, Some(&run.figures)).iter().any(|c| !c.holds);
-        Self { lost: false, violates, cost: cost(flight, plant), figures: Some(run.figures) }
+        let checked = check(limits, &run.figures.timing, Some(&run.figures));
+        let shares = checked.iter().filter(|c| c.key.contains('.') && c.limit > 0.0);
+        let shares = shares.map(|c| c.found.map_or(NEVER, |found| (found / c.limit).min(NEVER)));
+        Self {
+            lost: false,
+            violates: checked.iter().any(|c| !c.holds),
+            of_limit: shares.max_by(f64::total_cmp),
+            cost: cost(flight, plant),
+            figures: Some(run.figures),
+        }
+    }
+}
+
+/// Keys of the figures that are told of a vehicle's signals.
+pub(super) fn told_keys(vehicle: &Vehicle) -> Vec<String> {
+    let outputs = vehicle.outputs.iter().flat_map(|o| OUTPUT_FIGURES.map(|f| format!("{}.{f}", o.name)));
+    let inputs = vehicle.inputs.iter().flat_map(|i| INPUT_FIGURES.map(|f| format!("{}.{f}", i.name)));
+    outputs.chain(inputs).collect()
+}
+
+impl Judged {
+    /// A figure of the flight, where it has a value.
+    pub fn value(&self, key: &str) -> Option<f64> {
+        match self.figures.as_ref()?.figure(key)? {
+            Figure::Value(value) => Some(value),
+            Figure::Never | Figure::NoEvent => None,
+        }
     }
 }
 
@@ -104,20 +135,13 @@ impl LawFigures {
         let share = |of: &dyn Fn(&Judged) -> bool| {
             Proportion::new(judged.iter().filter(|j| of(j)).count() as u64, judged.len() as u64)
         };
-        let outputs = vehicle.outputs.iter().flat_map(|o| OUTPUT_FIGURES.map(|f| format!("{}.{f}", o.name)));
-        let inputs = vehicle.inputs.iter().flat_map(|i| INPUT_FIGURES.map(|f| format!("{}.{f}", i.name)));
-        let keys: Vec<String> = outputs.chain(inputs).collect();
-        let value = |judged: &Judged, key: &str| match judged.figures.as_ref()?.figure(key)? {
-            Figure::Value(value) => Some(value),
-            Figure::Never | Figure::NoEvent => None,
-        };
         let spread =
-            |key: String| Some((key.clone(), Spread::of(judged.iter().filter_map(|j| value(j, &key)))?));
+            |key: String| Some((key.clone(), Spread::of(judged.iter().filter_map(|j| j.value(&key)))?));
         Self {
             probability_unstable: share(&|j| j.lost),
             probability_violated: share(&|j| j.violates),
             cost: Spread::of(judged.iter().map(|j| j.cost)),
-            figures: keys.into_iter().filter_map(spread).collect(),
+            figures: told_keys(vehicle).into_iter().filter_map(spread).collect(),
             units: units(vehicle),
         }
     }
@@ -200,7 +224,7 @@ mod tests {
     use super::*;
 
     fn flown(cost: f64) -> Judged {
-        Judged { lost: cost.is_infinite(), violates: cost.is_infinite(), cost, figures: None }
+        Judged { lost: cost.is_infinite(), violates: cost.is_infinite(), of_limit: None, cost, figures: None }
     }
 
     #[test]

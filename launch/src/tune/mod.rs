@@ -8,8 +8,10 @@ mod circle;
 mod draws;
 mod judge;
 mod pilot;
+mod retune;
 mod text;
 mod trials;
+mod truth;
 mod tuned;
 
 pub(crate) use circle::tune;
