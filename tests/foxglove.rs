@@ -112,7 +112,8 @@ fn clients_that_never_read_change_nothing_in_the_log() -> Outcome {
 
 /// What a plot of a layout asks for: topic, field, and the element of that.
 fn asked_for(layout: &str, field: char) -> Vec<Vec<String>> {
-    let quoted = layout.split('"').filter(|text| text.starts_with('/') && text.contains(field));
+    let quoted =
+        layout.split('"').filter(|text| text.starts_with('/') && !text.contains('<') && text.contains(field));
     let path = |text: &str| {
         text[1..].split(".@").next().unwrap_or_default().split(field).map(String::from).collect()
     };
@@ -163,7 +164,7 @@ fn an_address_that_is_none_is_told() -> Outcome {
     refused(&["run", "--foxglove", "nowhere"], &["nowhere", "is no address"]);
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    refused(&["run", "--foxglove", &port], &["cannot be served", &port]);
+    refused(&["run", "--foxglove", &port], &["nothing can be served on", &port]);
     Ok(())
 }
 
