@@ -41,7 +41,7 @@ pub struct Conditions {
     pub link: bool,
     /// Age of the attitude; `None` before the first.
     pub data_age: Option<Duration>,
-    /// Mean time between two attitudes; `None` before some have come.
+    /// Typical time between two attitudes; `None` before some have come.
     pub data_interval: Option<Duration>,
     /// Whether the vehicle's own failsafe is inactive.
     pub vehicle_well: bool,

@@ -202,11 +202,14 @@ impl Telemetry {
         self.held[group as usize].at.map(|at| now.saturating_sub(at))
     }
 
-    /// Mean time between the last attitudes; `None` before some have come.
+    /// Typical time between the last attitudes, their median, so that one pause is none; `None` before some have come.
     pub fn interval(&self) -> Option<Duration> {
-        let between = self.arrivals.len().checked_sub(1).filter(|n| *n >= LEAST_INTERVALS)?;
-        let (first, last) = (self.arrivals.front()?, self.arrivals.back()?);
-        Some(last.saturating_sub(*first) / between as u32)
+        let mut between = [Duration::ZERO; ARRIVALS];
+        let pairs = self.arrivals.iter().zip(self.arrivals.iter().skip(1));
+        let count = between.iter_mut().zip(pairs).map(|(slot, (a, b))| *slot = b.saturating_sub(*a)).count();
+        let between = between.get_mut(..count).filter(|_| count >= LEAST_INTERVALS)?;
+        between.sort_unstable();
+        between.get(count / 2).copied()
     }
 
     /// The newest values of a group, with trims, in the units of [`Group`].
@@ -266,6 +269,23 @@ mod tests {
         assert_eq!(take(f64::NAN, 30_000_000), Err(Refused::NotFinite));
         assert_eq!(t.refusals(), Refusals { not_finite: 1, old: 2, restarts: 0 });
         assert_eq!(t.values(Group::Attitude), Some([0.1; 3]));
+    }
+
+    #[test]
+    fn a_pause_makes_no_rare_attitude_and_a_rare_one_is_told() {
+        let mut t = Telemetry::new(&BTreeMap::new()).unwrap();
+        let mut at = 0;
+        let mut come = |every: u64, times: u32| {
+            for _ in 0..times {
+                at += every;
+                t.take(Group::Attitude, [0.1; 3], None, ms(at)).unwrap();
+            }
+            t.interval()
+        };
+        assert_eq!(come(10, 3), None);
+        assert_eq!(come(10, 9), Some(ms(10)));
+        assert_eq!(come(3000, 1), Some(ms(10)), "a link that was down for a while");
+        assert_eq!(come(250, 8), Some(ms(250)));
     }
 
     #[test]
