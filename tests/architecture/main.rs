@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use source_graph::SourceGraph;
 
 /// Each room, and the rooms that it may depend on besides for its tests. `launch` ties all of them together.
-const ROOMS: [(&str, &[&str]); 17] = [
+const ROOMS: [(&str, &[&str]); 18] = [
     ("msgs", &[]),
     ("bus", &["msgs"]),
     ("linalg", &[]),
@@ -21,8 +21,9 @@ const ROOMS: [(&str, &[&str]); 17] = [
     ("campaign", &[]),
     ("report", &["campaign", "control", "diagnose", "evaluate", "ident", "logs", "msgs"]),
     ("live", &["bus", "logs", "msgs", "report", "vehicle"]),
+    ("mirror", &["control", "vehicle"]),
     ("bridge", &["msgs", "vehicle"]),
-    ("nodes", &["bridge", "bus", "control", "diagnose", "logs", "msgs", "vehicle"]),
+    ("nodes", &["bridge", "bus", "control", "diagnose", "logs", "mirror", "msgs", "vehicle"]),
     ("fmu", &["msgs", "vehicle"]),
     (
         "launch",

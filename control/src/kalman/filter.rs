@@ -100,6 +100,12 @@ impl KalmanFilter {
         self.dof
     }
 
+    /// Innovations of the last step, whitened: independent and of variance one when the model is right. Entry i is that of
+    /// measurement i given those before it; zero where it was left out.
+    pub fn whitened(&self) -> &[f64] {
+        &self.independent.as_flattened()[..self.outputs]
+    }
+
     /// Whether the gains have settled for good.
     pub fn settled(&self) -> bool {
         self.schedule.settled()

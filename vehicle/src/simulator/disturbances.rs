@@ -139,6 +139,11 @@ impl Disturbances {
         }
     }
 
+    /// Begins at a later step than 0.
+    pub fn begin_at(&mut self, step: u64) {
+        self.refresh(step);
+    }
+
     /// Sets what is added from outside, from now on.
     pub fn set_external(&mut self, step: u64, external: &[f64]) {
         self.external.copy_from_slice(external);

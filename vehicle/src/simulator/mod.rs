@@ -233,6 +233,12 @@ impl Simulator {
         self.sensors.fill_past(&self.z, &self.drive);
     }
 
+    /// Begins at a later step than 0: what goes by time is where it would be by then. To be called before the first step.
+    pub fn begin_at(&mut self, step: u64) {
+        self.step = step;
+        self.disturbances.begin_at(step);
+    }
+
     /// Moves the state by `change`, as an observer corrects it; filters and sensors keep their own.
     ///
     /// # Panics

@@ -1,0 +1,114 @@
+//! What the last steps were, so that they can be replayed under another model.
+
+use crate::predictor::{Predictor, Sample};
+
+/// A ring of steps without a gap between them.
+#[derive(Debug, Clone)]
+pub struct Capture {
+    rows: Vec<f64>,
+    fresh: Vec<u64>,
+    capacity: usize,
+    widths: [usize; 5],
+    /// First step kept, and the one after the last.
+    first: u64,
+    next: u64,
+    /// Steps from here on are not overwritten.
+    held: Option<u64>,
+}
+
+impl Capture {
+    /// Room for `capacity` steps of `outputs`, `inputs`, `states` and `errors`.
+    pub fn new(capacity: usize, outputs: usize, inputs: usize, states: usize, errors: usize) -> Self {
+        let widths = [outputs, inputs, states, errors, outputs];
+        Self {
+            rows: vec![0.0; capacity * widths.iter().sum::<usize>()],
+            fresh: vec![0; capacity],
+            capacity,
+            widths,
+            first: 0,
+            next: 0,
+            held: None,
+        }
+    }
+
+    /// Forgets all; the next step is `step`.
+    pub fn restart(&mut self, step: u64) {
+        (self.first, self.next, self.held) = (step, step, None);
+    }
+
+    /// Keeps what there is from `step` on, for as long as there is room behind it.
+    pub fn hold(&mut self, step: u64) {
+        self.held = Some(step.max(self.first));
+    }
+
+    /// Whether all room is taken by what is held.
+    pub fn is_full(&self) -> bool {
+        self.held.is_some_and(|from| self.next - from >= self.capacity as u64)
+    }
+
+    /// Keeps a step and what was expected before it; false when there is no room.
+    pub fn push(&mut self, sample: &Sample<'_>, before: &Predictor) -> bool {
+        if self.is_full() || sample.step != self.next {
+            return false;
+        }
+        let slot = (self.next % self.capacity as u64) as usize;
+        let parts = [sample.y, sample.u, before.state(), before.errors()];
+        let width: usize = self.widths.iter().sum();
+        let mut row = &mut self.rows[slot * width..(slot + 1) * width];
+        for part in parts {
+            let (to, rest) = row.split_at_mut(part.len());
+            to.copy_from_slice(part);
+            row = rest;
+        }
+        self.fresh[slot] = sample.fresh;
+        self.next += 1;
+        self.first = self.first.max(self.next.saturating_sub(self.capacity as u64));
+        true
+    }
+
+    /// Adds to the last step what its measurement had that was not expected.
+    pub fn complete(&mut self, whitened: &[f64]) {
+        let slot = ((self.next - 1) % self.capacity as u64) as usize;
+        let width: usize = self.widths.iter().sum();
+        let end = (slot + 1) * width;
+        self.rows[end - whitened.len()..end].copy_from_slice(whitened);
+    }
+
+    fn part(&self, step: u64, part: usize) -> &[f64] {
+        let slot = (step % self.capacity as u64) as usize;
+        let width: usize = self.widths.iter().sum();
+        let from = slot * width + self.widths[..part].iter().sum::<usize>();
+        &self.rows[from..from + self.widths[part]]
+    }
+
+    /// The measurement and the inputs of a step that is kept.
+    pub fn sample(&self, step: u64) -> Sample<'_> {
+        let fresh = self.fresh[(step % self.capacity as u64) as usize];
+        Sample { step, y: self.part(step, 0), u: self.part(step, 1), fresh }
+    }
+
+    /// The states that were expected at a step.
+    pub fn state(&self, step: u64) -> &[f64] {
+        self.part(step, 2)
+    }
+
+    /// The other errors that were expected at a step.
+    pub fn errors(&self, step: u64) -> &[f64] {
+        self.part(step, 3)
+    }
+
+    /// What was not expected at a step.
+    pub fn whitened(&self, step: u64) -> &[f64] {
+        self.part(step, 4)
+    }
+
+    /// First step kept.
+    pub fn first(&self) -> u64 {
+        self.first
+    }
+
+    /// The step after the last.
+    pub fn next(&self) -> u64 {
+        self.next
+    }
+}

@@ -1,0 +1,220 @@
+//! Changes that no simulation shows: more noise, a tone, a value that repeats. Their likelihood follows from the innovations.
+
+use whirlstand_vehicle::{Effect, Kind};
+
+use crate::bank::Bank;
+use crate::capture::Capture;
+use crate::finding::Value;
+use crate::known::Knowledge;
+
+/// Most samples that a tone is looked for in, the last ones.
+const TONE_SAMPLES: usize = 1024;
+
+/// A cause with its size and what it explains.
+#[derive(Debug, Clone)]
+pub struct Excess {
+    pub effect: Effect,
+    pub values: Vec<Value>,
+    /// Log-likelihood ratio against no change.
+    pub evidence: f64,
+    /// Number of its parameters.
+    pub parameters: usize,
+    /// Number of its samples.
+    pub samples: u64,
+}
+
+fn value(name: &'static str, value: f64, spread: f64) -> Value {
+    Value { name, value, low: value - 1.96 * spread, high: value + 1.96 * spread }
+}
+
+/// All such changes of all outputs between two steps.
+pub fn all(known: &Knowledge, capture: &Capture, from: u64, to: u64) -> Vec<Excess> {
+    let mut found = Vec::new();
+    let mut series = Vec::new();
+    for (output, declared) in known.vehicle.outputs.iter().enumerate() {
+        series.clear();
+        let fresh = (from..to).filter(|k| capture.sample(*k).fresh >> output & 1 == 1);
+        series.extend(fresh.map(|k| (k, capture.whitened(k)[output])));
+        if series.len() < 8 {
+            continue;
+        }
+        let sigma = known.noise[output];
+        found.extend(noise(&declared.name, &series, sigma));
+        found.extend(tone(&declared.name, &series, sigma, known.period_s));
+        found.extend(repeats(known, capture, output, &series));
+    }
+    found
+}
+
+/// Whether nothing is left that the bank would alarm for once this is taken out of the innovations.
+pub fn explains(
+    known: &Knowledge,
+    capture: &Capture,
+    excess: &Excess,
+    from: u64,
+    to: u64,
+    mut bank: Bank,
+) -> bool {
+    let effect = &excess.effect;
+    let Some(output) = known.vehicle.output_index(effect.place()) else { return false };
+    let get = |name: &str| effect.parameter(name).unwrap_or(0.0);
+    let sigma = known.noise[output];
+    let scale = 1.0 / (1.0 + (get("std") / sigma).powi(2)).sqrt();
+    let turn = std::f64::consts::TAU * get("frequency_hz") * known.period_s;
+    let repeats = effect.kind() == Kind::Dropouts;
+    // A tone is known where it was fitted.
+    let from = if effect.kind() == Kind::Vibration {
+        from.max(to.saturating_sub(TONE_SAMPLES as u64))
+    } else {
+        from
+    };
+    bank.restart(from);
+    let mut rest = vec![0.0; known.noise.len()];
+    let mut values = rest.clone();
+    (from..to).all(|step| {
+        let sample = capture.sample(step);
+        rest.copy_from_slice(capture.whitened(step));
+        values.copy_from_slice(sample.y);
+        rest[output] = match effect.kind() {
+            Kind::Noise => scale * rest[output],
+            Kind::Vibration => {
+                rest[output] - get("amplitude") / sigma * (turn * step as f64 + get("phase_rad")).sin()
+            }
+            _ => 0.0,
+        };
+        // What the predictor made of values that repeat is in the other outputs as well.
+        let fresh = if repeats { 0 } else { sample.fresh };
+        bank.step(step, &rest, &values, fresh).is_none()
+    })
+}
+
+/// Noise beside what is declared: the variance has grown.
+fn noise(place: &str, series: &[(u64, f64)], sigma: f64) -> Option<Excess> {
+    let count = series.len() as f64;
+    let variance = series.iter().map(|(_, e)| e * e).sum::<f64>() / count;
+    if variance <= 1.0 {
+        return None;
+    }
+    let std = sigma * (variance - 1.0).sqrt();
+    // The variance is known to a share of sqrt(2 / n) of itself.
+    let spread = sigma * variance * (2.0 / count).sqrt() / (2.0 * (variance - 1.0).sqrt());
+    Some(Excess {
+        effect: Effect::new(Kind::Noise, place, &[("std", std)]).ok()?,
+        values: vec![value("std", std, spread)],
+        evidence: 0.5 * count * (variance - 1.0 - variance.ln()),
+        parameters: 1,
+        samples: series.len() as u64,
+    })
+}
+
+/// A tone: the highest line of the periodogram.
+fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option<Excess> {
+    let last = &series[series.len().saturating_sub(TONE_SAMPLES)..];
+    let count = last.len();
+    let (mut best, mut at) = (0.0, (0.0, 0.0, 0.0));
+    let power = |w: f64| {
+        let (step_sine, step_cosine) = w.sin_cos();
+        let (mut sine, mut cosine) = (0.0, 1.0);
+        let (mut a, mut b) = (0.0, 0.0);
+        for (_, e) in last {
+            a += e * sine;
+            b += e * cosine;
+            (sine, cosine) =
+                (sine * step_cosine + cosine * step_sine, cosine * step_cosine - sine * step_sine);
+        }
+        (a, b)
+    };
+    let spacing = (last[count - 1].0 - last[0].0) as f64 / (count - 1) as f64;
+    // Half a line apart; below three periods in the window a tone is a drift.
+    for k in 6..count {
+        let w = std::f64::consts::PI * k as f64 / count as f64;
+        let (a, b) = power(w);
+        if a * a + b * b > best {
+            (best, at) = (a * a + b * b, (w, a, b));
+        }
+    }
+    // Between the lines: the power is a parabola near its top.
+    let (mut w, mut width) = (at.0, std::f64::consts::FRAC_PI_4 / count as f64);
+    for _ in 0..12 {
+        for candidate in [w - width, w + width] {
+            let (a, b) = power(candidate);
+            if a * a + b * b > best {
+                (best, at, w) = (a * a + b * b, (candidate, a, b), candidate);
+            }
+        }
+        width *= 0.5;
+    }
+    let n = count as f64;
+    let amplitude = 2.0 * best.sqrt() / n;
+    let frequency_hz = at.0 / (std::f64::consts::TAU * period_s * spacing);
+    // sum (a sin + b cos): the phase at the first sample, carried back to the start of the flight.
+    let there = at.2.atan2(at.1);
+    let phase = there - std::f64::consts::TAU * frequency_hz * period_s * last[0].0 as f64;
+    let phase = phase.rem_euclid(std::f64::consts::TAU);
+    let parameters = [("frequency_hz", frequency_hz), ("amplitude", sigma * amplitude), ("phase_rad", phase)];
+    // Bounds of Cramer and Rao for a tone in white noise (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974).
+    let ratio = 0.5 * amplitude * amplitude;
+    let frequency = (6.0 / (ratio * n * n * n)).sqrt() / (std::f64::consts::TAU * period_s * spacing);
+    Some(Excess {
+        effect: Effect::new(Kind::Vibration, place, &parameters).ok()?,
+        values: vec![
+            value("frequency_hz", frequency_hz, frequency),
+            value("amplitude", sigma * amplitude, sigma * (2.0 / n).sqrt()),
+        ],
+        evidence: best / n,
+        parameters: 3,
+        samples: count as u64,
+    })
+}
+
+/// Values that repeat the one before.
+fn repeats(known: &Knowledge, capture: &Capture, output: usize, series: &[(u64, f64)]) -> Option<Excess> {
+    let y = |k: u64| capture.sample(k).y[output];
+    let pairs = series.windows(2).filter(|w| w[1].0 == w[0].0 + 1 || known.vehicle.outputs[output].every > 1);
+    let (mut count, mut same) = (0.0, 0.0);
+    for w in pairs {
+        count += 1.0;
+        same += f64::from(u8::from(y(w[0].0) == y(w[1].0)));
+    }
+    let anyway = anyway(known)[output];
+    let share: f64 = same / count;
+    if same < 2.0 || share <= anyway {
+        return None;
+    }
+    let (p, q) = (anyway.max(1e-6), share);
+    let rest = if q < 1.0 { (1.0 - q) * ((1.0 - q) / (1.0 - p)).ln() } else { 0.0 };
+    // Where a value repeats the one before nothing is left to be predicted: the innovations that it has beside are its own.
+    let wrong = 0.5 * series.iter().map(|(_, e)| e * e - 1.0).sum::<f64>();
+    let spread = (q * (1.0 - q) / count).sqrt();
+    Some(Excess {
+        effect: Effect::new(Kind::Dropouts, &known.vehicle.outputs[output].name, &[("fraction", share)])
+            .ok()?,
+        values: vec![Value {
+            name: "fraction",
+            value: share,
+            low: (q - 1.96 * spread).max(0.0),
+            high: (q + 1.96 * spread).min(1.0),
+        }],
+        evidence: count * (q * (q / p).ln() + rest) + share * wrong.max(0.0),
+        parameters: 1,
+        samples: series.len() as u64,
+    })
+}
+
+/// The probability with which a value of each output repeats the one before when nothing is wrong: two rounded values whose
+/// noise differs fall on the same step with q / (2 sigma sqrt(pi)). A sensor without noise may stand still at any time.
+pub fn anyway(known: &Knowledge) -> Vec<f64> {
+    let vehicle = &known.vehicle;
+    let of = |o: &whirlstand_vehicle::Output| {
+        let at = |kind: Kind| vehicle.effects.iter().filter(move |e| e.kind() == kind && e.place() == o.name);
+        let steps = at(Kind::Quantization).filter_map(|e| e.parameter("step"));
+        let step = steps.fold(o.quantization, f64::max);
+        let dropped: f64 = at(Kind::Dropouts).filter_map(|e| e.parameter("fraction")).sum();
+        let limited = at(Kind::OutputSaturation).next().is_some();
+        if o.noise <= 0.0 || limited {
+            return 1.0;
+        }
+        (step / (2.0 * o.noise * std::f64::consts::PI.sqrt()) + dropped).min(1.0)
+    };
+    vehicle.outputs.iter().map(of).collect()
+}

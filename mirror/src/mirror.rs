@@ -1,0 +1,293 @@
+//! The mirror: predicts, tests, and asks why.
+
+use whirlstand_vehicle::{Effect, Engine, Vehicle};
+
+use crate::bank::Bank;
+use crate::capture::Capture;
+use crate::error::MirrorError;
+use crate::excess;
+use crate::finding::{Cause, Finding, Stage};
+use crate::known::Knowledge;
+use crate::predictor::{Predictor, Sample};
+use crate::replay::predictor;
+use crate::search::Search;
+use crate::verdict::Answer;
+
+/// Mean time between false alarms, s: a hundred hours, so that ten hours of clean flight have none nine times out of ten.
+const BETWEEN_FALSE_ALARMS_S: f64 = 360_000.0;
+
+/// What is kept before and after a change, s.
+const KEPT_S: f64 = 10.0;
+const LOOKED_AT_S: f64 = 20.0;
+
+/// Most steps that are kept, so that memory is bounded at any rate.
+const MOST_KEPT: usize = 60_000;
+
+/// Time from the first measurement on over which the filter finds its states and nothing is tested, in time constants of the
+/// fastest pole.
+const SETTLING: f64 = 3.0;
+
+/// Data that a search is begun with, s, and by which share it grows until the next.
+const FIRST_LOOK_S: f64 = 0.5;
+const GROWTH: f64 = 0.3;
+
+/// A change is over when no test has alarmed for so many times as long as the first took, and so many seconds more.
+const SILENCE: (f64, f64) = (3.0, 3.0);
+
+/// Options of a mirror.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// State of the engine at the start.
+    pub engine: Engine,
+    /// Whether declared vibrations have the phases of the file, as in a simulation.
+    pub phases: bool,
+    /// Predictions that may be made in a step to find a cause.
+    pub budget: usize,
+}
+
+impl Options {
+    /// For a loop of this period: an eighth of a core, where a prediction takes about 0.35 us.
+    pub fn new(engine: Engine, phases: bool, period_s: f64) -> Self {
+        Self { engine, phases, budget: (0.125 * period_s / 0.35e-6) as usize + 1 }
+    }
+}
+
+/// A change that was seen.
+struct Open {
+    number: u64,
+    output: usize,
+    /// What the alarm said, and when.
+    since: u64,
+    alarmed: u64,
+    last_alarm: u64,
+    search: Option<Search>,
+    next_look: u64,
+    said: Option<Cause>,
+}
+
+/// Watches a vehicle step by step.
+pub struct Mirror {
+    known: Knowledge,
+    predictor: Predictor,
+    new: Predictor,
+    bank: Bank,
+    capture: Capture,
+    budget: usize,
+    /// Steps between false alarms.
+    run_length: f64,
+    /// First step that is tested.
+    settled: Option<u64>,
+    next: u64,
+    open: Option<Open>,
+    changes: u64,
+}
+
+impl Mirror {
+    /// A mirror of `vehicle`, which has all that is declared of the flight among its effects.
+    ///
+    /// # Errors
+    /// [`MirrorError`] for a vehicle whose states its measurements do not show.
+    pub fn new(vehicle: &Vehicle, period_s: f64, options: &Options) -> Result<Self, MirrorError> {
+        let known = Knowledge::new(vehicle, period_s, options.engine, options.phases)?;
+        let predictor = Predictor::new(&known)?;
+        let run_length = BETWEEN_FALSE_ALARMS_S / period_s;
+        let capacity = (((KEPT_S + LOOKED_AT_S) / period_s) as usize).clamp(64, MOST_KEPT);
+        let (p, m, n) = (known.noise.len(), vehicle.inputs.len(), known.scales.len());
+        Ok(Self {
+            bank: Bank::new(&excess::anyway(&known), run_length),
+            capture: Capture::new(capacity, p, m, n, predictor.errors().len()),
+            new: predictor.clone(),
+            predictor,
+            budget: options.budget,
+            run_length,
+            settled: None,
+            next: 0,
+            open: None,
+            changes: 0,
+            known,
+        })
+    }
+
+    /// The vehicle that it holds the flight against.
+    pub fn vehicle(&self) -> &Vehicle {
+        &self.known.vehicle
+    }
+
+    /// Whitened innovations of the last step.
+    pub fn whitened(&self) -> &[f64] {
+        self.predictor.whitened()
+    }
+
+    /// Begins anew: the vehicle was started again, or what acted on it is not known for a time.
+    pub fn restart(&mut self) {
+        self.predictor = self.new.clone();
+        self.settled = None;
+    }
+
+    /// The engine was switched, so that declared vibrations are others.
+    pub fn set_engine(&mut self, engine: Engine) {
+        self.known.engine = engine;
+        if self.known.phases {
+            self.predictor.simulator().set_engine(engine);
+            self.new.simulator().set_engine(engine);
+        }
+    }
+
+    /// Takes a step; what there is to say of it, if anything. Steps follow one another; after a gap it begins anew.
+    pub fn observe(&mut self, sample: &Sample<'_>) -> Option<Finding> {
+        let begins = self.settled.is_none() || sample.step != self.next;
+        if begins {
+            self.begin(sample.step);
+        }
+        self.next = sample.step + 1;
+        let kept = self.capture.push(sample, &self.predictor);
+        self.predictor.step(sample);
+        if kept {
+            self.capture.complete(self.predictor.whitened());
+        }
+        if self.settled.is_none_or(|from| sample.step < from) {
+            return None;
+        }
+        let whitened = self.predictor.whitened();
+        if let Some(alarm) = self.bank.step(sample.step, whitened, sample.y, sample.fresh) {
+            self.bank.restart(sample.step + 1);
+            match &mut self.open {
+                Some(open) => open.last_alarm = sample.step,
+                None => return Some(self.alarmed(sample.step, alarm.since, alarm.output)),
+            }
+        }
+        self.pursue(sample.step)
+    }
+
+    /// What an effect that began at a step would explain until each step since then: its log-likelihood ratio. `None` when
+    /// the vehicle cannot have it, or that step is not kept any more.
+    pub fn evidence_of(&self, effect: &Effect, since: u64) -> Option<Vec<f64>> {
+        let kept = self.capture.first()..self.capture.next();
+        let mut other = predictor(
+            &self.known,
+            &self.predictor,
+            &self.capture,
+            kept.contains(&since).then_some(effect)?,
+            since,
+        )?;
+        let squares = |e: &[f64]| e.iter().map(|v| v * v).sum::<f64>();
+        let mut sum = 0.0;
+        let after = (since..self.capture.next()).map(|step| {
+            other.step(&self.capture.sample(step));
+            sum += 0.5 * (squares(self.capture.whitened(step)) - squares(other.whitened()));
+            sum
+        });
+        Some(after.collect())
+    }
+
+    fn begin(&mut self, step: u64) {
+        if self.settled.is_some() {
+            self.predictor = self.new.clone();
+        }
+        self.predictor.simulator().begin_at(step);
+        let settling = (SETTLING * self.known.fastest_s / self.known.period_s) as u64;
+        self.settled = Some(step + settling.max(16));
+        self.bank.restart(step);
+        self.capture.restart(step);
+        if let Some(open) = &mut self.open {
+            // What was captured is gone; whether the change still holds will be seen.
+            open.search = None;
+            (open.alarmed, open.since, open.last_alarm) = (step, step, step);
+            open.next_look = step + (FIRST_LOOK_S / self.known.period_s) as u64;
+        }
+    }
+
+    fn steps(&self, seconds: f64) -> u64 {
+        (seconds / self.known.period_s) as u64
+    }
+
+    fn alarmed(&mut self, step: u64, since: u64, output: usize) -> Finding {
+        self.changes += 1;
+        let since = since.max(self.capture.first() + 1).min(step);
+        self.capture.hold(since.saturating_sub(self.steps(KEPT_S)));
+        self.open = Some(Open {
+            number: self.changes,
+            output,
+            since,
+            alarmed: step,
+            last_alarm: step,
+            search: None,
+            next_look: step.max(since + self.steps(FIRST_LOOK_S)),
+            said: None,
+        });
+        Finding { number: self.changes, stage: Stage::Wrong, step, since, output, evidence: 0.0, cause: None }
+    }
+
+    /// Looks for the cause of what changed, and whether it is over.
+    fn pursue(&mut self, step: u64) -> Option<Finding> {
+        let open = self.open.as_mut()?;
+        let took = open.alarmed - open.since;
+        let silence = (SILENCE.0 * took as f64) as u64 + (SILENCE.1 / self.known.period_s) as u64;
+        if step > open.last_alarm + silence {
+            let (number, since, output) = (open.number, open.since, open.output);
+            self.open = None;
+            self.capture.restart(step + 1);
+            return Some(Finding {
+                number,
+                stage: Stage::Over,
+                step,
+                since,
+                output,
+                evidence: 0.0,
+                cause: None,
+            });
+        }
+        if open.search.is_none() || open.search.as_ref().is_some_and(|s| s.end() < open.next_look) {
+            let end = self.capture.next();
+            if end < open.next_look && !self.capture.is_full() || end <= open.since + 8 {
+                return None;
+            }
+            match &mut open.search {
+                Some(search) if end > search.end() => search.again(&self.known, &self.capture, end),
+                Some(_) => return None,
+                None => {
+                    open.search =
+                        Some(Search::new(&self.known, &self.capture, open.since, end, self.run_length));
+                }
+            }
+            open.next_look = end;
+        }
+        let search = open.search.as_mut()?;
+        let answer = search.work(&self.known, &self.predictor, &self.capture, self.budget)?;
+        let seen = search.end() - open.since;
+        open.next_look = step.max(search.end() + (GROWTH * seen as f64) as u64);
+        let finding = |stage, since, evidence, cause| Finding {
+            number: open.number,
+            stage,
+            step,
+            since,
+            output: open.output,
+            evidence,
+            cause,
+        };
+        match answer {
+            Answer::Cause(cause, since, evidence) => {
+                let stage = match &open.said {
+                    None => Stage::Named,
+                    Some(before) if is_same(before, &cause) => return None,
+                    Some(_) => Stage::Revised,
+                };
+                let finding = finding(stage, since, evidence, Some((*cause).clone()));
+                open.said = Some(*cause);
+                Some(finding)
+            }
+            Answer::Unexplained => {
+                open.said.take()?;
+                Some(finding(Stage::Withdrawn, open.since, 0.0, None))
+            }
+            Answer::Open => None,
+        }
+    }
+}
+
+/// Whether nothing that was said has to be said anew: the same effect at the same place, each value within the interval.
+fn is_same(before: &Cause, now: &Cause) -> bool {
+    before.effect.kind() == now.effect.kind()
+        && before.effect.place() == now.effect.place()
+        && before.values.iter().zip(&now.values).all(|(a, b)| (a.low..=a.high).contains(&b.value))
+}

@@ -1,0 +1,201 @@
+//! What was measured, predicted once more under another model.
+//!
+//! The replayed vehicle takes the states that were expected at the moment of the change: an effect that begins changes what
+//! moves, not where it stands. Before it, for as long as a delay or a lag may reach back, the replayed vehicle gets the
+//! inputs and keeps the states, so that its delays hold what they would.
+
+use nalgebra::{DMatrix, DVector};
+use whirlstand_vehicle::{Effect, Kind, Simulator, Vehicle, Window};
+
+use crate::bank::Bank;
+use crate::capture::Capture;
+use crate::known::Knowledge;
+use crate::predictor::Predictor;
+
+/// How far back a delay or lag reaches, s: the longest that is looked for.
+pub const REACH_S: f64 = 0.5;
+
+/// The effect, from a step on.
+pub fn from_step(effect: &Effect, step: u64, period_s: f64) -> Option<Effect> {
+    let at_s = step as f64 * period_s;
+    match effect.kind() {
+        Kind::StepDisturbance | Kind::PulseDisturbance => {
+            let mut moved = effect.clone();
+            moved.set_parameter("at_s", at_s).ok()?;
+            Some(moved)
+        }
+        Kind::ModeTransition => Effect::mode_transition(at_s, effect.text()?).ok(),
+        kind if kind.can_be_switched() => {
+            // The middle of a rounding error before the step, so that it acts at the step itself.
+            effect
+                .clone()
+                .during(Window { from_s: Some((at_s - 1e-9 * period_s).max(0.0)), until_s: None })
+                .ok()
+        }
+        _ => Some(effect.clone()),
+    }
+}
+
+/// A predictor that stands at step `since` and believes in `effect` from there on. `None` when the vehicle cannot have it.
+pub fn predictor(
+    known: &Knowledge,
+    like: &Predictor,
+    capture: &Capture,
+    effect: &Effect,
+    since: u64,
+) -> Option<Predictor> {
+    let mut vehicle: Vehicle = known.vehicle.clone();
+    vehicle.add_effect(from_step(effect, since, known.period_s)?).ok()?;
+    let begin = since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
+    let rest = capture.sample(begin);
+    let mut simulator = Simulator::expected_from(&vehicle, known.period_s, rest.u).ok()?;
+    simulator.begin_at(begin);
+    simulator.set_engine(if known.phases { known.engine } else { whirlstand_vehicle::Engine::Off });
+    simulator.set_state(capture.state(begin));
+    let mut change = vec![0.0; known.scales.len()];
+    for step in begin..=since {
+        for ((c, wanted), is) in change.iter_mut().zip(capture.state(step)).zip(simulator.state()) {
+            *c = wanted - is;
+        }
+        simulator.correct(&change);
+        if step < since {
+            simulator.step(capture.sample(step).u);
+        }
+    }
+    Some(like.around(simulator, capture.errors(since)))
+}
+
+/// By how much log-likelihood two beliefs, each an effect and its begin, can be told apart by what was measured until `end`.
+pub fn distance(
+    known: &Knowledge,
+    like: &Predictor,
+    capture: &Capture,
+    (first, from): &(Effect, u64),
+    (second, other_from): &(Effect, u64),
+    end: u64,
+) -> Option<f64> {
+    let mut a = predictor(known, like, capture, first, *from)?;
+    let mut b = predictor(known, like, capture, second, *other_from)?;
+    let mut sum = 0.0;
+    for step in *from.min(other_from)..end {
+        let sample = capture.sample(step);
+        // Before its begin each predicts as if nothing had changed.
+        let plain = capture.whitened(step);
+        for (p, since) in [(&mut a, *from), (&mut b, *other_from)] {
+            if step >= since {
+                p.step(&sample);
+            }
+        }
+        let of = |p: &Predictor, since: u64, i: usize| if step >= since { p.whitened()[i] } else { plain[i] };
+        sum += (0..plain.len()).map(|i| (of(&a, *from, i) - of(&b, *other_from, i)).powi(2)).sum::<f64>();
+    }
+    Some(0.5 * sum)
+}
+
+/// One look at an effect with certain parameters, and how the innovations change with each of them.
+pub struct Trial {
+    /// Where the parameters stand, and one further predictor with each of them moved.
+    predictors: Vec<Predictor>,
+    moves: Vec<f64>,
+    step: u64,
+    end: u64,
+    /// Sums over all innovations: without the effect, with it, and with it by its parameters.
+    base: f64,
+    with: f64,
+    slope: DVector<f64>,
+    curvature: DMatrix<f64>,
+    samples: u64,
+    /// Looks whether anything is left.
+    check: Option<Bank>,
+    /// Whether something is.
+    pub unexplained: bool,
+}
+
+impl Trial {
+    /// `predictors`: at the parameters, then with each of them moved by its entry of `moves`.
+    pub fn new(
+        predictors: Vec<Predictor>,
+        moves: Vec<f64>,
+        since: u64,
+        end: u64,
+        check: Option<Bank>,
+    ) -> Self {
+        let count = moves.len();
+        Self {
+            predictors,
+            moves,
+            step: since,
+            end,
+            base: 0.0,
+            with: 0.0,
+            slope: DVector::zeros(count),
+            curvature: DMatrix::zeros(count, count),
+            samples: 0,
+            check,
+            unexplained: false,
+        }
+    }
+
+    /// What a step of it costs, in predictions.
+    pub fn cost(&self) -> usize {
+        self.predictors.len()
+    }
+
+    /// Goes on by at most so many steps; whether it has come to its end.
+    pub fn go_on(&mut self, capture: &Capture, steps: usize) -> bool {
+        let until = self.end.min(self.step + steps as u64);
+        let mut slopes = [[0.0; 64]; 3];
+        while self.step < until {
+            let sample = capture.sample(self.step);
+            for predictor in &mut self.predictors {
+                predictor.step(&sample);
+            }
+            let (first, moved) = self.predictors.split_at(1);
+            let e = first[0].whitened();
+            self.base += capture.whitened(self.step).iter().map(|v| v * v).sum::<f64>();
+            self.with += e.iter().map(|v| v * v).sum::<f64>();
+            for (k, predictor) in moved.iter().enumerate() {
+                for ((s, a), b) in slopes[k].iter_mut().zip(predictor.whitened()).zip(e) {
+                    *s = (a - b) / self.moves[k];
+                }
+                self.slope[k] += slopes[k].iter().zip(e).map(|(s, e)| s * e).sum::<f64>();
+                for j in 0..=k {
+                    let product =
+                        slopes[k][..e.len()].iter().zip(&slopes[j]).map(|(a, b)| a * b).sum::<f64>();
+                    self.curvature[(k, j)] += product;
+                    self.curvature[(j, k)] = self.curvature[(k, j)];
+                }
+            }
+            self.samples += u64::from(sample.fresh.count_ones());
+            if let Some(bank) = &mut self.check {
+                self.unexplained |= bank.step(self.step, e, sample.y, sample.fresh).is_some();
+            }
+            self.step += 1;
+        }
+        self.step == self.end
+    }
+
+    /// Log-likelihood ratio against no change.
+    pub fn evidence(&self) -> f64 {
+        let evidence = 0.5 * (self.base - self.with);
+        if evidence.is_finite() { evidence } else { f64::NEG_INFINITY }
+    }
+
+    /// Measurements used.
+    pub fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    /// The step of Gauss and Newton from here, and what it is expected to add to the evidence.
+    pub fn newton(&self) -> Option<(DVector<f64>, f64)> {
+        let step = self.curvature.clone().cholesky()?.solve(&(-&self.slope));
+        let gain = -0.5 * self.slope.dot(&step);
+        step.iter().all(|v| v.is_finite()).then_some((step, gain))
+    }
+
+    /// Standard deviations of the parameters.
+    pub fn spread(&self) -> Option<Vec<f64>> {
+        let inverse = self.curvature.clone().cholesky()?.inverse();
+        Some((0..self.moves.len()).map(|i| inverse[(i, i)].sqrt()).collect())
+    }
+}

@@ -1,0 +1,303 @@
+//! Which effect it is: the generalised likelihood ratio over effects, sizes and begins, a little of it at every step.
+//!
+//! Every candidate is replayed from the most likely begin with the sizes it starts from, and moved by Gauss and Newton's steps;
+//! the likeliest also by their begin. What remains are log-likelihood ratios on the same data, each less half the logarithm of
+//! the number of data for every parameter (Schwarz 1978). As probabilities with equal weights before, the likeliest is named
+//! once everything else together has less than what may be wrong (Baum and Veeravalli 1994).
+
+use std::collections::VecDeque;
+
+use crate::bank::Bank;
+use crate::candidates::{Candidate, candidates};
+use crate::capture::Capture;
+use crate::excess;
+use crate::known::Knowledge;
+use crate::predictor::Predictor;
+use crate::replay::{REACH_S, Trial, predictor};
+use crate::verdict::{Answer, Fit, LIKELIEST, Standing, ranking};
+
+/// Candidates whose begin is searched as well: those that may still overtake the best by it, and how many at most.
+const NEAR: (f64, f64) = (15.0, 0.2);
+const MOST_NEAR: usize = 16;
+
+/// Steps of Gauss and Newton, halved ones among them.
+const STEPS: u8 = 5;
+
+/// Log-likelihood by which a candidate lies behind the best so that it is not looked at again in this change: more data
+/// would have to be e^30 times against what there is. A share as well, since what explains half as much as the best is not
+/// made its equal by another begin.
+const HOPELESS: (f64, f64) = (30.0, 0.5);
+
+/// Predictions that making a simulator costs, about.
+const BUILDING: usize = 300;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Purpose {
+    /// Any begin and size.
+    Look,
+    /// Another begin.
+    Shift,
+    /// The last word of this search.
+    Conclude,
+}
+
+struct Job {
+    candidate: usize,
+    values: Vec<f64>,
+    /// Where a step of Gauss and Newton came from.
+    from: Option<Vec<f64>>,
+    since: u64,
+    left: u8,
+    purpose: Purpose,
+}
+
+/// A search that goes on from step to step.
+pub struct Search {
+    candidates: Vec<Candidate>,
+    fits: Vec<Option<Fit>>,
+    hopeless: Vec<bool>,
+    jobs: VecDeque<Job>,
+    running: Option<(Job, Trial)>,
+    purpose: Purpose,
+    /// The shift of the begin that is tried, steps.
+    shift: u64,
+    since: u64,
+    end: u64,
+    steps: f64,
+    repeats: Vec<f64>,
+}
+
+impl Search {
+    /// A search for what changed at about `since`, with the data until `end`. `steps`: how many of them a bank that looks
+    /// for what is left takes on average to alarm for nothing.
+    pub fn new(known: &Knowledge, capture: &Capture, since: u64, end: u64, steps: f64) -> Self {
+        let from = since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
+        let candidates = candidates(known, capture, from, end);
+        let count = candidates.len();
+        let mut search = Self {
+            candidates,
+            fits: vec![None; count],
+            hopeless: vec![false; count],
+            jobs: VecDeque::new(),
+            running: None,
+            purpose: Purpose::Look,
+            shift: 0,
+            since,
+            end,
+            steps,
+            repeats: excess::anyway(known),
+        };
+        search.look();
+        search
+    }
+
+    /// The same search with the data until `end`.
+    pub fn again(&mut self, known: &Knowledge, capture: &Capture, end: u64) {
+        let from = self.since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
+        let fresh = candidates(known, capture, from, end);
+        // Sizes follow from what moved; what was found keeps its place when the list is the same.
+        let best = self.fits.iter().flatten().map(|f| f.score).fold(f64::NEG_INFINITY, f64::max);
+        let behind = |f: &Fit| f.settled && f.score < best - HOPELESS.0 && f.score < HOPELESS.1 * best;
+        let hopeless = |f: &Option<Fit>| f.as_ref().is_some_and(behind);
+        if fresh.len() == self.candidates.len() {
+            self.hopeless = self.fits.iter().map(hopeless).collect();
+            self.candidates = fresh;
+        } else {
+            (self.hopeless, self.fits) = (vec![false; fresh.len()], vec![None; fresh.len()]);
+            self.candidates = fresh;
+        }
+        self.end = end;
+        self.look();
+    }
+
+    /// The last step that it looks at, and one more.
+    pub fn end(&self) -> u64 {
+        self.end
+    }
+
+    fn look(&mut self) {
+        self.purpose = Purpose::Look;
+        let best = self.fits.iter().flatten().map(|f| f.score).fold(f64::NEG_INFINITY, f64::max);
+        for (index, candidate) in self.candidates.iter().enumerate() {
+            if self.hopeless[index] {
+                continue;
+            }
+            let mut job = |values: &[f64], since| {
+                self.jobs.push_back(Job {
+                    candidate: index,
+                    values: values.to_vec(),
+                    from: None,
+                    since,
+                    left: STEPS,
+                    purpose: Purpose::Look,
+                });
+            };
+            if let Some(fit) = &self.fits[index] {
+                job(&fit.values, fit.since);
+            }
+            // What lies behind may have come to rest at the wrong size.
+            let behind = |f: &Fit| f.evidence <= 0.0 || candidate.starts.len() > 1 && f.score < best - NEAR.0;
+            if self.fits[index].as_ref().is_none_or(behind) {
+                candidate.starts.iter().for_each(|s| job(s, self.since));
+            }
+            self.fits[index] = None;
+        }
+    }
+
+    /// Goes on by about so many predictions; the answer when it has come to its end.
+    pub fn work(
+        &mut self,
+        known: &Knowledge,
+        like: &Predictor,
+        capture: &Capture,
+        budget: usize,
+    ) -> Option<Answer> {
+        let mut left = budget;
+        while left > 0 {
+            if self.running.is_none() {
+                let Some(job) = self.jobs.pop_front() else {
+                    if let Some(answer) = self.next_round(known, like, capture) {
+                        return Some(answer);
+                    }
+                    continue;
+                };
+                left = left.saturating_sub(BUILDING * (job.values.len() + 1));
+                if let Some(trial) = self.trial(known, like, capture, &job) {
+                    self.running = Some((job, trial));
+                }
+                continue;
+            }
+            let Some((job, mut trial)) = self.running.take() else { break };
+            let steps = (left / trial.cost()).max(1);
+            let taken = steps.min(64);
+            if trial.go_on(capture, taken) {
+                self.conclude(job, &trial);
+            } else {
+                self.running = Some((job, trial));
+            }
+            left = left.saturating_sub(taken * (self.running.as_ref().map_or(1, |r| r.1.cost())));
+        }
+        None
+    }
+
+    fn trial(&self, known: &Knowledge, like: &Predictor, capture: &Capture, job: &Job) -> Option<Trial> {
+        let candidate = &self.candidates[job.candidate];
+        let at = |values: &[f64]| predictor(known, like, capture, &candidate.effect(values)?, job.since);
+        let mut all = vec![at(&job.values)?];
+        let mut moves = Vec::new();
+        for (k, open) in candidate.open.iter().enumerate() {
+            let mut values = job.values.clone();
+            // Inwards where the bound is near.
+            let small = if values[k] + open.small > open.upper { -open.small } else { open.small };
+            values[k] += small;
+            all.push(at(&values)?);
+            moves.push(small);
+        }
+        let check = (job.purpose == Purpose::Conclude).then(|| {
+            let mut bank = Bank::new(&self.repeats, self.steps);
+            bank.restart(job.since);
+            bank
+        });
+        Some(Trial::new(all, moves, job.since, self.end, check))
+    }
+
+    fn conclude(&mut self, job: Job, trial: &Trial) {
+        let candidate = &self.candidates[job.candidate];
+        let evidence = trial.evidence();
+        let score = evidence - 0.5 * job.values.len() as f64 * (trial.samples().max(2) as f64).ln();
+        let best = &mut self.fits[job.candidate];
+        if best.as_ref().is_none_or(|b| score > b.score) {
+            *best = Some(Fit {
+                values: job.values.clone(),
+                since: job.since,
+                score,
+                evidence,
+                spread: trial.spread(),
+                unexplained: trial.unexplained,
+                settled: false,
+            });
+        } else if let Some(from) = job.from.as_ref().filter(|_| job.left > 0) {
+            // Too far: half of the way.
+            let values = from.iter().zip(&job.values).map(|(a, b)| 0.5 * (a + b)).collect();
+            self.jobs.push_front(Job { values, left: job.left - 1, ..job });
+            return;
+        } else if job.purpose == Purpose::Conclude
+            && let Some(best) = best.as_mut().filter(|b| b.values == job.values && b.since == job.since)
+        {
+            best.unexplained = trial.unexplained;
+            best.spread = trial.spread();
+        }
+        let newton = trial.newton().filter(|(_, gain)| *gain >= 0.05);
+        if let Some(best) = best.as_mut().filter(|b| b.values == job.values) {
+            best.settled = newton.is_none();
+        }
+        if job.left == 0 {
+            return;
+        }
+        let Some((step, _)) = newton else { return };
+        let moved = |(v, (s, o)): (&f64, (&f64, &crate::candidates::Open))| (v + s).clamp(o.lower, o.upper);
+        let values: Vec<f64> = job.values.iter().zip(step.iter().zip(&candidate.open)).map(moved).collect();
+        if values != job.values {
+            self.jobs.push_front(Job { values, from: Some(job.values), left: job.left - 1, ..job });
+        }
+    }
+
+    fn next_round(&mut self, known: &Knowledge, like: &Predictor, capture: &Capture) -> Option<Answer> {
+        match self.purpose {
+            Purpose::Look => {
+                self.purpose = Purpose::Shift;
+                let doubt = (self.end - self.since).min((1.0 / known.period_s) as u64);
+                self.shift = (doubt / 2).next_power_of_two().max(1);
+            }
+            Purpose::Shift if self.shift > 1 => self.shift /= 2,
+            Purpose::Shift => {
+                self.purpose = Purpose::Conclude;
+                for index in ranking(&self.fits).into_iter().take(LIKELIEST) {
+                    let Some(fit) = &self.fits[index] else { continue };
+                    let (values, since) = (fit.values.clone(), fit.since);
+                    self.jobs.push_back(Job {
+                        candidate: index,
+                        values,
+                        from: None,
+                        since,
+                        left: 2,
+                        purpose: Purpose::Conclude,
+                    });
+                }
+                return None;
+            }
+            Purpose::Conclude => {
+                let standing = Standing {
+                    candidates: &self.candidates,
+                    fits: &self.fits,
+                    bank: Bank::new(&self.repeats, self.steps),
+                    since: self.since,
+                    end: self.end,
+                };
+                return Some(standing.answer(known, like, capture));
+            }
+        }
+        let ranking = ranking(&self.fits);
+        let score = |i: &usize| self.fits[*i].as_ref().map_or(f64::NEG_INFINITY, |f| f.score);
+        let best = ranking.first().map_or(0.0, score);
+        let near = |i: &usize| score(i) > best - NEAR.0.max(NEAR.1 * best);
+        for index in ranking.iter().copied().filter(near).take(MOST_NEAR) {
+            let Some(fit) = &self.fits[index] else { continue };
+            let last = self.end.saturating_sub(8);
+            for since in [fit.since.saturating_sub(self.shift), fit.since + self.shift] {
+                if since > capture.first() && since < last {
+                    let values = fit.values.clone();
+                    self.jobs.push_back(Job {
+                        candidate: index,
+                        values,
+                        from: None,
+                        since,
+                        left: 1,
+                        purpose: Purpose::Shift,
+                    });
+                }
+            }
+        }
+        None
+    }
+}

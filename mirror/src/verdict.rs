@@ -1,0 +1,156 @@
+//! What a search has found: from log-likelihood ratios to probabilities, to a name or none.
+
+use crate::bank::Bank;
+use crate::candidates::Candidate;
+use crate::capture::Capture;
+use crate::excess;
+use crate::finding::{Cause, Value};
+use crate::known::Knowledge;
+use crate::predictor::Predictor;
+use crate::replay::distance;
+
+/// Probability from which a cause is named: what else there is may be right once in fifty.
+pub const CERTAIN: f64 = 0.98;
+
+/// Candidates that are looked at last.
+pub const LIKELIEST: usize = 5;
+
+/// Share of what the best explains by which the predictions of another may differ from it and still be called the same.
+const SAME: f64 = 0.01;
+
+/// A candidate at its best.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    pub values: Vec<f64>,
+    pub since: u64,
+    /// Less what its parameters cost.
+    pub score: f64,
+    pub evidence: f64,
+    pub spread: Option<Vec<f64>>,
+    pub unexplained: bool,
+    /// No size near it is better.
+    pub settled: bool,
+}
+
+/// What a search ends with.
+#[derive(Debug, Clone)]
+pub enum Answer {
+    /// This is the cause.
+    Cause(Box<Cause>, u64, f64),
+    /// Not enough is known yet.
+    Open,
+    /// Nothing that was tried explains it.
+    Unexplained,
+}
+
+/// Indices of the candidates, the likeliest first.
+pub fn ranking(fits: &[Option<Fit>]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..fits.len()).filter(|i| fits[*i].is_some()).collect();
+    let score = |i: &usize| fits[*i].as_ref().map_or(f64::NEG_INFINITY, |f| f.score);
+    order.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    order
+}
+
+/// All candidates after a search over the steps from `since` to `end`.
+pub struct Standing<'a> {
+    pub candidates: &'a [Candidate],
+    pub fits: &'a [Option<Fit>],
+    /// Looks for what is left.
+    pub bank: Bank,
+    pub since: u64,
+    pub end: u64,
+}
+
+impl Standing<'_> {
+    /// What they bear out.
+    pub fn answer(&self, known: &Knowledge, like: &Predictor, capture: &Capture) -> Answer {
+        let order = ranking(self.fits);
+        let others = excess::all(known, capture, self.since, self.end);
+        let scored = |e: &excess::Excess| e.evidence - 0.5 * e.parameters as f64 * (e.samples as f64).ln();
+        let loud = others.iter().max_by(|a, b| scored(a).total_cmp(&scored(b)));
+        let top = order.first().and_then(|i| self.fits[*i].as_ref().map(|f| f.score));
+        let best = top.into_iter().chain(loud.map(scored)).fold(f64::NEG_INFINITY, f64::max);
+        let weight = |score: f64| (score - best).exp();
+        let total: f64 = self.fits.iter().flatten().map(|f| weight(f.score)).sum::<f64>()
+            + others.iter().map(|e| weight(scored(e))).sum::<f64>();
+        if let Some(loud) = loud.filter(|l| top.is_none_or(|top| scored(l) > top)) {
+            let probability = weight(scored(loud)) / total;
+            let cause = Cause {
+                effect: loud.effect.clone(),
+                values: loud.values.clone(),
+                probability,
+                indistinguishable: Vec::new(),
+            };
+            if probability < CERTAIN || scored(loud) <= 0.0 {
+                return Answer::Open;
+            }
+            let bank = self.bank.clone();
+            return match excess::explains(known, capture, loud, self.since, self.end, bank) {
+                true => Answer::Cause(Box::new(cause), self.since, loud.evidence),
+                false => Answer::Unexplained,
+            };
+        }
+        let Some(&first) = order.first() else { return Answer::Unexplained };
+        let Some(fit) = &self.fits[first] else { return Answer::Unexplained };
+        let same = self.indistinguishable(known, like, capture, first, &order);
+        let is_one = |i: &usize| same.contains(i) || self.candidates[*i].is_same(&self.candidates[first]);
+        let one = order.iter().filter(|i| is_one(i));
+        let share: f64 = one.filter_map(|i| self.fits[*i].as_ref()).map(|f| weight(f.score)).sum();
+        let probability = share / total;
+        if probability < CERTAIN || fit.score <= 0.0 {
+            return Answer::Open;
+        }
+        if fit.unexplained {
+            return Answer::Unexplained;
+        }
+        match self.cause(first, fit, &same, probability) {
+            Some(cause) => Answer::Cause(Box::new(cause), fit.since, fit.evidence),
+            None => Answer::Unexplained,
+        }
+    }
+
+    fn cause(&self, first: usize, fit: &Fit, same: &[usize], probability: f64) -> Option<Cause> {
+        let candidate = &self.candidates[first];
+        let values = candidate.open.iter().enumerate().map(|(k, open)| {
+            let spread = fit.spread.as_ref().map_or(f64::INFINITY, |s| s[k]);
+            let value = fit.values[k];
+            let (low, high) = (value - 1.96 * spread, value + 1.96 * spread);
+            Value { name: open.name, value, low: low.max(open.lower), high: high.min(open.upper) }
+        });
+        Some(Cause {
+            effect: candidate.effect(&fit.values)?,
+            values: values.collect(),
+            probability,
+            indistinguishable: same
+                .iter()
+                .map(|i| (self.candidates[*i].kind, self.candidates[*i].place.clone()))
+                .collect(),
+        })
+    }
+
+    /// Those whose predictions are those of the first, but for a share that says nothing.
+    fn indistinguishable(
+        &self,
+        known: &Knowledge,
+        like: &Predictor,
+        capture: &Capture,
+        first: usize,
+        order: &[usize],
+    ) -> Vec<usize> {
+        let believed = |index: usize| {
+            let fit = self.fits[index].as_ref()?;
+            Some((self.candidates[index].effect(&fit.values)?, fit.since))
+        };
+        let Some(best) = &self.fits[first] else { return Vec::new() };
+        let near = order.iter().copied().filter(|i| {
+            let apart = !self.candidates[*i].is_same(&self.candidates[first]);
+            apart && self.fits[*i].as_ref().is_some_and(|f| best.score - f.score < 7.0)
+        });
+        let alike = |&other: &usize| {
+            let pair = believed(first).zip(believed(other));
+            let apart = pair.and_then(|(a, b)| distance(known, like, capture, &a, &b, self.end));
+            apart.is_some_and(|apart| apart < SAME * best.evidence)
+        };
+        near.take(LIKELIEST).filter(alike).collect()
+    }
+}

@@ -1,0 +1,136 @@
+//! The mirror beside flights in closed loop.
+
+#[path = "../examples/support/mod.rs"]
+mod support;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use support::Flight;
+use whirlstand_mirror::{Finding, Mirror, Options, Sample, Stage};
+use whirlstand_vehicle::{Effect, Engine, Kind, Vehicle, builtin_names};
+
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+// SAFETY: every call goes to the system's allocator unchanged; counting touches only a thread-local without a
+// destructor, which allocates nothing itself.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller keeps the contract of `dealloc`.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+const PERIOD_S: f64 = 0.005;
+
+fn mirror(vehicle: &Vehicle) -> Mirror {
+    Mirror::new(vehicle, PERIOD_S, &Options::new(Engine::Flying, true, PERIOD_S)).unwrap()
+}
+
+fn fly(vehicle: &Vehicle, seed: u64, seconds: f64, effect: Option<(&Effect, u64)>) -> Vec<Finding> {
+    let mut flight = Flight::new(vehicle, PERIOD_S, seed, effect);
+    let mut mirror = mirror(vehicle);
+    let steps = (seconds / PERIOD_S) as u64;
+    (0..steps)
+        .filter_map(|_| {
+            flight.fly();
+            mirror.observe(&flight.sample())
+        })
+        .collect()
+}
+
+#[test]
+fn clean_flight_has_no_finding() {
+    for name in builtin_names() {
+        let findings = fly(&Vehicle::builtin(name).unwrap(), 7, 600.0, None);
+        assert!(findings.is_empty(), "{name}: {findings:?}");
+    }
+}
+
+#[test]
+#[ignore = "ten hours of flight on each vehicle take a minute"]
+fn ten_hours_of_clean_flight_have_at_most_one_finding() {
+    for name in builtin_names() {
+        let findings = fly(&Vehicle::builtin(name).unwrap(), 1, 36_000.0, None);
+        println!("{name}: {} findings in 10 h", findings.len());
+        assert!(findings.len() <= 1, "{name}: {findings:?}");
+    }
+}
+
+#[test]
+fn a_change_is_told_then_named_with_its_size() {
+    let vehicle = Vehicle::builtin("quadrotor").unwrap();
+    let rate = vehicle.outputs[vehicle.output_index("roll_rate").unwrap()].noise;
+    for (kind, place, parameter, value) in [
+        (Kind::InputGain, "u_roll", "factor", 0.7),
+        (Kind::InputDelay, "u_pitch", "delay_s", 0.06),
+        (Kind::SensorBias, "pitch", "offset", 0.005),
+        (Kind::Noise, "roll_rate", "std", 2.5 * rate),
+        (Kind::CoulombFriction, "pitch_rate", "level", 0.1),
+    ] {
+        let effect = Effect::new(kind, place, &[(parameter, value)]).unwrap();
+        let onset = 2000;
+        let findings = fly(&vehicle, 3, 20.0, Some((&effect, onset)));
+        let first = findings.first().unwrap_or_else(|| panic!("{kind}: nothing was found"));
+        assert_eq!(first.stage, Stage::Wrong, "{kind}");
+        assert!((onset..onset + 600).contains(&first.step), "{kind}: told at step {}", first.step);
+        let cause =
+            findings.iter().rev().find_map(|f| f.cause.as_ref()).unwrap_or_else(|| panic!("{kind}: no name"));
+        assert_eq!((cause.effect.kind(), cause.effect.place()), (kind, place), "{findings:#?}");
+        let told = cause.values[0];
+        assert!((told.value - value).abs() < 0.1 * value.abs(), "{kind}: {told:?}");
+        assert!(told.low < told.value && told.value < told.high);
+    }
+}
+
+#[test]
+fn a_gap_in_the_measurements_is_no_change() {
+    let vehicle = Vehicle::builtin("quadrotor").unwrap();
+    let mut flight = Flight::new(&vehicle, PERIOD_S, 5, None);
+    let mut mirror = mirror(&vehicle);
+    for step in 0..12_000u64 {
+        flight.fly();
+        // Single steps and a whole second are missing now and then, and single sensors have nothing new.
+        let missing = step % 977 == 0 || (6000..6200).contains(&step);
+        let fresh = if step % 31 == 0 { flight.fresh & 5 } else { flight.fresh };
+        let sample = Sample { fresh, ..flight.sample() };
+        let finding = if missing { None } else { mirror.observe(&sample) };
+        assert_eq!(finding, None, "step {step}");
+    }
+}
+
+#[test]
+fn what_is_over_is_told_and_nothing_is_allocated_while_nothing_changes() {
+    let vehicle = Vehicle::builtin("quadrotor").unwrap();
+    let mut flight = Flight::new(&vehicle, PERIOD_S, 9, None);
+    let mut mirror = mirror(&vehicle);
+    let mut stages = Vec::new();
+    let mut allocated = 0;
+    for step in 0..8000u64 {
+        flight.fly();
+        // A sensor is askew for three seconds.
+        let askew = if (2000..2600).contains(&step) { 0.01 } else { 0.0 };
+        flight.y[0] += askew;
+        let before = ALLOCATIONS.with(Cell::get);
+        let finding = mirror.observe(&flight.sample());
+        if step < 1990 {
+            allocated += ALLOCATIONS.with(Cell::get) - before;
+        }
+        stages.extend(finding.map(|f| f.stage));
+    }
+    assert_eq!(allocated, 0);
+    assert_eq!((stages.first(), stages.last()), (Some(&Stage::Wrong), Some(&Stage::Over)), "{stages:?}");
+}
