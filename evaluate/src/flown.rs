@@ -166,6 +166,7 @@ impl Flown {
             duration_s: end_s,
             log: String::new(),
             disturbances,
+            findings: Vec::new(),
             outputs,
             inputs,
             estimator,

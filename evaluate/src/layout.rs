@@ -28,6 +28,7 @@ pub(crate) struct Layout {
     /// Number of inputs.
     pub inputs: usize,
     outputs: Vec<Combination>,
+    names: Vec<String>,
     sensors: Vec<Option<SensorField>>,
 }
 
@@ -43,6 +44,7 @@ impl Layout {
             states: vehicle.states.len(),
             inputs: vehicle.inputs.len(),
             outputs: (0..vehicle.outputs.len()).map(row).collect(),
+            names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
             sensors: vehicle
                 .outputs
                 .iter()
@@ -50,6 +52,11 @@ impl Layout {
                 .map(|(i, output)| SensorField::of(&output.name, i))
                 .collect(),
         }
+    }
+
+    /// Names of the outputs.
+    pub fn output_names(&self) -> Vec<&str> {
+        self.names.iter().map(String::as_str).collect()
     }
 
     /// Number of outputs.

@@ -106,6 +106,7 @@ impl<'a> Measures<'a> {
             BenchMessage::Disturbance(_)
             | BenchMessage::Sent(_)
             | BenchMessage::Autopilot(_)
+            | BenchMessage::Finding(_)
             | BenchMessage::Health(_) => {}
         }
     }

@@ -31,6 +31,7 @@ pub(crate) fn place(message: &BenchMessage) -> Option<(usize, u64)> {
         BenchMessage::Disturbance(_)
         | BenchMessage::Sent(_)
         | BenchMessage::Autopilot(_)
+        | BenchMessage::Finding(_)
         | BenchMessage::Health(_) => None,
     }
 }

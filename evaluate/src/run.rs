@@ -107,6 +107,7 @@ impl Run {
             duration_s: survey.end_s,
             log: path,
             disturbances,
+            findings: survey.findings,
             outputs: measured.outputs,
             inputs: measured.inputs,
             estimator: measured.estimator,

@@ -30,6 +30,9 @@ pub struct RunSummary {
     pub log: String,
     /// Disturbances that set in during the run, at most [`MOST_LISTED`].
     pub disturbances: Vec<DisturbanceEvent>,
+    /// What the mirror said, at most [`MOST_LISTED`].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub findings: Vec<FindingEvent>,
     /// Figures of the outputs, by name.
     pub outputs: BTreeMap<String, OutputFigures>,
     /// Effort of the inputs, by name.
@@ -38,6 +41,17 @@ pub struct RunSummary {
     pub estimator: Option<Consistency>,
     /// Timing figures.
     pub timing: Timing,
+}
+
+/// What the mirror said at a moment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FindingEvent {
+    /// Bench time, s.
+    pub at_s: f64,
+    /// Number of the change that it is about.
+    pub number: u64,
+    /// The sentence.
+    pub text: String,
 }
 
 /// Figures of one output, in its SI unit.

@@ -1,8 +1,9 @@
 //! The first look at a run's log: which messages count, and when what happened.
 
+use whirlstand_logs::finding_text::finding_text;
 use whirlstand_logs::{BenchMessage, Hole, Log, ReadError};
 use whirlstand_msgs::units::Unit;
-use whirlstand_msgs::{Disturbance, Estimate, Health, Setpoint, flags};
+use whirlstand_msgs::{Disturbance, Estimate, Finding, Health, Setpoint, flags};
 use whirlstand_vehicle::Vehicle;
 
 use crate::health::NodeHealth;
@@ -10,6 +11,7 @@ use crate::kept::{Again, Kept};
 use crate::layout::{Layout, NS, seconds};
 use crate::merge::{TOPICS, place};
 use crate::metrics::{Changes, ChargeSteps, DisturbanceEvent, Onsets, Part, SetpointSteps};
+use crate::summary::{FindingEvent, MOST_LISTED};
 
 /// Most messages on disturbances that are held; a run with more of them is read once more for its onsets.
 const MOST_DISTURBANCES: usize = 1 << 14;
@@ -32,6 +34,8 @@ pub(crate) struct Survey {
     pub holes: Vec<Hole>,
     /// Whose will a bridge followed.
     pub charge: ChargeSteps,
+    /// What the mirror said.
+    pub findings: Vec<FindingEvent>,
     /// Time and new value of the setpoint's steps, output by output.
     steps: Vec<Vec<(f64, f64)>>,
     period_s: f64,
@@ -47,6 +51,7 @@ struct Reading<'a> {
     disturbances: Disturbances,
     claimed: Vec<f64>,
     charge: ChargeSteps,
+    findings: Vec<FindingEvent>,
     /// When the estimator first said that it has converged, s.
     converged_s: Option<f64>,
 }
@@ -95,6 +100,7 @@ impl Survey {
             disturbances: Disturbances::new(layout.states),
             claimed: Vec::new(),
             charge: ChargeSteps::default(),
+            findings: Vec::new(),
             converged_s: None,
         };
         let mut messages = log.bench_messages()?;
@@ -113,6 +119,7 @@ impl Survey {
             tracked: reading.tracked,
             claimed: reading.claimed,
             charge: reading.charge,
+            findings: reading.findings,
             holes: messages.holes(),
             steps: reading.steps.into_iter().map(SetpointSteps::finish).collect(),
             period_s,
@@ -171,6 +178,7 @@ impl Reading<'_> {
             BenchMessage::Estimate(estimate) => self.take_estimate(estimate),
             BenchMessage::Sent(sent) => self.charge.take_sent(sent),
             BenchMessage::Autopilot(told) => self.charge.take_autopilot(told),
+            BenchMessage::Finding(finding) => self.take_finding(finding),
             _ => {}
         }
         if let Some((topic, ns)) = place(message) {
@@ -180,6 +188,13 @@ impl Reading<'_> {
 
     fn take_health(&mut self, report: Health) {
         NodeHealth::take(&mut self.health, report);
+    }
+
+    fn take_finding(&mut self, finding: &Finding) {
+        let text = finding_text(finding, &self.layout.output_names());
+        if let Some(text) = text.filter(|_| self.findings.len() < MOST_LISTED) {
+            self.findings.push(FindingEvent { at_s: seconds(finding), number: finding.number, text });
+        }
     }
 
     fn take_setpoint(&mut self, setpoint: &Setpoint) {

@@ -7,7 +7,7 @@ use serde_json::json;
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict};
 use whirlstand_vehicle::{Engine, Vehicle};
 
-use crate::events::{Event, EventKind, Events, adjusted};
+use crate::events::{Event, EventKind, Events, adjusted, found};
 use crate::heard::Heard;
 use crate::hub::Hub;
 use crate::nodes::{NodeNews, NodeRow, Nodes};
@@ -100,6 +100,7 @@ impl Collector {
         match heard {
             Heard::Health(health) => return self.node(health, now),
             Heard::Adjustment(m) => return self.adjusted(m),
+            Heard::Finding(m) => return self.happens(found(&self.scene, m)),
             Heard::Disturbance(m) => {
                 let event = self.events.disturbed(&self.scene, m);
                 return self.happens(event);

@@ -1,8 +1,11 @@
 //! What happened, as sentences on the time axis.
 
 use serde::Serialize;
+use whirlstand_logs::finding_text::finding_text;
 use whirlstand_logs::shown::{number, shown};
-use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Disturbance, Imu, MAX_STATES, flags};
+use whirlstand_msgs::{
+    Adjustment, AdjustmentKind, AdjustmentVerdict, Disturbance, Finding, FindingStage, Imu, MAX_STATES, flags,
+};
 
 use crate::scene::{Scene, Signal};
 
@@ -120,6 +123,15 @@ pub(crate) fn adjusted(scene: &Scene, m: &Adjustment) -> Option<Event> {
         AdjustmentVerdict::Done => (EventKind::Asked, what),
         _ => (EventKind::Warning, format!("{what} was refused")),
     };
+    Some(Event { t: seconds(m.head.stamp_ns), kind, text })
+}
+
+/// What the mirror says; `None` for a message of another version.
+pub(crate) fn found(scene: &Scene, m: &Finding) -> Option<Event> {
+    let outputs: Vec<&str> = scene.outputs.iter().map(|o| o.name.as_str()).collect();
+    let over = m.stage == FindingStage::Over as u32;
+    let kind = if over { EventKind::Note } else { EventKind::Warning };
+    let text = format!("mirror: {}", finding_text(m, &outputs)?);
     Some(Event { t: seconds(m.head.stamp_ns), kind, text })
 }
 

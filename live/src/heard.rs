@@ -4,8 +4,8 @@ use bytemuck::bytes_of;
 use whirlstand_bus::{Bus, OpenError, RecvError, Subscriber};
 use whirlstand_logs::{BenchInfo, RawMessage, ReadError, named_schema};
 use whirlstand_msgs::{
-    Adjustment, Autopilot, Command, Disturbance, Estimate, Head, Health, Imu, Message, Odometry, Outputs,
-    Sent, Setpoint, Truth,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Head, Health, Imu, Message, Odometry,
+    Outputs, Sent, Setpoint, Truth,
 };
 
 /// Queue of each topic: whoever looks on may miss what a fast bench says, and is told how much.

@@ -140,6 +140,7 @@ impl Rows {
             Heard::Disturbance(_)
             | Heard::Sent(_)
             | Heard::Autopilot(_)
+            | Heard::Finding(_)
             | Heard::Adjustment(_)
             | Heard::Health(_) => {}
         }

@@ -1,8 +1,8 @@
 //! The messages of a bench's log, each as its own type: which topics a bench records, in one list, and how they are read.
 
 use whirlstand_msgs::{
-    Autopilot, Command, Disturbance, Estimate, Health, Imu, MAX_OUTPUTS, Message, Odometry, Outputs, Sent,
-    Setpoint, Truth, valid,
+    Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, MAX_OUTPUTS, Message, Odometry, Outputs,
+    Sent, Setpoint, Truth, valid,
 };
 
 use crate::hole::Hole;
@@ -28,6 +28,7 @@ macro_rules! loop_topics {
             setpoint: Setpoint,
             sent: Sent,
             autopilot: Autopilot,
+            finding: Finding,
         }
     };
 }

@@ -175,7 +175,7 @@ impl Groups {
             }
             // What somebody else does to the vehicle is no input of ours.
             BenchMessage::Sent(m) => self.sent.push(m.head.stamp_ns, &[f64::NAN; MAX_INPUTS]),
-            BenchMessage::Autopilot(_) | BenchMessage::Health(_) => {}
+            BenchMessage::Autopilot(_) | BenchMessage::Finding(_) | BenchMessage::Health(_) => {}
         }
     }
 

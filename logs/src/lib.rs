@@ -12,6 +12,7 @@ pub mod dataflash;
 pub mod decimate;
 pub mod diff;
 mod fields;
+pub mod finding_text;
 pub mod foreign;
 pub mod hole;
 pub mod info;

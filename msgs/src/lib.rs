@@ -18,6 +18,7 @@
 
 mod adjustment;
 mod define;
+mod finding;
 mod head;
 mod health;
 pub mod names;
@@ -27,6 +28,7 @@ mod wire;
 
 pub use adjustment::{Adjustment, AdjustmentKind, AdjustmentVerdict};
 pub use define::{Each, Field, Message};
+pub use finding::{Finding, FindingStage, MAX_PARAMETERS, text_field, text_of};
 pub use head::Head;
 pub use health::{Health, LATENCY_BUCKETS, NodeState, latency_bucket, latency_bucket_upper_ns};
 pub use types::{

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 use whirlstand_msgs::{
-    Adjustment, Autopilot, Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Outputs,
-    Progress, Sent, Setpoint, Truth, VERSION, decode, encode,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Field, Finding, Health, Imu, Message, Odometry,
+    Outputs, Progress, Sent, Setpoint, Truth, VERSION, decode, encode,
 };
 
 /// Calls a generic function for each message type.
@@ -29,6 +29,7 @@ macro_rules! for_each_message {
             $function::<Health>(),
             $function::<Progress>(),
             $function::<Adjustment>(),
+            $function::<Finding>(),
         ]
     };
 }

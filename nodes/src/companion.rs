@@ -7,19 +7,19 @@ use crate::error::NodeError;
 use crate::ports::receive;
 
 /// The newest message of a topic; where the vehicle has nothing on it, what is asked for is always there.
-pub(super) struct Companion<M: Message> {
+pub(crate) struct Companion<M: Message> {
     subscriber: Option<Subscriber<M>>,
     newest: Option<M>,
 }
 
 impl<M: Message> Companion<M> {
-    pub(super) fn open(bus: &Bus, wanted: bool, depth: usize) -> Result<Self, NodeError> {
+    pub(crate) fn open(bus: &Bus, wanted: bool, depth: usize) -> Result<Self, NodeError> {
         let subscriber = if wanted { Some(bus.subscriber(depth)?) } else { None };
         Ok(Self { subscriber, newest: None })
     }
 
     /// Takes in what has come up to a step; what belongs to later steps stays in the queue until it is asked for.
-    pub(super) fn take(&mut self, step: u64, refused: &mut u64) -> Result<(), NodeError> {
+    pub(crate) fn take(&mut self, step: u64, refused: &mut u64) -> Result<(), NodeError> {
         let Some(subscriber) = &mut self.subscriber else { return Ok(()) };
         while self.newest.is_none_or(|m| m.head().step < step) {
             let Some(message) = receive(subscriber, refused)? else { break };
@@ -29,16 +29,16 @@ impl<M: Message> Companion<M> {
     }
 
     /// Whether the message of a step has come, or will not come any more.
-    pub(super) fn has_reached(&self, step: u64) -> bool {
+    pub(crate) fn has_reached(&self, step: u64) -> bool {
         self.subscriber.is_none() || self.newest.is_some_and(|m| m.head().step >= step)
     }
 
     /// The message of a step; zero, and so without a fresh value, when there is none.
-    pub(super) fn at(&self, step: u64) -> M {
+    pub(crate) fn at(&self, step: u64) -> M {
         self.newest.filter(|m| m.head().step == step).unwrap_or_else(Message::zeroed)
     }
 
-    pub(super) fn lost(&self) -> u64 {
+    pub(crate) fn lost(&self) -> u64 {
         self.subscriber.as_ref().map_or(0, Subscriber::lost)
     }
 }

@@ -12,6 +12,8 @@ use whirlstand_control::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selecto
 pub use whirlstand_control::{EstimatorKind, EstimatorOptions as EstimatorConfig};
 use whirlstand_vehicle::Effect;
 
+pub use crate::mirror_config::{MirrorConfig, OnFinding};
+
 /// Everything that a node needs to know about its bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -62,6 +64,9 @@ pub struct NodeConfig {
     /// Recorder options; absent: the run keeps no log.
     #[serde(default)]
     pub recorder: Option<RecorderConfig>,
+    /// Options of the mirror; absent: nobody holds the flight against the vehicle file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mirror: Option<MirrorConfig>,
     /// Steps of the reference, in time order.
     #[serde(default)]
     pub setpoint: Vec<SignalChange>,
@@ -108,6 +113,8 @@ pub enum Role {
     Controller,
     /// Writes the log.
     Recorder,
+    /// Holds the flight against the vehicle file, beside the loop.
+    Mirror,
 }
 
 /// Options of the plant.
@@ -333,7 +340,7 @@ impl ControllerConfig {
 
 impl Role {
     /// Every role, in the order in which a step passes them.
-    pub const ALL: [Self; 4] = [Self::Plant, Self::Estimator, Self::Controller, Self::Recorder];
+    pub const ALL: [Self; 5] = [Self::Plant, Self::Estimator, Self::Controller, Self::Recorder, Self::Mirror];
 
     /// The name on the command line, in launch files and in `Health`.
     pub fn name(self) -> &'static str {
@@ -342,6 +349,7 @@ impl Role {
             Self::Estimator => "estimator",
             Self::Controller => "controller",
             Self::Recorder => "recorder",
+            Self::Mirror => "mirror",
         }
     }
 }

@@ -11,6 +11,7 @@ use crate::controller::Controller;
 use crate::error::NodeError;
 use crate::estimator::Estimator;
 use crate::follower::Follower;
+use crate::mirror::Mirror;
 use crate::os::{StopFlag, sleep_until};
 use crate::plant::Plant;
 use crate::recorder::Recorder;
@@ -37,6 +38,7 @@ pub struct Bench {
     estimator: Estimator,
     controller: Controller,
     recorder: Option<Recorder>,
+    mirror: Option<Mirror>,
     clock: Clock,
     realtime: bool,
     rounds: u32,
@@ -55,6 +57,7 @@ impl Bench {
             estimator: Estimator::open(&bus, config, &setup)?,
             controller: Controller::open(&bus, config, &setup)?,
             recorder: config.recorder.is_some().then(|| Recorder::open(&bus, config, &setup)).transpose()?,
+            mirror: config.mirror.is_some().then(|| Mirror::open(&bus, config, &setup)).transpose()?,
             plant: Plant::open(&bus, config, &setup)?,
             clock: if realtime { Clock::exact() } else { Clock::sampled(1024) },
             realtime,
@@ -110,11 +113,19 @@ impl Bench {
             (Role::Estimator, self.estimator.stop()?),
             (Role::Controller, self.controller.stop()?),
         ];
+        // Before the recorder, so that what it says last is in the log.
+        let mut mirrored = None;
+        if let Some(mirror) = &mut self.mirror {
+            mirror.stop();
+            mirror.turn(Instant::now())?;
+            mirrored = Some((Role::Mirror, *mirror.health()));
+        }
         if let Some(recorder) = &mut self.recorder {
             recorder.stop(Instant::now());
             while recorder.turn(Instant::now())? != Turn::Ended {}
             reports.push((Role::Recorder, *recorder.health()));
         }
+        reports.extend(mirrored);
         match self.plant.take_divergence() {
             Some(error) => Err(error),
             None => Ok(Ended { steps: self.plant.steps_done(), wall, reports }),
@@ -125,6 +136,9 @@ impl Bench {
         let now = Instant::now();
         self.estimator.housekeeping(now)?;
         self.controller.housekeeping(now)?;
+        if let Some(mirror) = &mut self.mirror {
+            mirror.turn(now)?;
+        }
         if let Some(recorder) = &mut self.recorder {
             recorder.turn(now)?;
         }

@@ -37,6 +37,7 @@
 //!   go back, and start anew as well; the recorder begins its next file (`log.2.mcap`).
 //! - **Recorder**: the loop goes on; a lockstep plant waits for it as long as it lives, and no longer for what
 //!   was on its way to one that has been replaced. A restarted recorder writes `log.2.mcap`: no log is overwritten.
+//! - **Mirror**: the loop does not notice; a lockstep plant waits for it as for the recorder.
 //! - **A node that only stood still** (`SIGSTOP`) finds a queue of old messages, answers them, and its late answers
 //!   are refused as stale. A realtime plant that stood still does not catch up: bench time stood still with it, and
 //!   every whole period that it was late counts as a miss.
@@ -45,6 +46,7 @@ mod adjustment_desk;
 pub mod bench;
 pub mod bridge;
 pub mod clock;
+mod companion;
 pub mod config;
 pub mod controller;
 pub mod error;
@@ -53,6 +55,8 @@ pub mod flight;
 pub mod follower;
 pub mod gate;
 pub mod inproc;
+pub mod mirror;
+mod mirror_config;
 pub mod os;
 mod peers;
 pub mod plant;

@@ -14,6 +14,7 @@ use crate::controller::Controller;
 use crate::error::NodeError;
 use crate::estimator::Estimator;
 use crate::follower::Follower;
+use crate::mirror::Mirror;
 use crate::os::{MonotonicTime, StopFlag, sleep_until};
 use crate::plant::Plant;
 use crate::ready::get_ready;
@@ -72,6 +73,15 @@ pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Resul
             };
             run_recorder(node, pause, stop)
         }
+        Role::Mirror => {
+            let node = Mirror::open(&bus, config, &setup)?;
+            get_ready(role, config, &bus, &[])?;
+            let pause = match config.mode {
+                Mode::Lockstep => POLL_PERIOD,
+                Mode::Realtime => POLL_PERIOD_REALTIME,
+            };
+            run_mirror(node, pause, stop)
+        }
     }
 }
 
@@ -120,6 +130,19 @@ fn run_follower(bus: &Bus, mut node: impl Follower, stop: &StopFlag) -> Result<H
         }
     }
     node.stop()
+}
+
+fn run_mirror(mut node: Mirror, pause: Duration, stop: &StopFlag) -> Result<Health, NodeError> {
+    loop {
+        if stop.is_set() {
+            node.stop();
+        }
+        if node.turn(Instant::now())? == Turn::Ended {
+            return Ok(*node.health());
+        }
+        let wake = MonotonicTime(MonotonicTime::now().0 + pause.as_nanos() as u64);
+        sleep_until(wake, || stop.is_set());
+    }
 }
 
 fn run_recorder(mut node: Recorder, pause: Duration, stop: &StopFlag) -> Result<Health, NodeError> {

@@ -1,11 +1,12 @@
 //! Which role publishes which topic: what a protected bench allows.
 
 use whirlstand_msgs::{
-    Adjustment, Autopilot, Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress,
-    Sent, Setpoint, Truth,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, Message, Odometry, Outputs,
+    Progress, Sent, Setpoint, Truth,
 };
 
 use crate::config::Role;
+use crate::mirror::PACE_TOPIC;
 
 /// The topics that a role publishes, beside its `Health`.
 pub fn published_by(role: Role) -> &'static [&'static str] {
@@ -22,6 +23,7 @@ pub fn published_by(role: Role) -> &'static [&'static str] {
         Role::Estimator => &[Estimate::TOPIC],
         Role::Controller => &[Command::TOPIC, Setpoint::TOPIC, Adjustment::TOPIC, Autopilot::TOPIC],
         Role::Recorder => &[Progress::TOPIC],
+        Role::Mirror => &[Finding::TOPIC, PACE_TOPIC],
     }
 }
 

@@ -18,7 +18,7 @@ struct Event {
     level: Level,
 }
 
-/// Steps of setpoints, disturbances, late commands, failsafe and holes of the log; nothing when there were none.
+/// Steps of setpoints, disturbances, findings of the mirror, late commands, failsafe and holes of the log; nothing when there were none.
 pub(super) fn events_table(runs: &[&Run]) -> Option<Table> {
     let mut events: Vec<Event> = runs.iter().enumerate().flat_map(|(i, run)| of_run(i, run)).collect();
     events.sort_by(|a, b| a.at_s.total_cmp(&b.at_s).then(a.run.cmp(&b.run)));
@@ -87,6 +87,9 @@ fn of_run(run: usize, recorded: &Run) -> Vec<Event> {
         let size = shown(d.magnitude, &per_second(&si.unwrap_or_default()));
         let until = (d.until_s < figures.duration_s).then_some(d.until_s);
         events.push(event(d.at_s, until, format!("disturbance of {size} on {}", d.place), Level::Neutral));
+    }
+    for found in &figures.findings {
+        events.push(event(found.at_s, None, format!("mirror: {}", found.text), Level::Warn));
     }
     let spans = [
         (&recorded.lines.held, "command late, the last one held", Level::Warn),

@@ -8,6 +8,7 @@ mod estimator;
 mod expect;
 mod finite;
 mod jobs;
+mod mirror;
 mod model;
 mod nodes;
 mod plan;

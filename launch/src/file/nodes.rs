@@ -9,7 +9,7 @@ use super::schema::{LaunchFile, NodeSection};
 use super::wording::unknown;
 
 /// Starting order of our own nodes: whoever listens comes before whoever talks.
-const STARTING: [Role; 4] = [Role::Recorder, Role::Estimator, Role::Controller, Role::Plant];
+const STARTING: [Role; 5] = [Role::Recorder, Role::Mirror, Role::Estimator, Role::Controller, Role::Plant];
 
 impl Planner<'_> {
     /// The nodes in the order in which they are started.
@@ -20,6 +20,7 @@ impl Planner<'_> {
         let section = |name: &str| file.nodes.get(name).cloned().unwrap_or_default();
         let roles = STARTING.into_iter().filter(|r| match r {
             Role::Recorder => file.recorder.enabled,
+            Role::Mirror => file.mirror.as_ref().is_some_and(|mirror| mirror.enabled),
             // An autopilot estimates for itself.
             Role::Estimator => !file.has_autopilot(),
             _ => true,

@@ -103,6 +103,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
             max_duration_ns: file.recorder.max_duration.map(|length| (1e9 * length.0).round() as u64),
             segments: file.recorder.segments,
         }),
+        mirror: planner.mirror(&file)?,
         setpoint: planner.changes("setpoint", &file.setpoint, true)?,
         stick: planner.changes("stick", &file.stick, false)?,
         realtime: realtime(&nodes),

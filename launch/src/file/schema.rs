@@ -66,6 +66,8 @@ pub(crate) struct LaunchFile {
     pub zenoh: ZenohSection,
     #[serde(default)]
     pub security: SecuritySection,
+    /// Holds the flight against the vehicle file.
+    pub mirror: Option<MirrorSection>,
     /// A page that shows the bench while it flies.
     pub live: Option<LiveSection>,
     /// What must hold at the end; read by [`super::expect`].
@@ -113,6 +115,22 @@ impl Default for PlantSection {
             start_timeout_s: None,
             inject: node.inject,
         }
+    }
+}
+
+/// `[mirror]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct MirrorSection {
+    /// Whether it flies, so that variants can leave it out.
+    pub enabled: bool,
+    /// What is done about a finding: `tell` or `failsafe`.
+    pub on_finding: String,
+}
+
+impl Default for MirrorSection {
+    fn default() -> Self {
+        Self { enabled: true, on_finding: "tell".into() }
     }
 }
 

@@ -39,6 +39,7 @@ pub(super) fn config(
         estimator: EstimatorConfig::default(),
         controller: ControllerConfig::new(LawKind::Lqr),
         recorder: None,
+        mirror: None,
         setpoint: Vec::new(),
         stick: Vec::new(),
         realtime: BTreeMap::new(),

@@ -4,6 +4,7 @@
 //! period of latency with the command that it sent for j-1. It can join at any step. Steps that go back mean that
 //! the plant was restarted, and reset the law; a repeated step is answered with the same command again.
 
+mod caution;
 mod law;
 mod outside;
 mod profile;
@@ -20,6 +21,7 @@ use crate::follower::Follower;
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
+use caution::Caution;
 pub(crate) use law::Law;
 pub use law::controller_of;
 use outside::Outside;
@@ -33,6 +35,7 @@ const DEPTH: usize = 64;
 pub struct Controller {
     estimates: Subscriber<Estimate>,
     outside: Outside,
+    caution: Caution,
     commands: Publisher<Command>,
     setpoints: Publisher<Setpoint>,
     telemetry: bool,
@@ -61,6 +64,7 @@ impl Controller {
         Ok(Self {
             estimates: bus.subscriber(DEPTH)?,
             outside: Outside::open(bus, config.controller.pilot, bounds)?,
+            caution: Caution::open(bus, config)?,
             commands: bus.publisher()?,
             setpoints: bus.publisher()?,
             telemetry: config.telemetry,
@@ -91,14 +95,19 @@ impl Controller {
                 self.law.reset();
                 self.profile.rewind();
                 self.outside.forget();
+                self.caution.forget();
                 self.last = None;
             }
             _ => {}
         }
+        let withholds = self.caution.withholds(step, &mut self.refused)?;
         self.outside.take(estimate.head, &mut self.law)?;
         let setpoint = self.outside.setpoint(self.profile.at(estimate.head));
         let mut command = Command { head: estimate.head, count: self.inputs as u32, ..Command::zeroed() };
         command.flags = self.law.step(&estimate.x, setpoint, &mut command.u);
+        if withholds {
+            command = Command { head: estimate.head, flags: flags::WITHHELD, ..Command::zeroed() };
+        }
         self.commands.send(&command)?;
         if self.telemetry {
             self.setpoints.send(setpoint)?;

@@ -9,7 +9,6 @@
 //! It can join at any step: the first measurement that it hears starts the filter. Steps that go back mean that
 //! the plant was restarted, and start it anew; a repeated step is answered with the same estimate again.
 
-mod companion;
 mod filter;
 mod history;
 
@@ -19,6 +18,7 @@ use whirlstand_bus::{Bus, Publisher, Subscriber};
 use whirlstand_msgs::{Command, Estimate, Health, Imu, MAX_INPUTS, NodeState, Odometry, Outputs, flags};
 
 use crate::clock::{Clock, Turn};
+use crate::companion::Companion;
 use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
 use crate::follower::Follower;

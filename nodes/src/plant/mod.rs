@@ -28,7 +28,7 @@ use crate::ports::receive;
 use crate::setup::Setup;
 use latencies::latencies;
 pub use outside::INJECT_TOPIC;
-use pace::Pace;
+use pace::Paces;
 use phase::Phase;
 use simulation::Simulation;
 use waiting::{Waiting, whom};
@@ -51,7 +51,8 @@ pub struct Plant {
     simulation: Simulation,
     gate: Gate,
     commands: Subscriber<Command>,
-    pace: Option<Pace>,
+    /// Whom a lockstep plant does not run away from.
+    paces: Paces,
     peers: Peers,
     phase: Phase,
     /// The step to do next.
@@ -81,8 +82,7 @@ impl Plant {
     /// [`NodeError`] for a vehicle or configuration that cannot run, or ports that cannot be opened.
     pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let plant = &config.plant;
-        let recorder = config.recorder.is_some() && config.mode == Mode::Lockstep;
-        let pace = if recorder { Some(Pace::open(bus, config.transport)?) } else { None };
+        let paces = Paces::open(bus, config)?;
         let commands = bus.subscriber(COMMAND_DEPTH)?;
         let simulation = Simulation::open(bus, config, setup)?;
         let mut listens_to = config.peers.clone();
@@ -100,7 +100,7 @@ impl Plant {
             simulation,
             gate: Gate::new(setup.limits, plant.misses_to_failsafe),
             commands,
-            pace,
+            paces,
             peers,
             phase: Phase::Joining { until: now + start_timeout },
             step: 0,
@@ -265,14 +265,9 @@ impl Plant {
             self.wait_on(now)?;
             return Ok(Turn::Idle);
         }
-        if let Some(pace) = &mut self.pace {
-            if self.peers.take_replaced(Role::Recorder) {
-                pace.forget();
-            }
-            if !pace.may_go_on(self.step)? {
-                self.tell_wait(now);
-                return Ok(Turn::Idle);
-            }
+        if !self.paces.may_go_on(self.step, &mut self.peers)? {
+            self.tell_wait(now);
+            return Ok(Turn::Idle);
         }
         self.advance(clock, true)?;
         Ok(Turn::Worked)

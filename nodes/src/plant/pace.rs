@@ -1,9 +1,12 @@
-//! Flow control: a lockstep plant does not run away from the recorder.
+//! Flow control: a lockstep plant does not run away from the recorder, nor from the mirror.
 
 use whirlstand_bus::{Bus, Subscriber, Transport};
 use whirlstand_msgs::{Message, Progress};
 
+use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
+use crate::mirror::PACE_TOPIC;
+use crate::peers::Peers;
 use crate::ports::receive;
 use crate::recorder::QUEUE_DEPTH;
 
@@ -15,8 +18,36 @@ const WINDOW: u64 = QUEUE_DEPTH as u64 / 2;
 /// less than 1 kB of each sender and step it is less than Linux gives a socket at first (`tcp_wmem`, `tcp_rmem`).
 const NETWORK_WINDOW: u64 = 32;
 
-/// Keeps count of how far the recorder has come.
-pub(super) struct Pace {
+/// All whom a lockstep plant does not run away from.
+pub(super) struct Paces(Vec<(Role, Pace)>);
+
+impl Paces {
+    pub(super) fn open(bus: &Bus, config: &NodeConfig) -> Result<Self, NodeError> {
+        let lockstep = config.mode == Mode::Lockstep;
+        let followers = [
+            (Role::Recorder, config.recorder.is_some(), Progress::TOPIC),
+            (Role::Mirror, config.mirror.is_some(), PACE_TOPIC),
+        ];
+        let followers = followers.into_iter().filter(|(_, flies, _)| *flies && lockstep);
+        let open = |(role, _, topic)| Ok((role, Pace::open(bus, config.transport, topic)?));
+        Ok(Self(followers.map(open).collect::<Result<_, NodeError>>()?))
+    }
+
+    /// Whether step `step` may be published now: all that live have room for it.
+    pub(super) fn may_go_on(&mut self, step: u64, peers: &mut Peers) -> Result<bool, NodeError> {
+        let mut may = true;
+        for (role, pace) in &mut self.0 {
+            if peers.take_replaced(*role) {
+                pace.forget();
+            }
+            may &= pace.may_go_on(step)?;
+        }
+        Ok(may)
+    }
+}
+
+/// Keeps count of how far the recorder, or the mirror, has come.
+struct Pace {
     progress: Subscriber<Progress>,
     window: u64,
     recorded: u64,
@@ -25,18 +56,19 @@ pub(super) struct Pace {
 }
 
 impl Pace {
-    pub(super) fn open(bus: &Bus, transport: Transport) -> Result<Self, NodeError> {
+    /// `topic`: where the follower says how far it has come.
+    fn open(bus: &Bus, transport: Transport, topic: &str) -> Result<Self, NodeError> {
         let window = if transport == Transport::Zenoh { NETWORK_WINDOW } else { WINDOW };
-        Ok(Self { progress: bus.subscriber(QUEUE_DEPTH)?, window, recorded: 0, present: true })
+        Ok(Self { progress: bus.subscriber_on(topic, QUEUE_DEPTH)?, window, recorded: 0, present: true })
     }
 
     /// The recorder is another process now; what was on its way to the one before is lost.
-    pub(super) fn forget(&mut self) {
+    fn forget(&mut self) {
         self.present = false;
     }
 
     /// Whether step `step` may be published now: a recorder that lives has room for it.
-    pub(super) fn may_go_on(&mut self, step: u64) -> Result<bool, NodeError> {
+    fn may_go_on(&mut self, step: u64) -> Result<bool, NodeError> {
         // It is not worth looking for news at every step.
         if step.saturating_sub(self.recorded) < self.window / 4 {
             return Ok(true);

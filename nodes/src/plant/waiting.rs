@@ -78,7 +78,11 @@ pub(super) fn whom(peers: &Peers, gate: &Gate, joining: bool, step: u64) -> Stri
     }
     let behind = |role: Role| peers.health(role).is_some_and(|peer| peer.step < step);
     let whom = if gate.is_answered() {
-        "the recorder to catch up"
+        if behind(Role::Mirror) && !behind(Role::Recorder) {
+            "the mirror to catch up"
+        } else {
+            "the recorder to catch up"
+        }
     } else if behind(Role::Estimator) {
         "the estimator"
     } else if behind(Role::Controller) {

@@ -3,8 +3,8 @@
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_logs::Channel;
 use whirlstand_msgs::{
-    Adjustment, Autopilot, Command, Disturbance, Estimate, Head, Imu, Message, Odometry, Outputs, Sent,
-    Setpoint, Truth,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Head, Imu, Message, Odometry, Outputs,
+    Sent, Setpoint, Truth,
 };
 
 use crate::error::NodeError;

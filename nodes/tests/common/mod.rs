@@ -36,6 +36,7 @@ pub fn config(name: &str, steps: u64) -> NodeConfig {
         estimator: EstimatorConfig::default(),
         controller: ControllerConfig::new(LawKind::Lqr),
         recorder: None,
+        mirror: None,
         setpoint: Vec::new(),
         stick: Vec::new(),
         bridge: None,

@@ -1,0 +1,80 @@
+//! What a mirror found, as a sentence.
+
+use whirlstand_msgs::{Finding, FindingStage, text_of};
+
+use crate::shown::{number, parameter_unit};
+
+/// The sentence; `outputs` are the names of the vehicle's. `None` for a stage that this version does not know.
+pub fn finding_text(finding: &Finding, outputs: &[&str]) -> Option<String> {
+    let since = format!("since {:.2} s", finding.since_ns as f64 * 1e-9);
+    let output = outputs.get(finding.output as usize).copied().unwrap_or("an output");
+    Some(match FindingStage::from_u32(finding.stage)? {
+        FindingStage::Wrong => format!("the prediction of {output} is wrong {since}; looking for the cause"),
+        FindingStage::Named => format!("{since}: {}", cause(finding)),
+        FindingStage::Revised => format!("{since}, revised: {}", cause(finding)),
+        FindingStage::Withdrawn => {
+            format!("what was said does not hold; the prediction of {output} is wrong {since}")
+        }
+        FindingStage::Over => "prediction is right again".into(),
+    })
+}
+
+fn cause(finding: &Finding) -> String {
+    let (place, onto) = (text_of(&finding.place), text_of(&finding.onto));
+    let place = match (text_of(&finding.effect), onto) {
+        ("mode_transition", to) => format!("to {to}"),
+        (_, "") => format!("on {place}"),
+        ("misalignment", other) => format!("of {place},{other}"),
+        (_, onto) => format!("on {place}->{onto}"),
+    };
+    let mut text = format!("{} {place}", text_of(&finding.effect));
+    let names = text_of(&finding.names).split(',');
+    let units = text_of(&finding.units).split(',').chain(std::iter::repeat(""));
+    for (i, (name, si)) in
+        names.zip(units).enumerate().take((finding.count as usize).min(finding.value.len()))
+    {
+        let (unit, factor) = parameter_unit(name, si);
+        let [value, low, high] =
+            [finding.value[i], finding.low[i], finding.high[i]].map(|v| number(v * factor));
+        let unit = if unit.is_empty() { unit } else { format!(" {unit}") };
+        text.push_str(if i == 0 { ": " } else { ", " });
+        text.push_str(&format!("{name} {value}{unit} ({low} to {high}{unit})"));
+    }
+    if finding.alike > 0 {
+        let other = format!("{} on {}", text_of(&finding.alike_effect), text_of(&finding.alike_place));
+        text.push_str(&match finding.alike {
+            1 => format!("; or {other}, which would look the same"),
+            more => format!("; or {other} or {} more, which would look the same", more - 1),
+        });
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_msgs::{Message, text_field};
+
+    #[test]
+    fn a_finding_is_told_with_its_interval_and_what_looks_the_same() {
+        let mut finding = Finding { stage: 1, since_ns: 12_300_000_000, output: 1, ..Finding::zeroed() };
+        let text = |f: &Finding| finding_text(f, &["roll", "roll_rate"]);
+        assert_eq!(
+            text(&finding).unwrap(),
+            "the prediction of roll_rate is wrong since 12.30 s; looking for the cause"
+        );
+        finding.stage = FindingStage::Named as u32;
+        (finding.effect, finding.place) = (text_field("sensor_bias"), text_field("roll_rate"));
+        (finding.names, finding.units, finding.count) = (text_field("offset"), text_field("rad/s"), 1);
+        (finding.value[0], finding.low[0], finding.high[0]) = (0.01, 0.009, 0.011);
+        (finding.alike, finding.alike_effect, finding.alike_place) =
+            (1, text_field("input_bias"), text_field("u_roll"));
+        assert_eq!(
+            text(&finding).unwrap(),
+            "since 12.30 s: sensor_bias on roll_rate: offset 0.573 deg/s (0.516 to 0.630 deg/s); or input_bias on u_roll, \
+             which would look the same"
+        );
+        finding.stage = 9;
+        assert_eq!(text(&finding), None);
+    }
+}

@@ -1,0 +1,44 @@
+//! What the controller does about a finding of the mirror.
+
+use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_msgs::{Finding, FindingStage};
+
+use crate::config::{NodeConfig, OnFinding};
+use crate::error::NodeError;
+use crate::ports::receive;
+
+/// Queue for findings.
+const DEPTH: usize = 64;
+
+/// Whether commands are withheld: from the first word that prediction has become wrong until it is right again. A controller
+/// that has no usable command is known to plant, estimator and bridges, which go to their failsafe.
+pub(super) struct Caution {
+    findings: Option<Subscriber<Finding>>,
+    is_wrong: bool,
+}
+
+impl Caution {
+    pub(super) fn open(bus: &Bus, config: &NodeConfig) -> Result<Self, NodeError> {
+        let wanted = config.mirror.is_some_and(|m| m.on_finding == OnFinding::Failsafe);
+        Ok(Self { findings: if wanted { Some(bus.subscriber(DEPTH)?) } else { None }, is_wrong: false })
+    }
+
+    pub(super) fn forget(&mut self) {
+        self.is_wrong = false;
+    }
+
+    /// Whether the command of a step is to be withheld.
+    pub(super) fn withholds(&mut self, step: u64, refused: &mut u64) -> Result<bool, NodeError> {
+        let Some(findings) = &mut self.findings else { return Ok(false) };
+        let before = self.is_wrong;
+        while let Some(finding) = receive(findings, refused)? {
+            self.is_wrong = finding.stage != FindingStage::Over as u32;
+        }
+        if self.is_wrong && !before {
+            tracing::warn!(step, "the mirror says that prediction is wrong: commands are withheld");
+        } else if before && !self.is_wrong {
+            tracing::warn!(step, "prediction is right again: commands are given");
+        }
+        Ok(self.is_wrong)
+    }
+}

@@ -1,0 +1,249 @@
+//! The mirror: listens beside the loop and says when the vehicle is no longer the one in the file.
+//!
+//! It holds the flight against what law and filter take the vehicle for, with the disturbances that the launch file declares:
+//! whatever else the launch file adds is what it has to find. It looks at its queues at a steady pace, as the recorder does, so that nobody in the loop pays
+//! for it, and nobody hears it but who asks to (`on_finding = "failsafe"`).
+
+mod inputs;
+mod message;
+
+use std::time::Instant;
+
+use whirlstand_bus::{Bus, Publisher, Subscriber};
+use whirlstand_logs::finding_text::finding_text;
+use whirlstand_mirror::{Mirror as Watcher, Options, Sample};
+use whirlstand_msgs::{
+    Adjustment, AdjustmentKind, AdjustmentVerdict, Finding, Health, Imu, MAX_OUTPUTS, Message, NodeState,
+    Odometry, Outputs, Progress,
+};
+use whirlstand_vehicle::{Engine, Kind, Vehicle};
+
+use crate::clock::Turn;
+use crate::companion::Companion;
+use crate::config::{NodeConfig, Role};
+use crate::error::NodeError;
+use crate::peers::Peers;
+use crate::ports::receive;
+use crate::setup::Setup;
+use crate::signals::{Measurement, OutputMap};
+use inputs::{Acting, Inputs};
+use message::message;
+
+/// Queue of each topic.
+pub const QUEUE_DEPTH: usize = 1024;
+
+/// On which it says how far it has come.
+pub const PACE_TOPIC: &str = "mirrored";
+
+/// Steps from one report of how far it has come to the next.
+const PACE: u64 = 16;
+
+/// The mirror as a state machine.
+pub struct Mirror {
+    watcher: Watcher,
+    outputs_of: Vec<String>,
+    map: OutputMap,
+    imus: Subscriber<Imu>,
+    odometry: Companion<Odometry>,
+    outputs: Companion<Outputs>,
+    adjusted: Subscriber<Adjustment>,
+    inputs: Inputs,
+    findings: Publisher<Finding>,
+    progress: Publisher<Progress>,
+    peers: Peers,
+    period_ns: u64,
+    /// A measurement that waits for what belongs to it, and for how many turns.
+    pending: Option<(Imu, u32)>,
+    step: Option<u64>,
+    steps: u64,
+    refused: u64,
+    stopping: bool,
+}
+
+/// Turns that a measurement waits for its inputs and the other sensors before it is left out.
+const PATIENCE: u32 = 40;
+
+/// The vehicle with all that is declared of the flight: disturbances of the launch file are, its other effects are not.
+fn declared(setup: &Setup, config: &NodeConfig) -> Result<Vehicle, NodeError> {
+    let mut vehicle = setup.model.clone();
+    let disturbs = |kind: Kind| {
+        matches!(
+            kind,
+            Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance | Kind::Turbulence
+        )
+    };
+    for effect in config.effects.iter().filter(|e| disturbs(e.kind())) {
+        let reason = |e: whirlstand_vehicle::EffectError| e.to_string();
+        let origin = config.vehicle.origin.clone();
+        vehicle.add_effect(effect.clone()).map_err(|e| NodeError::Vehicle { origin, reason: reason(e) })?;
+    }
+    Ok(vehicle)
+}
+
+impl Mirror {
+    /// Prepares the predictor and opens the ports.
+    ///
+    /// # Errors
+    /// [`NodeError`] for a vehicle that cannot be mirrored, or ports that cannot be opened.
+    pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
+        if config.mirror.is_none() {
+            return Err(NodeError::Config {
+                field: "mirror".into(),
+                value: "nothing".into(),
+                reason: "a mirror flies where the launch file has [mirror]".into(),
+            });
+        }
+        let real = config.bridge.as_ref().is_some_and(|b| b.kind.is_vehicle());
+        let vehicle = declared(setup, config)?;
+        let period_s = Setup::period_s(config);
+        let options = Options::new(config.plant.engine.into(), !real, period_s);
+        let watcher = Watcher::new(&vehicle, period_s, &options).map_err(|e| setup.refuse("a mirror", &e))?;
+        Ok(Self {
+            outputs_of: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
+            watcher,
+            map: setup.map.clone(),
+            imus: bus.subscriber(QUEUE_DEPTH)?,
+            odometry: Companion::open(bus, setup.map.has_odometry(), QUEUE_DEPTH)?,
+            outputs: Companion::open(bus, setup.map.has_outputs(), QUEUE_DEPTH)?,
+            adjusted: bus.subscriber(QUEUE_DEPTH)?,
+            inputs: Inputs::open(bus, setup.limits, real, QUEUE_DEPTH)?,
+            findings: bus.publisher()?,
+            progress: bus.publisher_on(PACE_TOPIC)?,
+            peers: Peers::open(bus, Role::Mirror, vec![Role::Plant])?,
+            period_ns: config.period_ns,
+            pending: None,
+            step: None,
+            steps: 0,
+            refused: 0,
+            stopping: false,
+        })
+    }
+
+    /// Takes in what waits.
+    ///
+    /// # Errors
+    /// The transport fails.
+    pub fn turn(&mut self, now: Instant) -> Result<Turn, NodeError> {
+        let mut worked = false;
+        self.take_adjustments()?;
+        for _ in 0..QUEUE_DEPTH {
+            let Some((imu, turns)) = self.next()? else { break };
+            if !self.take(&imu)? && turns < PATIENCE && !self.stopping {
+                self.pending = Some((imu, turns + 1));
+                break;
+            }
+            worked = true;
+        }
+        self.count();
+        self.peers.turn(now)?;
+        if self.stopping {
+            self.tell(self.step.unwrap_or(0))?;
+            self.peers.set_state(NodeState::Stopping);
+            self.peers.publish(now)?;
+            return Ok(Turn::Ended);
+        }
+        Ok(if worked { Turn::Worked } else { Turn::Idle })
+    }
+
+    /// Asks for the end.
+    pub fn stop(&mut self) {
+        self.stopping = true;
+    }
+
+    /// The health report.
+    pub fn health(&mut self) -> &Health {
+        self.count();
+        &self.peers.report
+    }
+
+    fn next(&mut self) -> Result<Option<(Imu, u32)>, NodeError> {
+        if let Some(pending) = self.pending.take() {
+            return Ok(Some(pending));
+        }
+        Ok(receive(&mut self.imus, &mut self.refused)?.map(|imu| (imu, 0)))
+    }
+
+    /// Takes a measurement; false when what belongs to it has not come yet.
+    fn take(&mut self, imu: &Imu) -> Result<bool, NodeError> {
+        let step = imu.head.step;
+        match self.step {
+            // Sent once more.
+            Some(last) if step == last => return Ok(true),
+            Some(last) if step < last => {
+                tracing::warn!(step, "the plant began a new run: the mirror begins anew");
+                self.inputs.restart();
+                self.watcher.restart();
+            }
+            _ => {}
+        }
+        self.odometry.take(step, &mut self.refused)?;
+        self.outputs.take(step, &mut self.refused)?;
+        let u = match self.inputs.acting(imu, &mut self.refused)? {
+            Acting::Known(u) => u,
+            Acting::Coming => return Ok(false),
+            Acting::Lost => {
+                // What acted is not known, so nothing can be expected: it begins anew.
+                self.watcher.restart();
+                self.done(step)?;
+                return Ok(true);
+            }
+        };
+        if !(self.odometry.has_reached(step) && self.outputs.has_reached(step)) {
+            self.inputs.take_back();
+            return Ok(false);
+        }
+        let measurement =
+            Measurement { imu: *imu, odometry: self.odometry.at(step), outputs: self.outputs.at(step) };
+        let count = self.outputs_of.len();
+        let (mut y, mut fresh) = ([0.0; MAX_OUTPUTS], [false; MAX_OUTPUTS]);
+        let clean = self.map.read(&measurement, &mut y[..count], &mut fresh[..count]);
+        self.refused += u64::from(!clean);
+        let fresh = fresh[..count].iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
+        let inputs = self.inputs.count();
+        let found = self.watcher.observe(&Sample { step, y: &y[..count], fresh, u: &u[..inputs] });
+        if let Some(found) = found {
+            let mut finding = message(&found, self.watcher.vehicle(), self.period_ns);
+            finding.head = whirlstand_msgs::Head { seq: 0, ..imu.head };
+            let names: Vec<&str> = self.outputs_of.iter().map(String::as_str).collect();
+            tracing::warn!("{}", finding_text(&finding, &names).unwrap_or_default());
+            self.findings.send(&finding)?;
+        }
+        self.done(step)?;
+        Ok(true)
+    }
+
+    fn done(&mut self, step: u64) -> Result<(), NodeError> {
+        self.step = Some(step);
+        self.steps += 1;
+        if step.is_multiple_of(PACE) { self.tell(step) } else { Ok(()) }
+    }
+
+    /// Says how far it has come: a plant in lockstep does not run away from it.
+    fn tell(&mut self, step: u64) -> Result<(), NodeError> {
+        let mut progress = Progress { written: self.steps, ..Progress::zeroed() };
+        (progress.head.step, progress.head.stamp_ns) = (step, step * self.period_ns);
+        Ok(self.progress.send(&progress)?)
+    }
+
+    /// What the bench was asked for and the predictor may know: the engine. Gusts and effects are what it has to find.
+    fn take_adjustments(&mut self) -> Result<(), NodeError> {
+        while let Some(m) = receive(&mut self.adjusted, &mut self.refused)? {
+            if m.what == AdjustmentKind::Engine as u32 && m.verdict == AdjustmentVerdict::Done as u32 {
+                let engines = [Engine::Off, Engine::On, Engine::Flying];
+                if let Some(engine) = engines.get(m.value as usize) {
+                    self.watcher.set_engine(*engine);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn count(&mut self) {
+        let lost = [self.imus.lost(), self.odometry.lost(), self.outputs.lost(), self.inputs.lost()];
+        let report = &mut self.peers.report;
+        report.head.step = self.step.unwrap_or(0);
+        report.steps = self.steps;
+        report.lost = lost.into_iter().fold(0, u64::saturating_add);
+        report.rejected = self.refused;
+    }
+}

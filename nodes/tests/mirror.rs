@@ -1,0 +1,134 @@
+//! The mirror beside the loop: it finds what is hidden, is not heard by the loop, and withholds commands where it is asked to.
+
+mod common;
+
+use std::time::{Duration, Instant};
+
+use whirlstand_bus::{Bus, BusConfig, Subscriber};
+use whirlstand_msgs::{Command, Estimate, Finding, FindingStage, Imu, Message, Truth, flags, text_of};
+use whirlstand_nodes::clock::Turn;
+use whirlstand_nodes::config::{MirrorConfig, NodeConfig, OnFinding, SignalChange};
+use whirlstand_nodes::inproc::Bench;
+use whirlstand_vehicle::{Effect, Kind, Window};
+
+/// What a run said on the topics of the loop, as bytes, and what the mirror found.
+struct Said {
+    bits: [Vec<u8>; 4],
+    findings: Vec<Finding>,
+    failsafe: Vec<u64>,
+}
+
+fn drain<M: Message>(subscriber: &mut Subscriber<M>, mut hear: impl FnMut(&M)) {
+    while let Some(message) = subscriber.try_recv().unwrap() {
+        hear(&message);
+    }
+}
+
+fn run(config: &NodeConfig) -> Said {
+    let bus = Bus::open(&BusConfig::new(&config.bench, "tape", config.transport)).unwrap();
+    let (mut imus, mut estimates) =
+        (bus.subscriber::<Imu>(512).unwrap(), bus.subscriber::<Estimate>(512).unwrap());
+    let (mut commands, mut truths) =
+        (bus.subscriber::<Command>(512).unwrap(), bus.subscriber::<Truth>(512).unwrap());
+    let mut findings = bus.subscriber::<Finding>(512).unwrap();
+    let mut said = Said { bits: Default::default(), findings: Vec::new(), failsafe: Vec::new() };
+    let mut bench = Bench::open(config).unwrap();
+    let limit = Instant::now() + Duration::from_secs(120);
+    loop {
+        let turn = bench.round().unwrap();
+        assert!(Instant::now() < limit, "the bench hangs");
+        let [imu, estimate, command, truth] = &mut said.bits;
+        drain(&mut imus, |m| imu.extend_from_slice(bytemuck::bytes_of(m)));
+        drain(&mut estimates, |m| estimate.extend_from_slice(bytemuck::bytes_of(m)));
+        drain(&mut commands, |m| command.extend_from_slice(bytemuck::bytes_of(m)));
+        drain(&mut truths, |m| {
+            truth.extend_from_slice(bytemuck::bytes_of(m));
+            if m.flags & flags::FAILSAFE != 0 {
+                said.failsafe.push(m.head.step);
+            }
+        });
+        drain(&mut findings, |m| said.findings.push(*m));
+        if turn == Turn::Ended {
+            return said;
+        }
+    }
+}
+
+/// A flight with steps of the setpoint and a gust that the launch file declares.
+fn flight(name: &str, seconds: u64) -> NodeConfig {
+    let mut config = common::config(name, 200 * seconds);
+    let change = |k: u64| SignalChange {
+        at_s: 1.5 * k as f64,
+        values: [("roll", 0.09 * (1.0 - (k % 3) as f64)), ("pitch", 0.09 * ((k % 4) as f64 - 1.5))]
+            .map(|(name, value)| (name.to_string(), value))
+            .into(),
+    };
+    config.setpoint = (1..seconds * 2 / 3).map(change).collect();
+    let gust = [("at_s", 4.0), ("duration_s", 0.2), ("magnitude", 1.0)];
+    config.effects.push(Effect::new(Kind::PulseDisturbance, "roll_rate", &gust).unwrap());
+    config.mirror = Some(MirrorConfig::default());
+    config
+}
+
+/// The roll input loses a third of its effect after 8 s.
+fn weakened(mut config: NodeConfig) -> NodeConfig {
+    let late = Window { from_s: Some(8.0), until_s: None };
+    let gain = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.67)]).unwrap();
+    config.effects.push(gain.during(late).unwrap());
+    config
+}
+
+#[test]
+fn a_hidden_loss_of_effectiveness_is_told_and_named_and_the_loop_does_not_notice() {
+    let config = weakened(flight("mirror-gain", 20));
+    let with = run(&config);
+    let first = with.findings.first().expect("a finding");
+    let period = config.period_ns;
+    assert_eq!(first.stage, FindingStage::Wrong as u32);
+    let (told, since) = (first.head.stamp_ns as f64 * 1e-9, first.since_ns as f64 * 1e-9);
+    assert!((8.0..9.5).contains(&told) && (7.9..9.4).contains(&since), "told at {told} s, since {since} s");
+    let last = with.findings.iter().rev().find(|f| f.count > 0).expect("a name");
+    assert_eq!(
+        (text_of(&last.effect), text_of(&last.place)),
+        ("input_gain", "u_roll"),
+        "{:?}",
+        with.findings
+    );
+    assert!((last.value[0] - 0.67).abs() < 0.03 && last.low[0] < 0.69 && last.high[0] > 0.65, "{last:?}");
+    assert_eq!(last.head.stamp_ns, last.head.step * period);
+    let without = run(&NodeConfig { mirror: None, bench: common::unique("no-mirror"), ..config });
+    assert!(with.bits == without.bits, "the loop is another with a mirror beside it");
+    assert!(without.findings.is_empty());
+}
+
+#[test]
+fn transients_and_what_the_launch_file_declares_are_no_finding() {
+    let mut config = flight("mirror-clean", 60);
+    config.plant.initial = [("roll".to_string(), 0.3), ("pitch_rate".to_string(), -1.0)].into();
+    // Far beyond what the inputs can do: they stand at their limits for a while.
+    config.setpoint[8].values = [("roll".to_string(), 1.2)].into();
+    config.setpoint[9].values = [("roll".to_string(), -1.2)].into();
+    for (kind, parameters) in [
+        (Kind::StepDisturbance, vec![("at_s", 20.0), ("magnitude", 0.5)]),
+        (Kind::PeriodicDisturbance, vec![("frequency_hz", 0.8), ("amplitude", 0.5)]),
+        (Kind::Turbulence, vec![("std", 0.5), ("bandwidth_hz", 1.0)]),
+    ] {
+        config.effects.push(Effect::new(kind, "pitch_rate", &parameters).unwrap());
+    }
+    let said = run(&config);
+    assert!(said.findings.is_empty(), "{:?}", said.findings);
+}
+
+#[test]
+fn commands_are_withheld_from_the_first_word_on_where_the_launch_file_says_so() {
+    let mut config = weakened(flight("mirror-failsafe", 12));
+    config.mirror = Some(MirrorConfig { on_finding: OnFinding::Failsafe });
+    let said = run(&config);
+    let first = said.findings.first().expect("a finding").head.step;
+    let failsafe = *said.failsafe.first().expect("a failsafe");
+    // In one thread the mirror takes its turn every 128 rounds.
+    assert!((first..first + 300).contains(&failsafe), "found at {first}, failsafe from {failsafe}");
+    config.mirror = Some(MirrorConfig::default());
+    config.bench = common::unique("mirror-tell");
+    assert!(run(&config).failsafe.is_empty());
+}
