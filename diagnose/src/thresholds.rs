@@ -114,9 +114,6 @@ pub(crate) const CLIMB_OPTIMISM: f64 = 4.0;
 pub(crate) const WEAK_CORRELATION: f64 = 0.2;
 /// Samples of each channel from which on there are spectra. Calibrated.
 pub(crate) const MIN_SPECTRUM_SAMPLES: usize = 256;
-/// A convolution that is off by less, relative to the largest sample, is as good as the simulation. Cost.
-pub(crate) const SUPERPOSITION_TOLERANCE: f64 = 1e-2;
-
 /// The shortest memory of a predictor that follows the record, steps: shorter, a prediction is the last sample. Definition.
 pub(crate) const SHORTEST_MEMORY_STEPS: f64 = 2.0;
 /// Ratio of a memory to the next. The likelihood of a filter is flat about its optimum: a gain that is off by a factor

@@ -46,4 +46,4 @@ pub use model::{Engine, Input, Output, State, Vehicle, Vibration};
 pub use plausible::check_attitude;
 pub use random::Stream;
 pub use signal_unit::SignalUnit;
-pub use simulator::{LinearModel, Simulator, split_time};
+pub use simulator::{LinearModel, Rows, Simulator, split_time};

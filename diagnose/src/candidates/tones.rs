@@ -10,6 +10,7 @@ use crate::candidates::library::{Candidate, Sizes, tone};
 use crate::model::fit::{Fit, Model};
 use crate::model::score_test::ScoreTest;
 use crate::model::step_response::Responses;
+use crate::model::wave::Wave;
 use whirlstand_logs::stats::median;
 
 /// Candidates: a vibration of the channel, and a periodic disturbance of every state, at every tone of a channel.
@@ -141,18 +142,13 @@ fn sine(
     start_s: f64,
     data: &crate::data::record::Data,
 ) -> (f64, f64) {
-    let wave = |shift: f64| {
-        let mut samples = vec![0.0; fit.residual.len()];
-        for (channel, range) in data.channels.iter().zip(data.ranges()) {
-            if channel.output == output {
-                let step_s = channel.stride as f64 * data.period_s;
-                for (k, y) in samples[range].iter_mut().enumerate() {
-                    *y = (std::f64::consts::TAU * f * (start_s + k as f64 * step_s) + shift).sin();
-                }
-            }
+    let (mut s, mut c) = (vec![0.0; fit.residual.len()], vec![0.0; fit.residual.len()]);
+    for (channel, range) in data.channels.iter().zip(data.ranges()) {
+        if channel.output == output {
+            let step_s = channel.stride as f64 * data.period_s;
+            let mut wave = Wave::new(f * start_s, f * step_s);
+            s[range.clone()].iter_mut().zip(&mut c[range]).for_each(|(s, c)| (*s, *c) = wave.advance());
         }
-        samples
-    };
-    let (s, c) = (wave(0.0), wave(std::f64::consts::FRAC_PI_2));
+    }
     pair(score_test, &s, &c).map_or((0.0, 0.0), |(s, c)| polar(s, c))
 }

@@ -1,5 +1,7 @@
 //! A record as a diagnosis sees it: inputs on an even grid, and every measured output as a sequence of its own.
 
+use std::borrow::Cow;
+
 use crate::data::gaps;
 use crate::thresholds::{
     FIRST_COMMAND_SHARE, MAX_SEARCHED_STEPS, MIN_PART_STEPS, MIN_STEPS, SAME_PERIOD_SHARE,
@@ -239,6 +241,15 @@ impl Data {
                 fill(&mut samples[range], &channel.good);
             }
         }
+    }
+
+    /// As [`Data::fill`], a copy only where there is something to fill.
+    pub fn filled<'s>(&self, samples: &'s [f64]) -> Cow<'s, [f64]> {
+        let mut samples = Cow::Borrowed(samples);
+        if self.channels.iter().any(|c| c.good.contains(&false)) {
+            self.fill(samples.to_mut());
+        }
+        samples
     }
 }
 

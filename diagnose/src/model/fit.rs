@@ -1,10 +1,14 @@
 //! A hypothesis about a record: the vehicle, effects with open values, and the fit of all of them together.
 
 use crate::thresholds::{FIT_TOLERANCE, MAX_DAMPED_STEPS};
+use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use std::sync::Arc;
 use whirlstand_vehicle::{Effect, Free, Target, Vehicle};
 
 use crate::candidates::library::Candidate;
+use crate::data::record::Data;
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
 use whirlstand_ident::identify::normal::pseudo_inverse;
@@ -53,8 +57,11 @@ pub struct Fit {
     /// Likelihood and noise model.
     pub profile: Profile,
     /// Columns of the sensitivities, raw, in the order of the values.
-    pub columns: Vec<Vec<f64>>,
+    pub columns: Vec<Column>,
 }
+
+/// Sensitivities of all samples by one value. Those by the initial state are the same in many fits.
+pub type Column = Arc<Vec<f64>>;
 
 struct Slot {
     lower: f64,
@@ -136,14 +143,17 @@ impl<'r, 'd> Model<'r, 'd> {
         values: &[f64],
         centre: &[f64],
         slots: &[Slot],
-        initial: Option<&[Vec<f64>]>,
-    ) -> Result<Vec<Vec<f64>>, ModelError> {
+        initial: Option<&[Column]>,
+    ) -> Result<Vec<Column>, ModelError> {
         let n = self.states();
-        let mut columns = match initial {
+        let mut columns: Vec<Column> = match initial {
             Some(columns) => columns.to_vec(),
-            None => self.free_run.initial_columns(&self.vehicle(values)?, &values[..n], centre)?,
+            None => {
+                let columns = self.free_run.initial_columns(&self.vehicle(values)?, &values[..n], centre)?;
+                columns.into_iter().map(Arc::new).collect()
+            }
         };
-        columns.extend(self.own_columns(values, centre, slots)?);
+        columns.extend(self.own_columns(values, centre, slots)?.into_iter().map(Arc::new));
         Ok(columns)
     }
 
@@ -170,7 +180,7 @@ impl<'r, 'd> Model<'r, 'd> {
             column.iter_mut().zip(centre).for_each(|(c, y)| *c = (*c - y) * inverse);
             Ok(column)
         };
-        (self.states()..values.len()).map(column).collect()
+        (self.states()..values.len()).into_par_iter().map(column).collect()
     }
 
     fn residual(&self, measured: &[f64], predicted: &[f64]) -> Vec<f64> {
@@ -188,7 +198,7 @@ impl<'r, 'd> Model<'r, 'd> {
         &self,
         start: Vec<f64>,
         noise: Option<&Noise>,
-        initial: Option<&[Vec<f64>]>,
+        initial: Option<&[Column]>,
     ) -> Result<Fit, ModelError> {
         self.fit_with(start, noise, initial, Effort::Full)
     }
@@ -201,7 +211,7 @@ impl<'r, 'd> Model<'r, 'd> {
         &self,
         start: Vec<f64>,
         noise: Option<&Noise>,
-        initial: Option<&[Vec<f64>]>,
+        initial: Option<&[Column]>,
         effort: Effort,
     ) -> Result<Fit, ModelError> {
         let data = self.free_run.data;
@@ -303,13 +313,8 @@ impl<'r, 'd> Model<'r, 'd> {
     }
 }
 
-fn whitened(noise: &Noise, data: &crate::data::record::Data, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let white = |c: &Vec<f64>| {
-        let mut c = c.clone();
-        data.fill(&mut c);
-        noise.whiten(data, &c)
-    };
-    columns.iter().map(white).collect()
+fn whitened<C: AsRef<Vec<f64>> + Sync>(noise: &Noise, data: &Data, columns: &[C]) -> Vec<Vec<f64>> {
+    columns.par_iter().map(|c| noise.whiten(data, &data.filled(c.as_ref()))).collect()
 }
 
 /// Products of all columns with each other.
@@ -361,13 +366,14 @@ fn damped(information: &DMatrix<f64>, right: &DVector<f64>, damping: f64) -> Opt
     Some(pseudo_inverse(&damped)? * right)
 }
 
-/// Sum of products, in four independent sums.
+/// Sum of products, in sixteen independent sums.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in a4.zip(b4) {
-        for i in 0..4 {
+    let mut sums = [0.0; 16];
+    let ((a16, a_rest), (b16, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
+    for (x, y) in a16.iter().zip(b16) {
+        for i in 0..16 {
             sums[i] += x[i] * y[i];
         }
     }

@@ -1,6 +1,7 @@
 //! Free runs of a vehicle over a record's inputs, with any effects added.
 
-use whirlstand_vehicle::{Effect, Simulator, Vehicle};
+use rayon::prelude::*;
+use whirlstand_vehicle::{Effect, Rows, Simulator, Vehicle};
 
 use crate::data::record::{Channel, Data};
 use crate::model::observer::Observer;
@@ -31,6 +32,26 @@ struct Place {
     end: usize,
     /// Largest magnitude.
     reach: f64,
+}
+
+impl Place {
+    /// Takes the samples that lie in the steps from `first` on whose values `of` gives for an output; false where one is
+    /// beyond all bounds.
+    fn take<'a>(&mut self, first: usize, of: impl Fn(usize) -> &'a [f64], samples: &mut [f64]) -> bool {
+        let values = of(self.output);
+        while self.at < self.end
+            && let Some(y) = values.get(self.next - first)
+        {
+            // Not a number is beyond any reach.
+            if y.is_nan() || y.abs() > self.reach {
+                return false;
+            }
+            samples[self.at] = *y;
+            self.next += self.stride;
+            self.at += 1;
+        }
+        true
+    }
 }
 
 /// A vehicle that is run over one record.
@@ -142,6 +163,9 @@ impl<'d> FreeRun<'d> {
     /// # Errors
     /// When the run leaves all bounds.
     pub fn run_vehicle(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<f64>, ModelError> {
+        if self.data.memory_s.is_none() {
+            return self.sampled_in_blocks(vehicle, initial, None);
+        }
         self.sampled(vehicle, initial, |_, _| ())
     }
 
@@ -157,11 +181,57 @@ impl<'d> FreeRun<'d> {
         state: usize,
         (scale, force): (f64, &[f64]),
     ) -> Result<Vec<f64>, ModelError> {
+        if self.data.memory_s.is_none() {
+            let force: Vec<f64> = force.iter().map(|f| scale * f).collect();
+            return self.sampled_in_blocks(vehicle, initial, Some((state, &force)));
+        }
         let mut derivative = vec![0.0; vehicle.states.len()];
         self.sampled(vehicle, initial, |k, simulator| {
             derivative[state] = scale * force[k];
             simulator.disturb(&derivative);
         })
+    }
+
+    fn places(&self) -> Vec<Place> {
+        let data = self.data;
+        let channels = data.channels.iter().zip(data.ranges()).zip(&self.reach);
+        let place = |((c, range), reach): ((&Channel, std::ops::Range<usize>), &f64)| {
+            let (next, at, end) = (c.first, range.start, range.end);
+            Place { output: c.output, stride: c.stride, next, at, end, reach: *reach }
+        };
+        channels.map(place).collect()
+    }
+
+    /// As [`FreeRun::fly`] where nothing is to be done between two steps: many of them at once. `hear` is given the first
+    /// step of a block and its rows.
+    fn fly_in_blocks(
+        &self,
+        vehicle: &Vehicle,
+        initial: &[f64],
+        force: Option<(usize, &[f64])>,
+        mut hear: impl FnMut(usize, &Rows) -> Result<(), ModelError>,
+    ) -> Result<(), ModelError> {
+        let data = self.data;
+        let mut known: Option<Rows> = None;
+        let ends = data.starts.iter().copied().skip(1).chain([data.steps]);
+        let n = self.states();
+        for (record, (start, end)) in data.starts.iter().copied().zip(ends).enumerate() {
+            let mut simulator = data.begin(vehicle, start).ok_or(ModelError::Diverged)?;
+            simulator.set_state(&initial[record * n..(record + 1) * n]);
+            let rows = known.get_or_insert_with(|| Rows::new(&simulator));
+            for (block, inputs) in
+                data.inputs[start * data.m..end * data.m].chunks(Rows::MOST * data.m).enumerate()
+            {
+                let first = start + block * Rows::MOST;
+                let force = force.map(|(state, force)| (state, &force[first..]));
+                simulator.run_forced_block(inputs, force, rows);
+                hear(first, rows)?;
+            }
+            if simulator.diverged() {
+                return Err(ModelError::Diverged);
+            }
+        }
+        Ok(())
     }
 
     fn sampled(
@@ -170,28 +240,26 @@ impl<'d> FreeRun<'d> {
         initial: &[f64],
         prepare: impl FnMut(usize, &mut Simulator),
     ) -> Result<Vec<f64>, ModelError> {
-        let data = self.data;
-        let mut samples = vec![0.0; data.samples()];
-        let channels = data.channels.iter().zip(data.ranges()).zip(&self.reach);
-        let place = |((c, range), reach): ((&Channel, std::ops::Range<usize>), &f64)| {
-            let (next, at, end) = (c.first, range.start, range.end);
-            Place { output: c.output, stride: c.stride, next, at, end, reach: *reach }
-        };
-        let mut places: Vec<Place> = channels.map(place).collect();
+        let mut samples = vec![0.0; self.data.samples()];
+        let mut places = self.places();
         self.fly(vehicle, initial, prepare, |k, y| {
-            for place in &mut places {
-                if k == place.next && place.at < place.end {
-                    let y = y[place.output];
-                    // Not a number is beyond any reach.
-                    if y.is_nan() || y.abs() > place.reach {
-                        return false;
-                    }
-                    samples[place.at] = y;
-                    place.next += place.stride;
-                    place.at += 1;
-                }
-            }
-            true
+            places.iter_mut().all(|place| place.take(k, |output| &y[output..=output], &mut samples))
+        })?;
+        Ok(samples)
+    }
+
+    fn sampled_in_blocks(
+        &self,
+        vehicle: &Vehicle,
+        initial: &[f64],
+        force: Option<(usize, &[f64])>,
+    ) -> Result<Vec<f64>, ModelError> {
+        let mut samples = vec![0.0; self.data.samples()];
+        let mut places = self.places();
+        self.fly_in_blocks(vehicle, initial, force, |k, rows| {
+            let taken =
+                places.iter_mut().all(|place| place.take(k, |output| rows.output(output), &mut samples));
+            if taken { Ok(()) } else { Err(ModelError::Diverged) }
         })?;
         Ok(samples)
     }
@@ -202,6 +270,14 @@ impl<'d> FreeRun<'d> {
     /// When the run leaves all bounds.
     pub fn run_states(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<Vec<f64>>, ModelError> {
         let mut states = vec![Vec::with_capacity(self.data.steps); self.states()];
+        if self.data.memory_s.is_none() {
+            self.fly_in_blocks(vehicle, initial, None, |_, rows| {
+                let columns = states.iter_mut().enumerate();
+                columns.for_each(|(i, column)| column.extend_from_slice(rows.state(i)));
+                Ok(())
+            })?;
+            return Ok(states);
+        }
         self.fly(
             vehicle,
             initial,
@@ -225,11 +301,19 @@ impl<'d> FreeRun<'d> {
         centre: &[f64],
     ) -> Result<Vec<Vec<f64>>, ModelError> {
         let (n, data) = (self.states(), self.data);
-        let mut columns = vec![vec![0.0; centre.len()]; self.initials()];
-        for state in 0..n {
+        let runs = (0..n).into_par_iter().map(|state| {
             let mut moved = initial.to_vec();
             moved.iter_mut().skip(state).step_by(n).for_each(|x| *x += INITIAL_STATE_STEP);
-            let run = self.run_vehicle(vehicle, &moved)?;
+            let mut run = self.run_vehicle(vehicle, &moved)?;
+            run.iter_mut().zip(centre).for_each(|(y, c)| *y = (*y - c) / INITIAL_STATE_STEP);
+            Ok(run)
+        });
+        let runs: Vec<Vec<f64>> = runs.collect::<Result<_, ModelError>>()?;
+        if data.starts.len() == 1 {
+            return Ok(runs);
+        }
+        let mut columns = vec![vec![0.0; centre.len()]; self.initials()];
+        for (state, run) in runs.iter().enumerate() {
             for (channel, range) in data.channels.iter().zip(data.ranges()) {
                 let mut record = 0;
                 for (sample, at) in range.enumerate() {
@@ -237,7 +321,7 @@ impl<'d> FreeRun<'d> {
                     while data.starts.get(record + 1).is_some_and(|next| *next <= step) {
                         record += 1;
                     }
-                    columns[record * n + state][at] = (run[at] - centre[at]) / INITIAL_STATE_STEP;
+                    columns[record * n + state][at] = run[at];
                 }
             }
         }

@@ -11,4 +11,5 @@ pub mod observer;
 pub mod predictor;
 pub mod score_test;
 pub mod step_response;
+pub(crate) mod wave;
 pub mod whittle;

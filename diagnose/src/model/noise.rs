@@ -134,21 +134,17 @@ impl Noise {
         if let Some(common) = &self.common {
             return self.masked(data, samples, common.filter(data, samples));
         }
-        let mut out = Vec::with_capacity(samples.len());
+        let mut out = vec![0.0; samples.len()];
         let models = self.channels.iter().zip(&self.total);
         for ((channel, range), (ar, total)) in data.channels.iter().zip(data.ranges()).zip(models) {
-            let raw = &samples[range];
-            let mut white = filtered(ar, raw);
+            let (raw, white) = (&samples[range.clone()], &mut out[range]);
+            ar.filter(raw, white);
             let over = |std: f64| if std > 0.0 { 1.0 / std } else { 0.0 };
             let (scale, early) = (over(ar.variance.sqrt()), over(*total));
-            for (k, (e, good)) in white.iter_mut().zip(&channel.good).enumerate() {
-                *e = match (*good, k >= MAX_AR_ORDER) {
-                    (false, _) => 0.0,
-                    (true, true) => *e * scale,
-                    (true, false) => raw[k] * early,
-                };
-            }
-            out.append(&mut white);
+            let first = white.len().min(MAX_AR_ORDER);
+            white[first..].iter_mut().for_each(|e| *e *= scale);
+            white[..first].iter_mut().zip(raw).for_each(|(e, raw)| *e = raw * early);
+            white.iter_mut().zip(&channel.good).filter(|(_, good)| !**good).for_each(|(e, _)| *e = 0.0);
         }
         out
     }
@@ -174,10 +170,11 @@ impl Noise {
         if let Some(common) = &self.common {
             return common.filter(data, samples);
         }
-        let mut out = Vec::with_capacity(samples.len());
+        let mut out = vec![0.0; samples.len()];
         for (range, ar) in data.ranges().into_iter().zip(&self.channels) {
             let scale = if ar.variance > 0.0 { 1.0 / ar.variance.sqrt() } else { 0.0 };
-            out.extend(filtered(ar, &samples[range]).iter().map(|e| e * scale));
+            ar.filter(&samples[range.clone()], &mut out[range.clone()]);
+            out[range].iter_mut().for_each(|e| *e *= scale);
         }
         out
     }
@@ -193,12 +190,7 @@ impl Noise {
 
 /// A(q) applied to a sequence; what lies before it counts as zero.
 pub(crate) fn filtered(ar: &Ar, r: &[f64]) -> Vec<f64> {
-    let mut out = r.to_vec();
-    for (i, a) in ar.coefficients.iter().enumerate() {
-        let lag = i + 1;
-        if lag < r.len() {
-            out[lag..].iter_mut().zip(r).for_each(|(o, past)| *o += a * past);
-        }
-    }
+    let mut out = vec![0.0; r.len()];
+    ar.filter(r, &mut out);
     out
 }

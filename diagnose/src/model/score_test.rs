@@ -30,10 +30,10 @@ pub struct Score {
 
 impl<'d> ScoreTest<'d> {
     /// `residual` is filled; `nuisances` are raw columns.
-    pub fn new(data: &'d Data, noise: &Noise, residual: &[f64], nuisances: &[Vec<f64>]) -> Self {
+    pub fn new(data: &'d Data, noise: &Noise, residual: &[f64], nuisances: &[impl AsRef<Vec<f64>>]) -> Self {
         let (mut basis, mut raw): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
         for column in nuisances {
-            let mut filled = column.clone();
+            let mut filled = column.as_ref().clone();
             data.fill(&mut filled);
             let mut w = noise.whiten(data, &filled);
             let before = dot(&w, &w);
@@ -95,17 +95,13 @@ impl<'d> ScoreTest<'d> {
 
     /// As [`ScoreTest::project`] for samples that may have gaps.
     pub fn signature(&self, samples: &[f64]) -> Vec<f64> {
-        let mut filled = samples.to_vec();
-        self.data.fill(&mut filled);
-        self.project(&filled)
+        self.project(&self.data.filled(samples))
     }
 
     /// Product of a whitened signature with the residual, and its energy, both beside the nuisances: without taking them
     /// off, as the residual has no part in them.
     fn product(&self, samples: &[f64]) -> (f64, f64) {
-        let mut filled = samples.to_vec();
-        self.data.fill(&mut filled);
-        let w = self.noise.whiten(self.data, &filled);
+        let w = self.noise.whiten(self.data, &self.data.filled(samples));
         let whole = dot(&w, &w);
         let nuisances: f64 = self.basis.iter().map(|b| dot(b, &w).powi(2)).sum();
         let energy = whole - nuisances;

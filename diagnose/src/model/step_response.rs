@@ -8,6 +8,7 @@ use whirlstand_vehicle::{Effect, Kind};
 use crate::candidates::library::Sizes;
 use crate::data::record::Data;
 use crate::model::fit::{Fit, Model};
+use crate::model::wave::Wave;
 
 /// Changes of all samples per unit of a constant force on each state, from the beginning of each record on.
 ///
@@ -48,18 +49,26 @@ impl Responses {
             let mut start = 0;
             let mut last = (0.0, 0.0);
             let mut sum = (0.0, 0.0);
+            // From one sample to the next: half the angle, its cosine and sine, and how much of a rise counts.
+            let mut turn = (f64::NAN, 1.0, 0.0, 1.0);
+            let mut wave = Wave::new(0.0, channel.stride as f64 * data.period_s * frequency_hz);
             for (k, at) in range.enumerate() {
                 let now = channel.step(k);
                 while let Some(next) = records.next_if(|s| *s <= now) {
                     (start, last, sum) = (next, (0.0, 0.0), (0.0, 0.0));
+                    wave.begin((now - start) as f64 * data.period_s * frequency_hz);
                 }
                 let t = (now - start) as f64 * data.period_s;
                 let half = 0.5 * TAU * frequency_hz * (t - last.0);
-                let share = if half.abs() > 1e-9 { half.sin() / half } else { 1.0 };
+                if (half - turn.0).abs() > 1e-9 * half || turn.0.is_nan() {
+                    let share = if half.abs() > 1e-9 { half.sin() / half } else { 1.0 };
+                    turn = (half, half.cos(), half.sin(), share);
+                }
+                let (_, half_c, half_s, share) = turn;
+                let (s, c) = wave.advance();
                 let rise = (step[at] - last.1) * share;
-                let (s, c) = (0.5 * TAU * frequency_hz * (t + last.0)).sin_cos();
-                sum = (sum.0 + rise * c, sum.1 - rise * s);
-                let (s, c) = (TAU * frequency_hz * t).sin_cos();
+                // Half way between this sample and the last.
+                sum = (sum.0 + rise * (c * half_c + s * half_s), sum.1 - rise * (s * half_c - c * half_s));
                 sine[at] = s * sum.0 + c * sum.1;
                 cosine[at] = c * sum.0 - s * sum.1;
                 last = (t, step[at]);

@@ -83,7 +83,7 @@ pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usi
     let forced = forced(&vehicle).into_iter().map(|s| (s, sizes.slopes[s])).collect::<Vec<_>>();
     let columns = Columns {
         score_test: ScoreTest::new(data, &fit.profile.noise, &fit.residual, &fit.columns),
-        forces: Forces::new(model, fit, &vehicle, &forced, &signals.inputs.first()?.values),
+        forces: Forces::new(model, fit, &vehicle, &forced),
         groups: groups(&signals),
         sensors: vehicle.states.len(),
         fit,

@@ -67,7 +67,7 @@ pub fn beyond_turbulence(
     let signals = Signals::new(model, states);
     let score_test = ScoreTest::new(data, noise, &fit.residual, &fit.columns);
     let pushed = [(state, space.sizes.slopes[state])];
-    let forces = Forces::new(model, fit, &vehicle, &pushed, &signals.states.first()?.values);
+    let forces = Forces::new(model, fit, &vehicle, &pushed);
     let relay = hysteresis_relay::likeliest(&score_test, &forces, &signals.states, false)?;
     let ripples = signals.ripples();
     let functions: Vec<&[f64]> = ripples.iter().flat_map(|f| &f.functions).map(Vec::as_slice).collect();
@@ -173,9 +173,8 @@ impl<'a, 'd> Comparison<'a, 'd> {
                 column.iter().copied().enumerate().filter(|(_, b)| *b != 0.0).collect()
             }
         };
-        let first = bases.first()?();
         let states: Vec<(usize, f64)> = pushed.iter().map(|(i, _)| (*i, self.slopes[*i])).collect();
-        let forces = Forces::new(self.model, self.fit, self.vehicle, &states, first.functions.first()?);
+        let forces = Forces::new(self.model, self.fit, self.vehicle, &states);
         let columns = |basis: usize| self.columns(&forces, &pushed, bases[basis]());
         // The quickest score test sorts out, the others look at what is left.
         let [rest @ .., quick] = self.score_tests.as_slice() else { return None };
@@ -209,7 +208,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
     fn relay(&self, state: usize, states: &[Signal]) -> Option<ForceOnSignal> {
         let data = self.model.free_run.data;
         let pushed = [(state, self.slopes[state])];
-        let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed, &states.first()?.values);
+        let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed);
         let looks = 2.0 * ((states.len() * hysteresis_relay::looks()) as f64).ln();
         let bics = self.score_tests.iter().filter_map(|score_test| {
             let relay = hysteresis_relay::likeliest(score_test, &forces, states, true)?;

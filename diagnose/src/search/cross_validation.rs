@@ -73,14 +73,8 @@ fn cuts(data: &Data, noise: &Noise, reduced: &Fit, extended: &Fit) -> (Vec<usize
 /// Sum of squared whitened errors of every block when it is left out.
 fn left_out(data: &Data, noise: &Noise, fit: &Fit, estimated: &[usize], cuts: &[usize]) -> Option<Vec<f64>> {
     let residual = noise.whiten(data, &fit.residual);
-    let columns: Vec<Vec<f64>> = estimated
-        .iter()
-        .map(|i| {
-            let mut filled = fit.columns[*i].clone();
-            data.fill(&mut filled);
-            noise.whiten(data, &filled)
-        })
-        .collect();
+    let columns: Vec<Vec<f64>> =
+        estimated.iter().map(|i| noise.whiten(data, &data.filled(&fit.columns[*i]))).collect();
     let n = columns.len();
     let parts: Vec<Vec<std::ops::Range<usize>>> = cuts
         .windows(2)

@@ -130,35 +130,46 @@ fn profiles(
     scored.into_par_iter().zip(promising).map(profile).collect()
 }
 
+/// What a few steps of a fit came to.
+struct Glance {
+    /// Place among the alternatives.
+    i: usize,
+    /// The candidate's own values.
+    own: Vec<f64>,
+    /// Gain in BIC that may be hoped for: a few steps from a start may end far from what the signature has promised, and the
+    /// promise counts until it is fitted.
+    promise: f64,
+    /// Gain in BIC that is certain.
+    sure: f64,
+}
+
 /// Fits the likeliest: a few steps for the first ones, to the optimum for those of them that promise as much as the best.
 fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, Vec<f64>)], watch: &Watch) {
-    // A few steps from a start may end far from what the signature has promised: the promise counts until it is fitted.
     let glance = |(i, (t, start)): (usize, &(Alternative, Vec<f64>))| {
         let glance = fitted_with(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
+        let values = glance.fit?.values;
+        let own = values[values.len() - t.candidate.tunables.len()..].to_vec();
         let promise = glance.delta_bic.max(t.delta_bic);
-        Some((glance, promise, i))
+        let sure = if t.candidate.linear { promise } else { glance.delta_bic };
+        Some(Glance { i, own, promise, sure })
     };
     watch.tell("fits the likeliest causes");
     let hopeful = alternatives.par_iter().enumerate().take(GLANCED);
     let hopeful = hopeful.filter(|(_, (t, _))| t.delta_bic > HOPELESS_BIC && !watch.is_stopped());
-    let mut glances: Vec<(Alternative, f64, usize)> = hopeful.filter_map(glance).collect();
-    glances.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let sure = |(glance, promise, _): &(Alternative, f64, usize)| {
-        if glance.candidate.linear { *promise } else { glance.delta_bic }
-    };
-    let best = glances.iter().map(sure).fold(0.0, f64::max);
+    let mut glances: Vec<Glance> = hopeful.filter_map(glance).collect();
+    glances.sort_by(|a, b| b.promise.total_cmp(&a.promise));
+    let best = glances.iter().map(|g| g.sure).fold(0.0, f64::max);
     let mut rank = 0..;
-    glances.retain(|(_, promise, _)| {
+    glances.retain(|g| {
         let among = rank.next().is_some_and(|rank| rank < FITTED);
-        best - promise < FITTED_NEAR_BIC
-            || among && best - promise < FITTED_BEHIND_BIC.max(FITTED_BEHIND_SHARE * best)
+        best - g.promise < FITTED_NEAR_BIC
+            || among && best - g.promise < FITTED_BEHIND_BIC.max(FITTED_BEHIND_SHARE * best)
     });
-    let full = |(glance, _, i): (Alternative, f64, usize)| {
+    let full = |g: Glance| {
         if watch.is_stopped() {
             return None;
         }
-        let own = |fit: Fit| fit.values[fit.values.len() - glance.candidate.tunables.len()..].to_vec();
-        Some((fitted(model, fit, &glance.candidate, own(glance.fit?))?, i))
+        Some((fitted(model, fit, &alternatives[g.i].0.candidate, g.own)?, g.i))
     };
     let fitted: Vec<(Alternative, usize)> = glances.into_par_iter().filter_map(full).collect();
     for (fitted, i) in fitted {

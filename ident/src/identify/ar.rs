@@ -86,20 +86,12 @@ impl Ar {
             // backward[k] holds b_(k-1): shifted by one in each order, by taking a shorter slice.
             let f = &mut forward[order + 1..];
             let b = &mut backward[..run.len() - order - 1];
-            let (mut cross, mut power) = (0.0, 0.0);
-            for (f, b) in f.iter().zip(b.iter()) {
-                cross += f * b;
-                power += f * f + b * b;
-            }
+            let (cross, power) = correlation(f, b);
             if power.is_nan() || power <= 0.0 {
                 break;
             }
             let reflection = -2.0 * cross / power;
-            for (f, b) in f.iter_mut().zip(b.iter_mut()) {
-                let before = *f;
-                *f = before + reflection * *b;
-                *b += reflection * before;
-            }
+            reflect(f, b, reflection);
             let previous = a.clone();
             a.push(reflection);
             for (i, p) in previous.iter().enumerate() {
@@ -113,6 +105,15 @@ impl Ar {
     /// Order q of the model.
     pub fn order(&self) -> usize {
         self.coefficients.len()
+    }
+
+    /// A(q) applied to a run of residuals; what lies before it counts as zero.
+    ///
+    /// # Panics
+    /// When `out` is not as long as the run.
+    pub fn filter(&self, run: &[f64], out: &mut [f64]) {
+        assert_eq!(run.len(), out.len(), "one value for each residual");
+        filter(&self.coefficients, run, out);
     }
 
     /// The white part of a run of residuals; the first `order` values are left out.
@@ -179,6 +180,51 @@ impl RowFilter {
         let ready = self.inverse || self.filled >= q;
         self.filled += 1;
         ready.then_some(&self.out[..])
+    }
+}
+
+/// Sum of products, and of both squares, each in eight independent sums.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn correlation(forward: &[f64], backward: &[f64]) -> (f64, f64) {
+    let (mut cross, mut power) = ([0.0; 8], [0.0; 8]);
+    let ((f8, f_rest), (b8, b_rest)) = (forward.as_chunks::<8>(), backward.as_chunks::<8>());
+    for (f, b) in f8.iter().zip(b8) {
+        for i in 0..8 {
+            cross[i] += f[i] * b[i];
+            power[i] += f[i] * f[i] + b[i] * b[i];
+        }
+    }
+    for (i, (f, b)) in f_rest.iter().zip(b_rest).enumerate() {
+        cross[i] += f * b;
+        power[i] += f * f + b * b;
+    }
+    (cross.iter().sum(), power.iter().sum())
+}
+
+/// Forward and backward residuals of the next order.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn reflect(forward: &mut [f64], backward: &mut [f64], reflection: f64) {
+    for (f, b) in forward.iter_mut().zip(backward) {
+        let before = *f;
+        *f = before + reflection * *b;
+        *b += reflection * before;
+    }
+}
+
+/// In blocks that stay in the processor's first cache.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn filter(coefficients: &[f64], run: &[f64], out: &mut [f64]) {
+    const BLOCK: usize = 512;
+    out.copy_from_slice(run);
+    for start in (0..run.len()).step_by(BLOCK) {
+        let end = (start + BLOCK).min(run.len());
+        for (lag, a) in (1..).zip(coefficients) {
+            let from = start.max(lag);
+            if from < end {
+                let past = &run[from - lag..end - lag];
+                out[from..end].iter_mut().zip(past).for_each(|(o, p)| *o += a * p);
+            }
+        }
     }
 }
 

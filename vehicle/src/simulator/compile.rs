@@ -38,6 +38,26 @@ impl Row {
         self.v.iter().for_each(|(i, c)| v[(row, *i)] += c);
     }
 
+    /// Its values over the steps of a block, where every entry of z and of v has its values one after the other, `stride`
+    /// from one entry to the next.
+    #[inline(always)]
+    pub fn values(&self, stride: usize, z: &[f64], v: &[f64], out: &mut [f64]) {
+        let dot = |terms: &[(usize, f64)], x: &[f64], out: &mut [f64]| {
+            for (i, c) in terms {
+                let entry = &x[i * stride..][..out.len()];
+                out.iter_mut().zip(entry).for_each(|(o, x)| *o += c * x);
+            }
+        };
+        out.fill(0.0);
+        dot(&self.z, z, out);
+        if !self.v.is_empty() {
+            let mut direct = [0.0; super::record::BLOCK];
+            let direct = &mut direct[..out.len()];
+            dot(&self.v, v, direct);
+            out.iter_mut().zip(direct).for_each(|(o, d)| *o += *d);
+        }
+    }
+
     #[inline]
     pub fn value(&self, z: &[f64], v: &[f64]) -> f64 {
         let dot = |terms: &[(usize, f64)], x: &[f64]| terms.iter().map(|(i, c)| c * x[*i]).sum::<f64>();

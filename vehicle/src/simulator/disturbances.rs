@@ -53,6 +53,8 @@ pub struct Disturbances {
     turbulence: Vec<(usize, Turbulence)>,
     oscillators: Vec<Oscillator>,
     external: Vec<f64>,
+    /// Nothing comes from outside.
+    is_calm: bool,
     /// What acts at the beginning of the present step, sines included.
     acting: Vec<f64>,
 }
@@ -90,8 +92,15 @@ impl Disturbances {
             }
         }
         let zeros = vec![0.0; n];
-        let mut all =
-            Self { period_s, pulses, turbulence, oscillators, external: zeros.clone(), acting: zeros };
+        let mut all = Self {
+            period_s,
+            pulses,
+            turbulence,
+            oscillators,
+            external: zeros.clone(),
+            is_calm: true,
+            acting: zeros,
+        };
         all.refresh(0);
         all
     }
@@ -99,6 +108,11 @@ impl Disturbances {
     /// Offsets inside their steps at which something begins or ends.
     pub fn events(&self) -> Vec<Moment> {
         self.pulses.iter().flat_map(|p| [p.from, p.until]).filter(|m| m.0 < u64::MAX).collect()
+    }
+
+    /// True when nothing is added to any derivative as a constant: no step, pulse or turbulence, and nothing from outside.
+    pub fn are_none(&self) -> bool {
+        self.pulses.is_empty() && self.turbulence.is_empty() && self.is_calm
     }
 
     /// The constant part over the substep that begins at this offset.
@@ -147,7 +161,15 @@ impl Disturbances {
     /// Sets what is added from outside, from now on.
     pub fn set_external(&mut self, step: u64, external: &[f64]) {
         self.external.copy_from_slice(external);
+        self.is_calm = external.iter().all(|d| *d == 0.0);
         self.refresh(step);
+    }
+
+    /// Sets what is added to one state's derivative from outside; what acts is told from the next step on.
+    #[inline]
+    pub fn force(&mut self, state: usize, value: f64) {
+        self.external[state] = value;
+        self.is_calm = false;
     }
 
     fn refresh(&mut self, step: u64) {

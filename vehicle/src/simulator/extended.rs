@@ -5,8 +5,8 @@ use whirlstand_linalg::spectral_radius;
 use super::compile::{Rest, System};
 use super::disturbances::Disturbances;
 use super::inputs::{Chain, Delay};
-use super::kernel::Kernel;
-use super::nonlinear::{self, Nonlinear};
+use super::kernel::State;
+use super::nonlinear::{Nonlinear, Work};
 use super::schedule::{self, Schedule};
 use super::sensors::Sensors;
 use crate::effects::{Effect, Place};
@@ -21,7 +21,6 @@ pub struct Extended {
     schedule: Schedule,
     nonlinear: Option<Nonlinear>,
     rests: Vec<Rest>,
-    scratch: Vec<f64>,
 }
 
 impl Extended {
@@ -48,23 +47,15 @@ impl Extended {
         }
         let cuts: Vec<f64> =
             delays.iter().map(|d| d.fraction_s).filter(|f| *f > 0.0).chain(sensors.cuts_s()).collect();
-        let padded = Kernel::padded(system.size());
-        let mut fastest: f64 = 0.0;
-        for (a, _) in &system.stages {
-            fastest = fastest.max(spectral_radius(a)?);
+        let mut nonlinear = Nonlinear::new(effects, system.n, neutral.len());
+        if let Some(nonlinear) = &mut nonlinear {
+            for (a, _) in &system.stages {
+                nonlinear.fastest = nonlinear.fastest.max(spectral_radius(a)?);
+            }
         }
-        let nonlinear = Nonlinear::new(effects, system.n, neutral.len(), padded, fastest);
-        let levels = if nonlinear.is_some() { nonlinear::LEVELS } else { 1 };
+        let levels = nonlinear.as_ref().map_or(1, Nonlinear::levels);
         let schedule = Schedule::new(system, period_s, &cuts, &disturbances.events(), levels)?;
-        Ok(Self {
-            period_s,
-            chains,
-            delays,
-            schedule,
-            nonlinear,
-            rests: system.rests.clone(),
-            scratch: vec![0.0; padded],
-        })
+        Ok(Self { period_s, chains, delays, schedule, nonlinear, rests: system.rests.clone() })
     }
 
     /// Sets the resting inputs, and filters to where those lead.
@@ -85,6 +76,7 @@ impl Extended {
     }
 
     /// Takes the commands of the step whose middle is at `t`, and sets what acts from its beginning.
+    #[inline(always)]
     pub fn command(&mut self, applied: &[f64], t: f64, drive: &mut [f64]) {
         let links = self.chains.iter_mut().zip(&mut self.delays);
         for (((chain, delay), drive), applied) in links.zip(drive).zip(applied) {
@@ -99,26 +91,32 @@ impl Extended {
     }
 
     /// Moves z over one period, substep by substep; `drive` holds the inputs, then what is added to the derivatives.
-    pub fn advance(
+    #[inline(always)]
+    pub fn advance<V: State>(
         &mut self,
         step: u64,
-        z: &mut [f64],
+        z: &mut V,
         drive: &mut [f64],
-        disturbances: &Disturbances,
-        sensors: &mut Sensors,
+        (disturbances, sensors): (&Disturbances, &mut Sensors),
+        work: &mut Work<V>,
     ) {
-        disturbances.set_oscillators(step, z);
+        disturbances.set_oscillators(step, z.as_mut());
+        let inputs = self.chains.len();
+        // Where nothing is added to the derivatives, only the inputs act.
+        let acting = if disturbances.are_none() { inputs } else { drive.len() };
         for substep in self.schedule.substeps(step) {
-            let (v, held) = drive.split_at_mut(self.chains.len());
+            let (v, held) = drive.split_at_mut(inputs);
             for (value, delay) in v.iter_mut().zip(&self.delays) {
                 let changed = schedule::reached((0, delay.fraction_s), 0, substep.start_s, self.period_s);
                 *value = if changed { delay.newer() } else { delay.older() };
             }
-            disturbances.held(step, substep.start_s, held);
-            sensors.remember(substep.start_s, z, v);
+            if acting > inputs {
+                disturbances.held(step, substep.start_s, held);
+            }
+            sensors.remember(substep.start_s, z.as_ref(), v);
             match &mut self.nonlinear {
-                Some(nonlinear) => nonlinear.advance(substep, z, drive),
-                None => substep.levels[0].advance(z, drive, &mut self.scratch),
+                Some(nonlinear) => nonlinear.advance(substep, z, &drive[..acting], work),
+                None => z.flow(&substep.levels[0], &drive[..acting], &mut work.scratch),
             }
         }
     }

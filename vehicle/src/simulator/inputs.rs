@@ -176,12 +176,17 @@ impl Delay {
     /// What acts from `fraction_s` on.
     pub fn newer(&self) -> f64 {
         // The oldest entry but one: the ring holds two more than the whole periods of delay.
-        self.ring[(self.newest + 2) % self.ring.len()]
+        self.after_newest(2)
     }
 
     /// What acts before `fraction_s`.
     pub fn older(&self) -> f64 {
-        self.ring[(self.newest + 1) % self.ring.len()]
+        self.after_newest(1)
+    }
+
+    fn after_newest(&self, by: usize) -> f64 {
+        let (at, length) = (self.newest + by, self.ring.len());
+        self.ring[if at < length { at } else { at - length }]
     }
 }
 

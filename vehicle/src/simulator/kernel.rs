@@ -4,24 +4,34 @@ use nalgebra::DMatrix;
 
 /// One affine step. States are kept in slices of length [`Kernel::padded`]; the padding stays zero.
 #[derive(Debug, Clone)]
-pub enum Kernel {
-    Small(Box<Fixed<4>>),
-    Medium(Box<Fixed<8>>),
-    Large(Box<Fixed<16>>),
-    Any(Dynamic),
-}
-
-#[derive(Debug, Clone)]
-pub struct Fixed<const N: usize> {
-    phi: [[f64; N]; N],
-    gamma: Vec<[f64; N]>,
-}
-
-#[derive(Debug, Clone)]
-pub struct Dynamic {
+pub struct Kernel {
+    /// Length of a column.
     n: usize,
+    /// Columns of Phi: what pads a state moves nothing.
+    states: usize,
     /// Columns one after the other, those of Phi first.
     columns: Vec<f64>,
+}
+
+/// A state that a kernel moves: an array where its length is known to the compiler, else a vector.
+pub trait State: Clone + AsRef<[f64]> + AsMut<[f64]> {
+    /// Replaces the state x by Phi x + Gamma u. `u` may be shorter than Gamma is wide: the rest is zero.
+    /// `scratch` is as long as the state; its content does not matter.
+    fn flow(&mut self, kernel: &Kernel, u: &[f64], scratch: &mut Self);
+}
+
+impl<const N: usize> State for [f64; N] {
+    #[inline(always)]
+    fn flow(&mut self, kernel: &Kernel, u: &[f64], _: &mut Self) {
+        *self = kernel.fixed(self, u);
+    }
+}
+
+impl State for Vec<f64> {
+    #[inline]
+    fn flow(&mut self, kernel: &Kernel, u: &[f64], scratch: &mut Self) {
+        kernel.advance(self, u, scratch);
+    }
 }
 
 impl Kernel {
@@ -30,94 +40,77 @@ impl Kernel {
         match n {
             0..=4 => 4,
             5..=8 => 8,
-            9..=16 => 16,
+            9..=12 => 12,
+            13..=16 => 16,
             _ => n,
         }
     }
 
     /// `phi` is n x n, `gamma` n x m.
     pub fn new(phi: &DMatrix<f64>, gamma: &DMatrix<f64>) -> Self {
-        match Self::padded(phi.nrows()) {
-            4 => Self::Small(Box::new(Fixed::new(phi, gamma))),
-            8 => Self::Medium(Box::new(Fixed::new(phi, gamma))),
-            16 => Self::Large(Box::new(Fixed::new(phi, gamma))),
+        let n = Self::padded(phi.nrows());
+        let states = phi.ncols();
+        let mut columns = vec![0.0; n * (states + gamma.ncols())];
+        for (to, from) in columns.chunks_exact_mut(n).zip(phi.column_iter().chain(gamma.column_iter())) {
+            to.iter_mut().zip(from.iter()).for_each(|(to, from)| *to = *from);
+        }
+        Self { n, states, columns }
+    }
+
+    /// As [`State::flow`], for a slice.
+    #[inline]
+    pub fn advance(&self, x: &mut [f64], u: &[f64], scratch: &mut [f64]) {
+        match self.n {
+            4 => self.advance_fixed::<4>(x, u),
+            8 => self.advance_fixed::<8>(x, u),
+            12 => self.advance_fixed::<12>(x, u),
+            16 => self.advance_fixed::<16>(x, u),
             n => {
-                let columns = phi.iter().chain(gamma.iter()).copied().collect();
-                Self::Any(Dynamic { n, columns })
+                scratch.fill(0.0);
+                let values = x.iter().chain(u);
+                for (column, &value) in self.columns.chunks_exact(n).zip(values) {
+                    if value != 0.0 {
+                        axpy(scratch, column, value);
+                    }
+                }
+                x.copy_from_slice(scratch);
             }
         }
     }
 
-    /// Replaces x by Phi x + Gamma u. `u` may be shorter than Gamma is wide: the rest is zero.
-    /// `scratch` is as long as `x`; its content does not matter.
     #[inline]
-    pub fn advance(&self, x: &mut [f64], u: &[f64], scratch: &mut [f64]) {
-        match self {
-            Self::Small(k) => k.advance(x, u),
-            Self::Medium(k) => k.advance(x, u),
-            Self::Large(k) => k.advance(x, u),
-            Self::Any(k) => k.advance(x, u, scratch),
-        }
-    }
-
-    /// Entry of Gamma.
-    pub fn gamma(&self, row: usize, column: usize) -> f64 {
-        match self {
-            Self::Small(k) => k.gamma[column][row],
-            Self::Medium(k) => k.gamma[column][row],
-            Self::Large(k) => k.gamma[column][row],
-            Self::Any(k) => k.columns[(k.n + column) * k.n + row],
-        }
-    }
-}
-
-impl<const N: usize> Fixed<N> {
-    fn new(phi: &DMatrix<f64>, gamma: &DMatrix<f64>) -> Self {
-        let column = |m: &DMatrix<f64>, j: usize| {
-            std::array::from_fn(|i| if i < m.nrows() && j < m.ncols() { m[(i, j)] } else { 0.0 })
-        };
-        Self {
-            phi: std::array::from_fn(|j| column(phi, j)),
-            gamma: (0..gamma.ncols()).map(|j| column(gamma, j)).collect(),
-        }
-    }
-
-    #[inline]
-    fn advance(&self, x: &mut [f64], u: &[f64]) {
+    fn advance_fixed<const N: usize>(&self, x: &mut [f64], u: &[f64]) {
         // Always true: the simulator allocates states by `padded`.
-        let Some(x) = x.first_chunk_mut::<N>() else { return };
+        if let Some(x) = x.first_chunk_mut::<N>() {
+            *x = self.fixed(x, u);
+        }
+    }
+
+    #[inline(always)]
+    fn fixed<const N: usize>(&self, x: &[f64; N], u: &[f64]) -> [f64; N] {
+        let (phi, gamma) = self.columns.as_chunks::<N>().0.split_at(self.states);
         let mut sum = [0.0; N];
-        for (column, &value) in self.phi.iter().zip(x.iter()) {
+        for (column, &value) in phi.iter().zip(x) {
             axpy(&mut sum, column, value);
         }
-        for (column, &value) in self.gamma.iter().zip(u) {
+        for (column, &value) in gamma.iter().zip(u) {
             if value != 0.0 {
                 axpy(&mut sum, column, value);
             }
         }
-        *x = sum;
+        sum
+    }
+
+    /// Entry of Gamma.
+    pub fn gamma(&self, row: usize, column: usize) -> f64 {
+        self.columns[(self.states + column) * self.n + row]
     }
 }
 
-#[inline]
-fn axpy<const N: usize>(sum: &mut [f64; N], column: &[f64; N], value: f64) {
+#[inline(always)]
+fn axpy(sum: &mut [f64], column: &[f64], value: f64) {
     for (s, c) in sum.iter_mut().zip(column) {
         *s += c * value;
-    }
-}
-
-impl Dynamic {
-    fn advance(&self, x: &mut [f64], u: &[f64], scratch: &mut [f64]) {
-        scratch.fill(0.0);
-        let values = x.iter().chain(u);
-        for (column, &value) in self.columns.chunks_exact(self.n).zip(values) {
-            if value != 0.0 {
-                for (s, c) in scratch.iter_mut().zip(column) {
-                    *s += c * value;
-                }
-            }
-        }
-        x.copy_from_slice(scratch);
     }
 }
 

@@ -23,6 +23,7 @@ mod extended;
 mod inputs;
 mod kernel;
 mod linear_model;
+mod motion;
 mod nonlinear;
 mod record;
 mod schedule;
@@ -37,12 +38,14 @@ use nalgebra::DMatrix;
 
 pub use self::inputs::split as split_time;
 pub use self::linear_model::LinearModel;
+pub use self::record::Rows;
 
 use self::compile::System;
 use self::disturbances::Disturbances;
 use self::extended::Extended;
 use self::inputs::RateLimit;
 use self::kernel::Kernel;
+use self::nonlinear::Work;
 use self::sensors::Sensors;
 use crate::discretise::discretise;
 use crate::effects::{Effect, Kind, Place};
@@ -64,7 +67,7 @@ pub struct Simulator {
     step: u64,
     /// The vehicle's states, those of filters and oscillators, and padding.
     z: Vec<f64>,
-    scratch: Vec<f64>,
+    work: Work<Vec<f64>>,
     /// The input that acts on the linear model, then what is added to each state's derivative.
     drive: Vec<f64>,
     applied: Vec<f64>,
@@ -187,8 +190,8 @@ impl Simulator {
             m,
             period_s,
             step: 0,
+            work: Work::like(&vec![0.0; padded]),
             z: vec![0.0; padded],
-            scratch: vec![0.0; padded],
             drive: vec![0.0; m + n],
             applied: resting,
             limits,
@@ -253,7 +256,7 @@ impl Simulator {
     ///
     /// # Panics
     /// When `u` is not as long as the vehicle has inputs.
-    #[inline]
+    #[inline(always)]
     pub fn apply(&mut self, u: &[f64]) {
         assert_eq!(u.len(), self.m, "one value for each input");
         for ((applied, limit), &u) in self.applied.iter_mut().zip(&mut self.limits).zip(u) {
@@ -273,18 +276,6 @@ impl Simulator {
         }
     }
 
-    /// Goes on to the next step under the input in force.
-    #[inline]
-    pub fn advance(&mut self) {
-        match &mut self.dynamics {
-            Dynamics::Plain(kernel) => {
-                kernel.advance(&mut self.z, &self.drive[..self.driven], &mut self.scratch);
-                self.step += 1;
-            }
-            Dynamics::Extended(_) => self.advance_extended(),
-        }
-    }
-
     /// [`apply`](Self::apply), then [`advance`](Self::advance).
     ///
     /// # Panics
@@ -293,20 +284,6 @@ impl Simulator {
     pub fn step(&mut self, u: &[f64]) {
         self.apply(u);
         self.advance();
-    }
-
-    fn advance_extended(&mut self) {
-        let Dynamics::Extended(extended) = &mut self.dynamics else { return };
-        let (z, drive) = (&mut self.z, &mut self.drive);
-        extended.advance(self.step, z, drive, &self.disturbances, &mut self.sensors);
-        for (i, value) in self.z.iter_mut().enumerate() {
-            if value.is_nan() || value.abs() > LARGEST {
-                self.lost.get_or_insert(i);
-                *value = if value.is_nan() { 0.0 } else { LARGEST.copysign(*value) };
-            }
-        }
-        self.step += 1;
-        self.disturbances.advance(self.step);
     }
 
     /// Measures at the present step: SI values in the order of the outputs. A stale output repeats its last value;

@@ -6,7 +6,7 @@
 //! sign. Where a sign would change, the step is halved down to 1/4096 of a substep; there the friction force is
 //! the one, within its limits, that ends the step at rest, so that sticking is sticking and nothing chatters.
 
-use super::kernel::Kernel;
+use super::kernel::{Kernel, State};
 use super::schedule::Substep;
 use crate::effects::{Effect, Kind, Place};
 
@@ -14,8 +14,6 @@ use crate::effects::{Effect, Kind, Place};
 const DEEPEST: usize = 12;
 /// Deepest halving for the sake of smooth nonlinearities.
 const DEEPEST_SMOOTH: usize = 6;
-/// Halvings that a substep must offer: Lawson's method looks at half a step of the deepest.
-pub const LEVELS: usize = DEEPEST + 2;
 
 #[derive(Debug, Clone)]
 enum Smooth {
@@ -42,18 +40,34 @@ pub struct Nonlinear {
     smooth: Vec<Smooth>,
     friction: Vec<Friction>,
     /// Largest magnitude of a pole of the linear part, 1/s.
-    fastest: f64,
-    slopes: [Vec<f64>; 3],
-    stage: Vec<f64>,
-    middle: Vec<f64>,
-    result: Vec<f64>,
-    scratch: Vec<f64>,
+    pub fastest: f64,
+    /// Inputs with the friction's forces.
     inputs: Vec<f64>,
 }
 
+/// What a step of the nonlinear part needs of vectors.
+#[derive(Debug, Clone, Default)]
+pub struct Work<V> {
+    slopes: [V; 3],
+    stage: V,
+    middle: V,
+    result: V,
+    /// For [`State::flow`].
+    pub scratch: V,
+}
+
+impl<V: State> Work<V> {
+    /// For states like this one.
+    #[inline(always)]
+    pub fn like(state: &V) -> Self {
+        let new = || state.clone();
+        Self { slopes: [new(), new(), new()], stage: new(), middle: new(), result: new(), scratch: new() }
+    }
+}
+
 impl Nonlinear {
-    /// `None` when no effect is a nonlinear one. `padded` is the length of state slices.
-    pub fn new(effects: &[(Effect, Place)], n: usize, m: usize, padded: usize, fastest: f64) -> Option<Self> {
+    /// `None` when no effect is a nonlinear one.
+    pub fn new(effects: &[(Effect, Place)], n: usize, m: usize) -> Option<Self> {
         let mut smooth = Vec::new();
         let mut friction = Vec::new();
         for (effect, place) in effects {
@@ -87,37 +101,31 @@ impl Nonlinear {
         if smooth.is_empty() && friction.is_empty() {
             return None;
         }
-        let zeros = || vec![0.0; padded];
-        Some(Self {
-            n,
-            m,
-            smooth,
-            friction,
-            fastest,
-            slopes: std::array::from_fn(|_| zeros()),
-            stage: zeros(),
-            middle: zeros(),
-            result: zeros(),
-            scratch: zeros(),
-            inputs: vec![0.0; m + n],
-        })
+        Some(Self { n, m, smooth, friction, fastest: 0.0, inputs: vec![0.0; m + n] })
+    }
+
+    /// Halvings that a substep must offer: Lawson's method looks at half a step of the deepest.
+    pub fn levels(&self) -> usize {
+        if self.friction.is_empty() { DEEPEST_SMOOTH + 2 } else { DEEPEST + 2 }
     }
 
     /// Advances z over a substep under constant inputs (v, then the derivatives' own).
-    pub fn advance(&mut self, substep: &Substep, z: &mut [f64], inputs: &[f64]) {
-        let mut done = 0usize;
+    #[inline(always)]
+    pub fn advance<V: State>(&mut self, substep: &Substep, z: &mut V, inputs: &[f64], work: &mut Work<V>) {
         // Progress in units of the deepest step; a step of level l is 2^(DEEPEST - l) of them.
+        let mut done = 0usize;
         while done < 1 << DEEPEST {
-            let mut level = self.level(substep.length_s, z).max(alignment(done));
-            while !self.attempt(substep, level, z, inputs) {
+            let mut level = self.level(substep.length_s, z.as_ref()).max(alignment(done));
+            while !self.attempt(substep, level, z, inputs, work) {
                 level += 1;
             }
-            z.copy_from_slice(&self.result);
+            z.as_mut().copy_from_slice(work.result.as_ref());
             done += 1 << (DEEPEST - level);
         }
     }
 
     /// How often the substep must be halved for its smooth part.
+    #[inline(always)]
     fn level(&self, length_s: f64, z: &[f64]) -> usize {
         let slope = self.smooth.iter().map(|s| match *s {
             Smooth::Drag(i, c) => 2.0 * (c * z[i]).abs(),
@@ -140,10 +148,38 @@ impl Nonlinear {
         level
     }
 
-    /// One step of this level from `z` into `result`; false when it must be halved first.
-    fn attempt(&mut self, substep: &Substep, level: usize, z: &[f64], inputs: &[f64]) -> bool {
+    /// One step of this level from `z` into the work's result; false when it must be halved first.
+    #[inline(always)]
+    fn attempt<V: State>(
+        &mut self,
+        substep: &Substep,
+        level: usize,
+        z: &V,
+        inputs: &[f64],
+        work: &mut Work<V>,
+    ) -> bool {
         let levels = &substep.levels[level..];
-        self.inputs.copy_from_slice(inputs);
+        let h = substep.length_s * 0.5f64.powi(level as i32);
+        if self.friction.is_empty() {
+            lawson(&self.smooth, levels, h, z, inputs, work);
+        } else {
+            self.rub(z.as_ref(), inputs);
+            lawson(&self.smooth, levels, h, z, &self.inputs, work);
+        }
+        // The second derivative of x abs(x) jumps at zero: the step that crosses it is made short.
+        let (result, z) = (work.result.as_mut(), z.as_ref());
+        let kinked = |s: &Smooth| matches!(*s, Smooth::Drag(i, _) if result[i] * z[i] < 0.0);
+        if level < DEEPEST_SMOOTH && self.smooth.iter().any(kinked) {
+            return false;
+        }
+        self.friction.is_empty() || self.settle(&levels[0], z, result, level == DEEPEST)
+    }
+
+    /// Adds the forces of friction, against each state's motion, to the inputs.
+    fn rub(&mut self, z: &[f64], inputs: &[f64]) {
+        let (given, rest) = self.inputs.split_at_mut(inputs.len());
+        given.copy_from_slice(inputs);
+        rest.fill(0.0);
         for f in &mut self.friction {
             let (positive, negative) = f.against;
             f.force = match z[f.state] {
@@ -153,23 +189,16 @@ impl Nonlinear {
             };
             self.inputs[self.m + f.state] += f.force;
         }
-        self.lawson(levels, substep.length_s * 0.5f64.powi(level as i32), z);
-        // The second derivative of x abs(x) jumps at zero: the step that crosses it is made short.
-        let kinked = |s: &Smooth| matches!(*s, Smooth::Drag(i, _) if self.result[i] * z[i] < 0.0);
-        if level < DEEPEST_SMOOTH && self.smooth.iter().any(kinked) {
-            return false;
-        }
-        self.friction.is_empty() || self.settle(&levels[0], z, level == DEEPEST)
     }
 
     /// Gives the friction of states at rest, or about to cross zero, the force that ends the step at rest.
-    fn settle(&mut self, kernel: &Kernel, z: &[f64], deepest: bool) -> bool {
+    fn settle(&mut self, kernel: &Kernel, z: &[f64], result: &mut [f64], deepest: bool) -> bool {
         let crosses = |result: &[f64], i: usize| z[i] != 0.0 && result[i] * z[i] <= 0.0;
-        if !deepest && self.friction.iter().any(|f| crosses(&self.result, f.state)) {
+        if !deepest && self.friction.iter().any(|f| crosses(result, f.state)) {
             return false;
         }
         // The forces couple weakly through the other states within so short a time: a few sweeps suffice.
-        let free = Set::of(self.friction.iter().map(|f| z[f.state] == 0.0 || crosses(&self.result, f.state)));
+        let free = Set::of(self.friction.iter().map(|f| z[f.state] == 0.0 || crosses(result, f.state)));
         let mut breaks_away = false;
         for sweep in 0..4 {
             let last = sweep == 3;
@@ -181,69 +210,73 @@ impl Nonlinear {
                 if own <= 0.0 {
                     continue;
                 }
-                let wanted = f.force - self.result[f.state] / own;
+                let wanted = f.force - result[f.state] / own;
                 let force = wanted.max(-f.against.0).min(f.against.1);
                 let change = force - f.force;
                 f.force = force;
-                for i in 0..self.n {
-                    self.result[i] += kernel.gamma(i, self.m + f.state) * change;
+                for (i, r) in result[..self.n].iter_mut().enumerate() {
+                    *r += kernel.gamma(i, self.m + f.state) * change;
                 }
                 if last && force == wanted {
-                    self.result[f.state] = 0.0;
+                    result[f.state] = 0.0;
                 }
                 breaks_away |= last && force != wanted && z[f.state] == 0.0;
             }
         }
         deepest || !breaks_away
     }
+}
 
-    fn nonlinear(smooth: &[Smooth], z: &[f64], out: &mut [f64]) {
-        out.fill(0.0);
-        for s in smooth {
-            match *s {
-                Smooth::Drag(i, c) => out[i] -= c * z[i] * z[i].abs(),
-                Smooth::Cubic(from, onto, c) => out[onto] -= c * z[from] * z[from] * z[from],
-            }
-        }
-    }
-
-    /// Lawson's method of order 4 over a step h: levels[0] is the exact flow over h, levels[1] over h/2.
-    ///
-    /// Written with the flow F of half a step alone, which is affine: F(z + d) = F(z) + Phi d.
-    fn lawson(&mut self, levels: &[Kernel], h: f64, z: &[f64]) {
-        let Self { smooth, slopes: [k1, k2, k3], stage, middle, result, scratch, inputs, .. } = self;
-        result.copy_from_slice(z);
-        if smooth.is_empty() {
-            levels[0].advance(result, inputs, scratch);
-            return;
-        }
-        let mut flow = |z: &mut [f64]| levels[1].advance(z, inputs, scratch);
-        middle.copy_from_slice(z);
-        flow(middle);
-        Self::nonlinear(smooth, z, k1);
-        add(stage, z, 0.5 * h, k1);
-        flow(stage);
-        Self::nonlinear(smooth, stage, k2);
-        // F(z + h/6 k1) lies a third of the way from F(z) to F(z + h/2 k1).
-        for ((r, m), s) in result.iter_mut().zip(&*middle).zip(&*stage) {
-            *r = m + (s - m) / 3.0;
-        }
-        add(stage, middle, 0.5 * h, k2);
-        Self::nonlinear(smooth, stage, k3);
-        add(stage, middle, h, k3);
-        flow(stage);
-        for ((r, a), b) in result.iter_mut().zip(&*k2).zip(&*k3) {
-            *r += h / 3.0 * (a + b);
-        }
-        flow(result);
-        Self::nonlinear(smooth, stage, k1);
-        for (r, k) in result.iter_mut().zip(&*k1) {
-            *r += h / 6.0 * k;
+#[inline(always)]
+fn nonlinear(smooth: &[Smooth], z: &[f64], out: &mut [f64]) {
+    out.fill(0.0);
+    for s in smooth {
+        match *s {
+            Smooth::Drag(i, c) => out[i] -= c * z[i] * z[i].abs(),
+            Smooth::Cubic(from, onto, c) => out[onto] -= c * z[from] * z[from] * z[from],
         }
     }
 }
 
+/// Lawson's method of order 4 over a step h: levels[0] is the exact flow over h, levels[1] over h/2.
+///
+/// Written with the flow F of half a step alone, which is affine: F(z + d) = F(z) + Phi d.
+#[inline(always)]
+fn lawson<V: State>(smooth: &[Smooth], levels: &[Kernel], h: f64, z: &V, inputs: &[f64], work: &mut Work<V>) {
+    let Work { slopes: [k1, k2, k3], stage, middle, result, scratch } = work;
+    result.as_mut().copy_from_slice(z.as_ref());
+    if smooth.is_empty() {
+        result.flow(&levels[0], inputs, scratch);
+        return;
+    }
+    let (k1, k2, k3, z) = (k1.as_mut(), k2.as_mut(), k3.as_mut(), z.as_ref());
+    let mut flow = |z: &mut V| z.flow(&levels[1], inputs, scratch);
+    middle.as_mut().copy_from_slice(z);
+    flow(middle);
+    nonlinear(smooth, z, k1);
+    add(stage.as_mut(), z, 0.5 * h, k1);
+    flow(stage);
+    nonlinear(smooth, stage.as_ref(), k2);
+    // F(z + h/6 k1) lies a third of the way from F(z) to F(z + h/2 k1).
+    for ((r, m), s) in result.as_mut().iter_mut().zip(middle.as_ref()).zip(stage.as_ref()) {
+        *r = m + (s - m) / 3.0;
+    }
+    add(stage.as_mut(), middle.as_ref(), 0.5 * h, k2);
+    nonlinear(smooth, stage.as_ref(), k3);
+    add(stage.as_mut(), middle.as_ref(), h, k3);
+    flow(stage);
+    for ((r, a), b) in result.as_mut().iter_mut().zip(&*k2).zip(&*k3) {
+        *r += h / 3.0 * (a + b);
+    }
+    flow(result);
+    nonlinear(smooth, stage.as_ref(), k1);
+    for (r, k) in result.as_mut().iter_mut().zip(&*k1) {
+        *r += h / 6.0 * k;
+    }
+}
+
 /// sum = z + h k
+#[inline(always)]
 fn add(sum: &mut [f64], z: &[f64], h: f64, k: &[f64]) {
     for ((s, z), k) in sum.iter_mut().zip(z).zip(k) {
         *s = z + h * k;

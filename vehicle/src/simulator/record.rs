@@ -1,6 +1,46 @@
-//! A whole record at once.
+//! Many steps at once.
+
+use multiversion::multiversion;
 
 use super::Simulator;
+use super::nonlinear::Work;
+use crate::model::Engine;
+
+/// Steps of a block: its rows stay in the processor's first cache.
+pub(super) const BLOCK: usize = 64;
+
+/// What a simulator went through in a block of steps.
+#[derive(Debug, Clone)]
+pub struct Rows {
+    /// Steps in the block.
+    pub(super) length: usize,
+    /// Entry after entry of z, of the inputs, and of the outputs, each with the values of all steps.
+    pub(super) states: Vec<f64>,
+    pub(super) inputs: Vec<f64>,
+    pub(super) outputs: Vec<f64>,
+}
+
+impl Rows {
+    /// Steps in a block, at most.
+    pub const MOST: usize = BLOCK;
+
+    /// For blocks of this simulator.
+    pub fn new(simulator: &Simulator) -> Self {
+        let rows = |entries: usize| vec![0.0; entries * BLOCK];
+        let outputs = simulator.sensors.fresh().len();
+        Self { length: 0, states: rows(simulator.z.len()), inputs: rows(simulator.m), outputs: rows(outputs) }
+    }
+
+    /// An output, measured at every step of the block.
+    pub fn output(&self, index: usize) -> &[f64] {
+        &self.outputs[index * BLOCK..][..self.length]
+    }
+
+    /// A state at the beginning of every step of the block.
+    pub fn state(&self, index: usize) -> &[f64] {
+        &self.states[index * BLOCK..][..self.length]
+    }
+}
 
 impl Simulator {
     /// Runs a whole record: for each row of `inputs` (steps x inputs, row after row) the outputs measured at that
@@ -11,10 +51,108 @@ impl Simulator {
     pub fn run(&mut self, inputs: &[f64], outputs: &mut [f64]) {
         let p = self.sensors.fresh().len();
         assert_eq!(inputs.len() * p, outputs.len() * self.m, "a row of outputs for each row of inputs");
-        for (u, y) in inputs.chunks_exact(self.m).zip(outputs.chunks_exact_mut(p)) {
+        let mut rows = Rows::new(self);
+        let blocks = inputs.chunks(BLOCK * self.m).zip(outputs.chunks_mut(BLOCK * p));
+        for (inputs, outputs) in blocks {
+            self.run_block(inputs, &mut rows);
+            for (row, outputs) in outputs.chunks_exact_mut(p).enumerate() {
+                outputs.iter_mut().enumerate().for_each(|(i, y)| *y = rows.outputs[i * BLOCK + row]);
+            }
+        }
+    }
+
+    /// Runs at most [`Rows::MOST`] steps, one for each row of `inputs` (steps x inputs, row after row): the same as
+    /// [`apply`](Self::apply), [`measure`](Self::measure) and [`advance`](Self::advance) for each of them, and faster.
+    ///
+    /// # Panics
+    /// When `inputs` has more rows, and when `rows` was made for another simulator.
+    pub fn run_block(&mut self, inputs: &[f64], rows: &mut Rows) {
+        self.run_forced_block(inputs, None, rows);
+    }
+
+    /// As [`run_block`](Self::run_block) with a force on one state besides, a value a step, in the unit of the state's
+    /// derivative: the same as [`disturb`](Self::disturb) before each step.
+    ///
+    /// # Panics
+    /// As [`run_block`](Self::run_block), and when the force has not a value for each step.
+    pub fn run_forced_block(&mut self, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+        rows.length = inputs.len() / self.m.max(1);
+        assert!(rows.length <= BLOCK, "at most {BLOCK} steps");
+        let plain = self.sensors.are_expected() && self.engine == Engine::Off;
+        match (self.z.len(), plain) {
+            (4, true) => run_4(self, inputs, force, rows),
+            (8, true) => run_8(self, inputs, force, rows),
+            (12, true) => run_12(self, inputs, force, rows),
+            (16, true) => run_16(self, inputs, force, rows),
+            _ => self.step_by_step(inputs, force, rows),
+        }
+    }
+
+    #[inline(always)]
+    fn force(&mut self, state: usize, value: f64) {
+        self.disturbances.force(state, value);
+        self.drive[self.m + state] = value;
+        self.driven = self.m + self.n;
+    }
+
+    fn step_by_step(&mut self, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+        for (row, u) in inputs.chunks_exact(self.m).enumerate() {
+            if let Some((state, force)) = force {
+                self.force(state, force[row]);
+            }
             self.apply(u);
-            y.copy_from_slice(self.measure());
+            for (at, y) in self.measure().iter().enumerate() {
+                rows.outputs[at * BLOCK + row] = *y;
+            }
+            for (at, z) in self.z.iter().enumerate() {
+                rows.states[at * BLOCK + row] = *z;
+            }
             self.advance();
         }
     }
+
+    #[inline(always)]
+    fn run_fixed<const N: usize>(&mut self, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+        let Some(mut z) = self.z.first_chunk::<N>().copied() else { return };
+        let mut work = Work::like(&z);
+        let first = self.step;
+        for (row, u) in inputs.chunks_exact(self.m).enumerate() {
+            if let Some((state, force)) = force {
+                self.force(state, force[row]);
+            }
+            self.apply(u);
+            for (entry, z) in rows.states.chunks_exact_mut(BLOCK).zip(&z) {
+                entry[row] = *z;
+            }
+            for (entry, v) in rows.inputs.chunks_exact_mut(BLOCK).zip(&self.drive) {
+                entry[row] = *v;
+            }
+            self.sensors.recall(rows, row);
+            self.advance_state(&mut z, &mut work);
+        }
+        self.z.copy_from_slice(&z);
+        // Expected disturbances follow from the time alone.
+        self.disturbances.advance(self.step);
+        self.sensors.measure_block(first, rows);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn run_4(simulator: &mut Simulator, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+    simulator.run_fixed::<4>(inputs, force, rows);
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn run_8(simulator: &mut Simulator, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+    simulator.run_fixed::<8>(inputs, force, rows);
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn run_12(simulator: &mut Simulator, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+    simulator.run_fixed::<12>(inputs, force, rows);
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn run_16(simulator: &mut Simulator, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+    simulator.run_fixed::<16>(inputs, force, rows);
 }

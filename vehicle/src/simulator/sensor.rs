@@ -28,7 +28,8 @@ struct Tone {
     switch: Switch,
     frequency_hz: f64,
     amplitude: f64,
-    phase_rad: f64,
+    /// Sine and cosine of the phase.
+    phase: (f64, f64),
 }
 
 /// Declared vibration: harmonics of one of the sensors' common frequencies.
@@ -131,7 +132,7 @@ impl Sensor {
                 switch,
                 frequency_hz: effect.get("frequency_hz"),
                 amplitude: effect.get("amplitude"),
-                phase_rad: effect.get("phase_rad"),
+                phase: libm::sincos(effect.get("phase_rad")),
             }),
             (Kind::OutputSaturation, _) => {
                 self.limits.push((switch, effect.get("lower"), effect.get("upper")));
@@ -186,7 +187,7 @@ impl Sensor {
         let mut value = gain * motion + offset + self.drift * t;
         for tone in self.tones.iter().filter(|tone| tone.switch.is_on(t)) {
             let (sine, cosine) = phase(tone.frequency_hz, t);
-            let (phase_sine, phase_cosine) = libm::sincos(tone.phase_rad);
+            let (phase_sine, phase_cosine) = tone.phase;
             value += tone.amplitude * (sine * phase_cosine + cosine * phase_sine);
         }
         if let Some(tone) = &self.engine {

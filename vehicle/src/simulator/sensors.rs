@@ -2,6 +2,7 @@
 
 use super::compile::System;
 use super::disturbances::consumer;
+use super::record::{BLOCK, Rows};
 use super::sensor::{Sensor, declared, phase};
 use super::switch::Switch;
 use super::tap::Tap;
@@ -18,6 +19,8 @@ pub struct Sensors {
     frequencies: Vec<(f64, f64, f64)>,
     /// True when a sensor looks back in time.
     delayed: bool,
+    /// True for expected values.
+    expected: bool,
     /// Pairs of outputs that turn into each other: indices, cosine, sine.
     turned: Vec<(usize, usize, f64, f64)>,
     motion: Vec<f64>,
@@ -70,6 +73,7 @@ impl Sensors {
         Self {
             period_s,
             delayed: sensors.iter().any(|s| s.tap.is_some()),
+            expected: seed.is_none(),
             sensors,
             frequencies,
             turned,
@@ -83,6 +87,11 @@ impl Sensors {
     /// Offsets inside every step at which a delayed output must be looked at.
     pub fn cuts_s(&self) -> impl Iterator<Item = f64> + '_ {
         self.sensors.iter().filter_map(|s| Some(s.tap.as_ref()?.offset_s)).filter(|o| *o > 0.0)
+    }
+
+    /// True for expected values: no randomness, and every output fresh at every step.
+    pub fn are_expected(&self) -> bool {
+        self.expected
     }
 
     pub fn has_delay(&self) -> bool {
@@ -157,6 +166,47 @@ impl Sensors {
             }
         }
         &self.values
+    }
+
+    /// What late outputs are at a step, put among those of other steps of a block.
+    #[inline]
+    pub fn recall(&self, rows: &mut Rows, row: usize) {
+        if self.delayed {
+            for (index, sensor) in self.sensors.iter().enumerate() {
+                if let Some(tap) = &sensor.tap {
+                    rows.outputs[index * BLOCK + row] = tap.value();
+                }
+            }
+        }
+    }
+
+    /// Measures all steps of a block, of which the first is `step`: late outputs are there already. As [`Sensors::measure`]
+    /// one by one, with the engine off and every output fresh.
+    #[inline(always)]
+    pub fn measure_block(&mut self, step: u64, rows: &mut Rows) {
+        let Rows { length, states, inputs, outputs } = rows;
+        for (sensor, motion) in self.sensors.iter().zip(outputs.chunks_exact_mut(BLOCK)) {
+            if sensor.tap.is_none() {
+                sensor.lagged.values(BLOCK, states, inputs, &mut motion[..*length]);
+            }
+        }
+        for &(i, j, cosine, sine) in &self.turned {
+            for row in 0..*length {
+                let (first, second) = (outputs[i * BLOCK + row], outputs[j * BLOCK + row]);
+                outputs[i * BLOCK + row] = cosine * first + sine * second;
+                outputs[j * BLOCK + row] = cosine * second - sine * first;
+            }
+        }
+        let t = |row: usize| (step + row as u64) as f64 * self.period_s;
+        for (sensor, values) in self.sensors.iter_mut().zip(outputs.chunks_exact_mut(BLOCK)) {
+            let rows = values[..*length].iter_mut().enumerate();
+            if sensor.plain {
+                let (gain, offset, drift) = (sensor.gain, sensor.offset, sensor.drift);
+                rows.for_each(|(row, y)| *y = gain * *y + offset + drift * t(row));
+            } else {
+                rows.for_each(|(row, y)| *y = sensor.value(*y, t(row), Engine::Off, &self.frequencies));
+            }
+        }
     }
 
     /// Switches an effect on a sensor; whether there is such a one.

@@ -1,0 +1,62 @@
+//! From one step to the next.
+
+use super::kernel::State;
+use super::nonlinear::Work;
+use super::{Dynamics, LARGEST, Simulator};
+
+impl Simulator {
+    /// Goes on to the next step under the input in force.
+    #[inline]
+    pub fn advance(&mut self) {
+        self.advance_motion();
+        self.disturbances.advance(self.step);
+    }
+
+    #[inline]
+    fn advance_motion(&mut self) {
+        match self.z.len() {
+            4 => self.advance_fixed::<4>(),
+            8 => self.advance_fixed::<8>(),
+            12 => self.advance_fixed::<12>(),
+            16 => self.advance_fixed::<16>(),
+            _ => {
+                let mut z = std::mem::take(&mut self.z);
+                let mut work = std::mem::take(&mut self.work);
+                self.advance_state(&mut z, &mut work);
+                (self.z, self.work) = (z, work);
+            }
+        }
+    }
+
+    #[inline]
+    fn advance_fixed<const N: usize>(&mut self) {
+        let Some(mut z) = self.z.first_chunk::<N>().copied() else { return };
+        let mut work = Work::like(&z);
+        self.advance_state(&mut z, &mut work);
+        self.z.copy_from_slice(&z);
+    }
+
+    /// Moves z, which is the simulator's or stands for it, over one step; the disturbances stay behind.
+    #[inline(always)]
+    pub(super) fn advance_state<V: State>(&mut self, z: &mut V, work: &mut Work<V>) {
+        match &mut self.dynamics {
+            Dynamics::Plain(kernel) => {
+                z.flow(kernel, &self.drive[..self.driven], &mut work.scratch);
+                self.step += 1;
+            }
+            Dynamics::Extended(extended) => {
+                let around = (&self.disturbances, &mut self.sensors);
+                extended.advance(self.step, z, &mut self.drive, around, work);
+                // Not a number is beyond any bound.
+                let beyond = |v: &f64| v.is_nan() || v.abs() > LARGEST;
+                if z.as_ref().iter().fold(false, |any, v| any | beyond(v)) {
+                    for (i, value) in z.as_mut().iter_mut().enumerate().filter(|(_, v)| beyond(v)) {
+                        self.lost.get_or_insert(i);
+                        *value = if value.is_nan() { 0.0 } else { LARGEST.copysign(*value) };
+                    }
+                }
+                self.step += 1;
+            }
+        }
+    }
+}
