@@ -1,9 +1,9 @@
-//! `[estimator]`: what its numbers mean in the units of the vehicle's sensors.
+//! `[estimator]`: what its numbers mean in the units of the vehicle's sensors and inputs.
 
 use serde::Deserialize;
 use whirlstand_control::{Selector, Weights};
 use whirlstand_nodes::config::{EstimatorConfig, EstimatorKind};
-use whirlstand_vehicle::Output;
+use whirlstand_vehicle::SignalUnit;
 
 use super::amount::Amount;
 use super::document::{LaunchError, at};
@@ -22,6 +22,11 @@ pub(crate) struct EstimatorSection {
     pub bias_std: Option<Amount>,
     /// In the unit of the biased sensors: what a bias wanders in the first second.
     pub bias_walk: Option<Amount>,
+    pub input_bias: Vec<Selector>,
+    /// In the unit of the offset inputs.
+    pub input_bias_std: Option<Amount>,
+    /// In the unit of the offset inputs: what an offset wanders in the first second.
+    pub input_bias_walk: Option<Amount>,
     pub outputs: Option<Vec<Selector>>,
 }
 
@@ -29,20 +34,26 @@ impl Planner<'_> {
     /// The options of the filter, in SI.
     pub(super) fn estimator(&self, file: &LaunchFile) -> Result<EstimatorConfig, LaunchError> {
         let section = &file.estimator;
+        let (sensors, inputs) = (self.biased(section), self.offset(section));
+        let of_sensors = |key, amount: &Option<Amount>| self.of_all(&sensors, key, amount.as_ref());
+        let of_inputs = |key, amount: &Option<Amount>| self.of_all(&inputs, key, amount.as_ref());
         Ok(EstimatorConfig {
             kind: section.kind,
             process_noise: section.process_noise.clone(),
             bias: section.bias.clone(),
-            bias_std: self.of_biases(section, "bias_std", section.bias_std.as_ref())?,
-            bias_walk: self.of_biases(section, "bias_walk", section.bias_walk.as_ref())?,
+            bias_std: of_sensors("bias_std", &section.bias_std)?,
+            bias_walk: of_sensors("bias_walk", &section.bias_walk)?,
+            input_bias: section.input_bias.clone(),
+            input_bias_std: of_inputs("input_bias_std", &section.input_bias_std)?,
+            input_bias_walk: of_inputs("input_bias_walk", &section.input_bias_walk)?,
             outputs: section.outputs.clone(),
         })
     }
 
-    /// A number that holds for every biased sensor: it must mean the same for all of them.
-    fn of_biases(
+    /// A number that holds for several signals: it must mean the same for all of them.
+    fn of_all(
         &self,
-        section: &EstimatorSection,
+        signals: &[Named<'_>],
         key: &str,
         amount: Option<&Amount>,
     ) -> Result<Option<f64>, LaunchError> {
@@ -52,10 +63,9 @@ impl Planner<'_> {
             Amount::Si(value) => *value,
             Amount::Written(quantity) => quantity.si,
         };
-        for output in self.biased(section) {
-            si = self.signal(here, key, amount, &output.unit).map_err(|e| {
-                let of =
-                    format!("{} (it holds for the bias of {}, in {})", e.message, output.name, output.unit);
+        for (name, unit) in signals {
+            si = self.signal(here, key, amount, unit).map_err(|e| {
+                let of = format!("{} (it holds for the bias of {name}, in {unit})", e.message);
                 LaunchError { message: of, ..e }
             })?;
         }
@@ -63,18 +73,35 @@ impl Planner<'_> {
     }
 
     /// The sensors whose bias is estimated: those that are named, or the gyros, which are rates whose angle is measured as well.
-    fn biased(&self, section: &EstimatorSection) -> Vec<&Output> {
-        let outputs = &self.vehicle.outputs;
-        let Some(named) = &section.bias else {
-            let is_gyro = |o: &&Output| {
-                o.name.strip_suffix("_rate").is_some_and(|angle| self.vehicle.output_index(angle).is_some())
-            };
-            return outputs.iter().filter(is_gyro).collect();
-        };
-        let index = |selector: &Selector| match selector {
-            Selector::Index(i) => Some(*i),
-            Selector::Name(name) => self.vehicle.output_index(name),
-        };
-        named.iter().filter_map(index).filter_map(|i| outputs.get(i)).collect()
+    fn biased(&self, section: &EstimatorSection) -> Vec<Named<'_>> {
+        let outputs: Vec<Named<'_>> =
+            self.vehicle.outputs.iter().map(|o| (o.name.as_str(), &o.unit)).collect();
+        match &section.bias {
+            Some(named) => selected(named, &outputs),
+            None => {
+                let is_gyro = |(name, _): &Named<'_>| {
+                    name.strip_suffix("_rate").is_some_and(|angle| self.vehicle.output_index(angle).is_some())
+                };
+                outputs.into_iter().filter(is_gyro).collect()
+            }
+        }
     }
+
+    /// The inputs whose offset is estimated.
+    fn offset(&self, section: &EstimatorSection) -> Vec<Named<'_>> {
+        let inputs: Vec<Named<'_>> = self.vehicle.inputs.iter().map(|i| (i.name.as_str(), &i.unit)).collect();
+        selected(&section.input_bias, &inputs)
+    }
+}
+
+/// A signal of the vehicle and its unit.
+type Named<'v> = (&'v str, &'v SignalUnit);
+
+/// Those that are there; what is named wrongly is refused elsewhere.
+fn selected<'v>(selectors: &[Selector], signals: &[Named<'v>]) -> Vec<Named<'v>> {
+    let index = |selector: &Selector| match selector {
+        Selector::Index(i) => Some(*i),
+        Selector::Name(name) => signals.iter().position(|(known, _)| known == name),
+    };
+    selectors.iter().filter_map(index).filter_map(|i| signals.get(i).copied()).collect()
 }

@@ -279,6 +279,11 @@ impl Planner<'_> {
                 }
             }
         }
+        for (i, selector) in file.estimator.input_bias.iter().enumerate() {
+            if let Selector::Name(name) = selector {
+                check(at!["estimator", "input_bias", i], "input", name, self.inputs().collect())?;
+            }
+        }
         Ok(())
     }
 

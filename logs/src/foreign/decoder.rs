@@ -141,6 +141,7 @@ mod tests {
             schema_name: message.into(),
             schema_encoding: "protobuf".into(),
             schema: FileDescriptorSet { file: vec![file] }.encode_to_vec(),
+            layout: Vec::new(),
         };
         Decoder::new(&topic).err()
     }

@@ -27,7 +27,6 @@ use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
 use crate::signals::Measurement;
-use companion::Companion;
 pub(crate) use filter::Filter;
 pub use filter::filter_of;
 use history::{History, LONGEST_GAP};
