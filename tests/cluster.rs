@@ -173,10 +173,7 @@ fn a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_wh
     let at = |name: &str| dir.path().join(name);
     std::fs::write(at("gusts.toml"), CAMPAIGN).unwrap();
     let file = at("gusts.toml").display().to_string();
-    let slurm = match Slurm::start(dir.path()) {
-        Ok(slurm) => slurm,
-        Err(missing) => return Err(missing),
-    };
+    let slurm = Slurm::start(dir.path())?;
     let out = at("parts");
     let task = format!(
         "{program} campaign {file} --out {out} --jobs 1 --shard $SLURM_ARRAY_TASK_ID/3 --resume && exit\n\
