@@ -96,7 +96,8 @@ pub fn check_autopilot(
         .map_err(|e| wrong(format!("bridge.{}", e.path.join(".")), name, e.message))?;
     let (usual, protocol) = usual_place(autopilot.kind);
     let mut links = Links::new(&autopilot)?;
-    let only = links.shared_serial().filter(|_| options.telemetry.is_none()).map(ToString::to_string);
+    let shares = autopilot.kind == AutopilotKind::Px4Hil && options.telemetry.is_none();
+    let only = links.shared_serial().filter(|_| shares).map(ToString::to_string);
     let place = only.as_deref().or(options.telemetry.as_deref()).unwrap_or(usual);
     let telemetry = if only.is_some() {
         links.overhear();
