@@ -46,7 +46,7 @@ fn flies(kind: &str, package: &str, baud: u32, rate_hz: u32) -> Result<String, M
     for words in [
         "PX4 is system 1, component 1, and says that it is not armed",
         "PX4 cannot be armed: its arming checks fail, in every mode: GPS, magnetometer",
-        "PX4 says: Armed by external command",
+        "PX4 says: Preflight Fail: ekf2 missing data",
         "PX4 says that it is armed",
     ] {
         assert!(said.contains(words), "{words}:\n{said}");

@@ -124,6 +124,8 @@ class Commander:
         if ready != self.was_ready:
             self.was_ready = ready
             self.tell_checks()
+            if not ready:
+                self.say(2, "Preflight Fail: ekf2 missing data\t")
         if now >= self.next["beat"]:
             self.next["beat"] = now + 1.0
             # HIL is on.

@@ -1,34 +1,13 @@
 //! `[estimator]`: what its numbers mean in the units of the vehicle's sensors and inputs.
 
-use serde::Deserialize;
-use whirlstand_control::{Selector, Weights};
-use whirlstand_nodes::config::{EstimatorConfig, EstimatorKind};
+use whirlstand_control::Selector;
+use whirlstand_nodes::config::EstimatorConfig;
 use whirlstand_vehicle::SignalUnit;
 
 use super::amount::Amount;
 use super::document::{LaunchError, at};
 use super::plan::Planner;
-use super::schema::LaunchFile;
-
-/// The table as it is written.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(crate) struct EstimatorSection {
-    pub kind: EstimatorKind,
-    /// SI for a density of noise on each state: its unit is composite, and no text is taken for it.
-    pub process_noise: Option<Weights>,
-    pub bias: Option<Vec<Selector>>,
-    /// In the unit of the biased sensors.
-    pub bias_std: Option<Amount>,
-    /// In the unit of the biased sensors: what a bias wanders in the first second.
-    pub bias_walk: Option<Amount>,
-    pub input_bias: Vec<Selector>,
-    /// In the unit of the offset inputs.
-    pub input_bias_std: Option<Amount>,
-    /// In the unit of the offset inputs: what an offset wanders in the first second.
-    pub input_bias_walk: Option<Amount>,
-    pub outputs: Option<Vec<Selector>>,
-}
+use super::schema::{EstimatorSection, LaunchFile};
 
 impl Planner<'_> {
     /// The options of the filter, in SI.

@@ -6,10 +6,10 @@ use serde::de::{Error, IgnoredAny};
 use serde::{Deserialize, Deserializer};
 use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
-use whirlstand_nodes::config::{ControllerConfig, Engine, Mode, PlantConfig, RealtimeOptions};
+use whirlstand_control::{Selector, Weights};
+use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorKind, Mode, PlantConfig, RealtimeOptions};
 
 use super::amount::{Amount, Bytes, Seconds, hertz};
-use super::estimator::EstimatorSection;
 
 /// A launch file as it is written; [`super::plan`] makes a runnable bench of it.
 #[derive(Debug, Clone, Deserialize)]
@@ -76,6 +76,26 @@ pub(crate) struct LaunchFile {
     /// Several runs of the bench, compared in one report.
     #[serde(default)]
     pub variants: Vec<VariantSection>,
+}
+
+/// `[estimator]` as it is written.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct EstimatorSection {
+    pub kind: EstimatorKind,
+    /// SI for a density of noise on each state: its unit is composite, and no text is taken for it.
+    pub process_noise: Option<Weights>,
+    pub bias: Option<Vec<Selector>>,
+    /// In the unit of the biased sensors.
+    pub bias_std: Option<Amount>,
+    /// In the unit of the biased sensors: what a bias wanders in the first second.
+    pub bias_walk: Option<Amount>,
+    pub input_bias: Vec<Selector>,
+    /// In the unit of the offset inputs.
+    pub input_bias_std: Option<Amount>,
+    /// In the unit of the offset inputs: what an offset wanders in the first second.
+    pub input_bias_walk: Option<Amount>,
+    pub outputs: Option<Vec<Selector>>,
 }
 
 impl LaunchFile {

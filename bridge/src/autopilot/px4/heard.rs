@@ -38,7 +38,7 @@ impl Heard {
         }
         let armed = beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
         match self.vehicle {
-            None => notes.info(format!(
+            None => notes.warn(format!(
                 "PX4 is system {}, component {}, and says that it is {}",
                 header.system,
                 header.component,
@@ -49,8 +49,8 @@ impl Heard {
                 return;
             }
             Some((_, before)) if before == armed => return,
-            Some(_) if armed => notes.info("PX4 says that it is armed"),
-            Some(_) => notes.info("PX4 says that it is disarmed"),
+            Some(_) if armed => notes.warn("PX4 says that it is armed"),
+            Some(_) => notes.warn("PX4 says that it is disarmed"),
         }
         self.vehicle = Some((header, armed));
     }

@@ -8,6 +8,11 @@ use crate::mavlink::dialect::{
 use crate::mavlink::{Header, MavMessage};
 use crate::sensors::{STANDARD_GRAVITY, Sensors};
 
+/// The system that a simulator speaks as.
+pub(super) const SYSTEM: u8 = 142;
+/// The component that a simulator speaks as.
+pub(super) const COMPONENT: u8 = 142;
+
 /// PX4 takes a time of zero for none, so its clock starts here, us.
 const CLOCK_START_US: u64 = 1_000_000;
 

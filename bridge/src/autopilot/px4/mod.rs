@@ -25,11 +25,10 @@ use crate::mixer::MAX_OUTPUTS;
 use crate::note::{Note, Notes};
 use crate::sensors::Sensors;
 use heard::Heard;
-pub use options::Px4Options;
+use messages::{COMPONENT, SYSTEM};
+use options::{CHANNEL_PERIOD_NS, STATE_PERIOD_NS};
+pub use options::{PORT, Px4Options};
 use station::{Owned, Station, is_for_station};
-
-/// The TCP port of PX4's first instance.
-pub const PORT: u16 = 4560;
 
 /// The port of the ground station; the link to PX4 is port 0.
 pub const STATION: usize = 1;
@@ -37,10 +36,6 @@ pub const STATION: usize = 1;
 /// Output of each motor of a quad in the order of the mixer's frames, which is PX4's own.
 pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
 
-/// The system that a simulator speaks as.
-const SYSTEM: u8 = 142;
-/// The component that a simulator speaks as.
-const COMPONENT: u8 = 142;
 /// Message number of HIL_STATE_QUATERNION.
 const STATE_QUATERNION: f32 = 115.0;
 
@@ -50,12 +45,9 @@ const LARGEST_CONTROL: f64 = 1.001;
 /// Time between two messages of a kind.
 const MAG_PERIOD_NS: u64 = 10_000_000;
 const BARO_PERIOD_NS: u64 = 20_000_000;
-const CHANNEL_PERIOD_NS: u64 = 20_000_000;
 const HEARTBEAT_PERIOD_NS: u64 = 1_000_000_000;
 /// Between two requests for the summary of the arming checks, which PX4 tells by itself only when it changes.
 const CHECKS_PERIOD_NS: u64 = 4_000_000_000;
-/// Until PX4 asks for another one.
-const STATE_PERIOD_NS: u64 = 5_000_000;
 
 /// A board that reboots says nothing for longer, ...
 const REBOOT: Duration = Duration::from_millis(500);

@@ -2,9 +2,17 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CHANNEL_PERIOD_NS, PORT, STATE_PERIOD_NS};
 use crate::line::{COMMON_SHARE, serial_line};
 use crate::peer::Pin;
+
+/// The TCP port of PX4's first instance.
+pub const PORT: u16 = 4560;
+
+/// Time between two messages of the pilot's channels.
+pub(super) const CHANNEL_PERIOD_NS: u64 = 20_000_000;
+
+/// Time between two messages of the truth, until PX4 asks for another one.
+pub(super) const STATE_PERIOD_NS: u64 = 5_000_000;
 
 /// Bytes of the longest frames: HIL_SENSOR, HIL_GPS, RC_CHANNELS, HIL_STATE_QUATERNION and HEARTBEAT.
 const SENSOR_BYTES: f64 = 77.0;

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use mavlink::Message;
 
-use super::{COMPONENT, SYSTEM};
+use super::messages::{COMPONENT, SYSTEM};
 use crate::mavlink::dialect::MavCmd;
 use crate::mavlink::{Deframer, Event, Header, MavMessage};
 use crate::note::Notes;
