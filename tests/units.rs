@@ -42,18 +42,7 @@ fn a_bias_takes_the_unit_of_its_sensor() {
     let fly = |name: &str, bias_std: &str| {
         let out = dir.path().join(name);
         let set = format!("estimator.bias_std={bias_std}");
-        let args = [
-            "run",
-            "quadrotor",
-            "--mode",
-            "lockstep",
-            "--transport",
-            "inproc",
-            "--duration",
-            "7",
-            "--set",
-            &set,
-        ];
+        let args = ["run", "quadrotor", "--mode", "lockstep", "--transport", "inproc", "--set", &set];
         run(args.into_iter().chain(["--out", out.to_str().unwrap()])).success();
         json(out.join("summary.json"))["runs"][0]["outputs"].clone()
     };
