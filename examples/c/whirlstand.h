@@ -187,6 +187,30 @@ typedef struct {
 } whirlstand_adjustment;
 static const whirlstand_layout whirlstand_adjustment_layout = {0x9566d54f41f05de6u, sizeof(whirlstand_adjustment), {{'q', 4}, {'d', 1}, {'q', 1}, {'i', 4}}};
 
+/* topic finding, 392 bytes */
+typedef struct {
+    whirlstand_head head;
+    uint64_t number;
+    uint64_t since_ns;
+    double evidence;
+    double probability;
+    double value[4];
+    double low[4];
+    double high[4];
+    uint32_t stage;
+    uint32_t output;
+    uint32_t count;
+    uint32_t alike;
+    uint8_t effect[32];
+    uint8_t place[32];
+    uint8_t onto[32];
+    uint8_t names[32];
+    uint8_t units[32];
+    uint8_t alike_effect[32];
+    uint8_t alike_place[32];
+} whirlstand_finding;
+static const whirlstand_layout whirlstand_finding_layout = {0x7717eeb667ca1b99u, sizeof(whirlstand_finding), {{'q', 5}, {'d', 14}, {'i', 4}, {'b', 224}}};
+
 /* layouts: end */
 
 /* Bytes that hold any message on a network. */

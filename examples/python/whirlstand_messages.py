@@ -303,4 +303,31 @@ class Adjustment(Message):
     ]
 
 
+class Finding(Message):
+    TOPIC = "finding"
+    TYPE_NAME = "whirlstand/msg/Finding"
+    SCHEMA_HASH = 0x7717eeb667ca1b99
+    _fields_ = [
+        ("head", Head),
+        ("number", c_uint64),
+        ("since_ns", c_uint64),
+        ("evidence", c_double),
+        ("probability", c_double),
+        ("value", c_double * 4),
+        ("low", c_double * 4),
+        ("high", c_double * 4),
+        ("stage", c_uint32),
+        ("output", c_uint32),
+        ("count", c_uint32),
+        ("alike", c_uint32),
+        ("effect", c_uint8 * 32),
+        ("place", c_uint8 * 32),
+        ("onto", c_uint8 * 32),
+        ("names", c_uint8 * 32),
+        ("units", c_uint8 * 32),
+        ("alike_effect", c_uint8 * 32),
+        ("alike_place", c_uint8 * 32),
+    ]
+
+
 # layouts: end
