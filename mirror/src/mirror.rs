@@ -52,6 +52,9 @@ impl Options {
     }
 }
 
+/// A size is said anew when its interval is so many times as narrow as that which was said: ten times the data.
+const SHARPER: f64 = 3.0;
+
 /// A change that was seen.
 struct Open {
     number: u64,
@@ -289,5 +292,8 @@ impl Mirror {
 fn is_same(before: &Cause, now: &Cause) -> bool {
     before.effect.kind() == now.effect.kind()
         && before.effect.place() == now.effect.place()
-        && before.values.iter().zip(&now.values).all(|(a, b)| (a.low..=a.high).contains(&b.value))
+        && before.values.iter().zip(&now.values).all(|(a, b)| {
+            let sharper = b.high - b.low < (a.high - a.low) / SHARPER;
+            (a.low..=a.high).contains(&b.value) && !sharper
+        })
 }
