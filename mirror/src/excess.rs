@@ -84,6 +84,9 @@ pub fn explains(
         };
         // What the predictor made of values that repeat is in the other outputs as well.
         let fresh = if repeats { 0 } else { sample.fresh };
+        if repeats {
+            rest.fill(0.0);
+        }
         bank.step(step, &rest, &values, fresh).is_none()
     })
 }
