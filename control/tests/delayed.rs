@@ -362,3 +362,16 @@ fn an_offset_as_a_state_leaves_no_error_at_rest() {
     assert!((found - 2.0).abs() < 0.2, "{found}");
     assert!(with < 0.02 && with < 0.5 * without, "{without} {with}");
 }
+
+#[test]
+fn a_lag_hides_nothing_from_the_filter() {
+    let text = "A = [[0.3]]\nB = [[270.0]]\nstates = [{ name = \"rate\" }]\ninputs = [{ name = \"u\" }]\n\
+                outputs = [{ name = \"rate\" }]\n[[effects]]\neffect = \"sensor_lag\"\nwhere = \"rate\"\ntime_constant_s = 0.07\n";
+    let vehicle = Vehicle::parse(text, "one").expect("sound");
+    let linear = LinearModel::new(&vehicle).expect("fits");
+    let limits = InputLimits { lower: -1.0, upper: 1.0, rate: f64::INFINITY };
+    let plant = SampledPlant::of(&linear, PERIOD).and_then(|p| p.with_limits(vec![limits])).expect("sound");
+    // The one sensor shows the unstable motion behind its lag.
+    let estimator = filter(&vehicle, &linear, &plant);
+    assert_eq!(estimator.filter().model().f.nrows(), 2);
+}

@@ -7,7 +7,7 @@ use super::error::EstimatorError;
 use super::extended::{Extended, Ingredients, Known, kinematic};
 use super::filter::KalmanFilter;
 use super::filter_model::FilterModel;
-use super::observability::check_observable;
+use super::observability::{check_observable, shown_at_rest};
 use super::offsets::{Offsets, trimmed};
 use super::options::{EstimatorKind, EstimatorOptions};
 use super::sensors::Sensors;
@@ -82,7 +82,11 @@ impl Estimator {
         };
         let trimmed = trimmed(plant, options)?;
         let offsets = Offsets { biased: &biased, trimmed: &trimmed };
-        let (mut model, mut initial) = filter_model(plant, sensors, options, &kinematics, &offsets)?;
+        let mut seen = sensors.clone();
+        if let Some(linear) = linear.filter(|l| !l.is_plain()) {
+            seen.c = shown_at_rest(linear);
+        }
+        let (mut model, mut initial) = filter_model(plant, &seen, options, &kinematics, &offsets)?;
         let used_mask = used.iter().fold(0, |mask, i| mask | 1 << i);
         // Delays and lags hide nothing that the states and biases without them show.
         check_observable(plant, sensors, &model.f, &model.h, &used, &offsets)?;

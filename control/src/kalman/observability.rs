@@ -1,11 +1,30 @@
 //! Whether the outputs show all that is to be estimated.
 
 use nalgebra::DMatrix;
+use whirlstand_vehicle::LinearModel;
 
 use super::error::EstimatorError;
 use super::offsets::Offsets;
 use super::sensors::Sensors;
 use crate::sampled_plant::SampledPlant;
+
+/// What the outputs show of the own states at rest, p x n: one behind a lag shows what the lag follows.
+pub fn shown_at_rest(linear: &LinearModel) -> DMatrix<f64> {
+    let (own, first, size) = (linear.own, linear.own + linear.actuators, linear.a.nrows());
+    let mut c = linear.c.clone();
+    // A lag may follow a lag, and that one no other than those before.
+    for _ in first..size {
+        for z in first..size {
+            let through = c.column(z).into_owned();
+            c.column_mut(z).fill(0.0);
+            for j in (0..size).filter(|j| *j != z && linear.a[(z, *j)] != 0.0) {
+                let follows = -linear.a[(z, j)] / linear.a[(z, z)];
+                c.column_mut(j).axpy(follows, &through, 1.0);
+            }
+        }
+    }
+    c.columns(0, own).into_owned()
+}
 
 /// The observability test of Popov, Belevitch and Hautus at every eigenvalue on or outside the unit circle.
 pub fn check_observable(

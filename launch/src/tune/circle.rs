@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use whirlstand_control::design::LeftOut;
-use whirlstand_diagnose::{Diagnosis, Options, Watch, diagnose};
+use whirlstand_diagnose::{Diagnosis, Options, Verdict, Watch, diagnose};
 use whirlstand_ident::watch::Stage;
 use whirlstand_nodes::config::{ControllerConfig, LawKind, NodeConfig, VehicleSource};
 use whirlstand_nodes::setup::Setup;
-use whirlstand_vehicle::{LinearModel, Vehicle};
+use whirlstand_vehicle::{Effect, LinearModel, Vehicle};
 
 use super::answer::{Tuning, WorstDraw};
 use super::draws::{Draws, is_disturbance};
@@ -25,7 +25,7 @@ use crate::cli::TuneArgs;
 use crate::command::stage_line::StageLine;
 use crate::command::{INTERRUPTED, log, tell, write};
 use crate::error::Failure;
-use crate::file::{find, plan};
+use crate::file::{FoundFile, find, plan};
 
 /// Fewest draws that are worth a verdict.
 const FEWEST_DRAWS: u64 = 20;
@@ -58,7 +58,7 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     let has_model =
         extended.effects != believed.effects || extended.a != believed.a || extended.b != believed.b;
     let gain = match (has_model, new.controller == old.controller) {
-        (false, true) => unchanged(),
+        (false, true) => unchanged(diagnosis.verdict),
         _ => compare(&old_flights, &new_flights),
     };
     let truth = args.truth.as_deref().map(|path| truth::fly(path, &plan, [&old, &new], args.draws));
@@ -67,15 +67,10 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
         truth => truth.flatten(),
     };
     let paths = Paths::in_folder(&args.out);
-    if has_model {
-        write(&paths.vehicle, &extended.to_toml())?;
-    }
+    let worst = worst(if gain.certain { &new_flights } else { &old_flights }, extended, &paths.worst);
     let choice =
         Choice { has_model, controller: &new.controller, is_retuned: retuned.is_some(), gain: &gain };
-    write(&paths.tuned, &tuned::launch_file(&found, &choice)?)?;
-    let worst = worst(if gain.certain { &new_flights } else { &old_flights }, extended, &paths.worst);
-    write(&paths.worst, &tuned::draw_file(&found, &choice, draws.seed(worst.draw), &config.effects)?)?;
-    write(&paths.worst_vehicle, &draws.vehicle(worst.draw).to_toml())?;
+    write_files(&paths, &found, &choice, &config.effects, draws, worst.draw)?;
     let linear = LinearModel::new(extended).map_err(Failure::mend)?;
     let shown = |path: &Path| path.display().to_string();
     let answer = Tuning {
@@ -160,6 +155,23 @@ fn worst(flights: &[Judged], vehicle: &Vehicle, launch: &Path) -> WorstDraw {
     WorstDraw { draw, lost, figures, launch: launch.display().to_string() }
 }
 
+/// The launch files and vehicles that a tuning leaves.
+fn write_files(
+    paths: &Paths,
+    found: &FoundFile,
+    choice: &Choice<'_>,
+    effects: &[Effect],
+    draws: &Draws<'_>,
+    worst: u64,
+) -> Result<(), Failure> {
+    if choice.has_model {
+        write(&paths.vehicle, &draws.vehicle(0).to_toml())?;
+    }
+    write(&paths.tuned, &tuned::launch_file(found, choice)?)?;
+    write(&paths.worst, &tuned::draw_file(found, choice, draws.seed(worst), effects)?)?;
+    write(&paths.worst_vehicle, &draws.vehicle(worst).to_toml())
+}
+
 struct Paths {
     vehicle: PathBuf,
     tuned: PathBuf,
@@ -208,17 +220,27 @@ fn extended(diagnosis: &Diagnosis, believed: &Vehicle) -> Vehicle {
     vehicle
 }
 
-fn left_out(effect: &whirlstand_vehicle::Effect, why: &str) -> LeftOut {
+fn left_out(effect: &Effect, why: &str) -> LeftOut {
     LeftOut { effect: effect.kind().name().into(), place: effect.place().into(), why: why.into() }
 }
 
-fn unchanged() -> Gain {
+/// Nothing was found that a new law could be designed for; why, as the diagnosis says.
+fn unchanged(verdict: Verdict) -> Gain {
+    let why = match verdict {
+        Verdict::Inconclusive => "the diagnosis is inconclusive, so there is nothing to design a new one for",
+        Verdict::Unexplained => {
+            "what is wrong is no effect of the table, so there is nothing to design a new one for"
+        }
+        Verdict::Consistent | Verdict::Explained | Verdict::PartlyExplained => {
+            "the diagnosis found nothing that the law does not know"
+        }
+    };
     Gain {
         cost_ratio: None,
         cost_ratio_low: None,
         cost_ratio_high: None,
         better_share: 0.0,
         certain: false,
-        why: "the diagnosis found nothing that the law does not know".into(),
+        why: why.into(),
     }
 }

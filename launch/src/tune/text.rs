@@ -86,10 +86,46 @@ pub(super) fn screen(t: &Tuning) -> String {
     for line in lines(t) {
         text.push_str(&format!("  {:<34} {:<34} -> {}\n", line.what, line.before, line.after));
     }
+    text.push_str(&retuned_text(t));
+    text.push_str(&truth_text(t));
     text.push_str(&format!("\n{}\n", verdict(t)));
     let vehicle = t.extended_vehicle.as_ref().map_or(String::new(), |v| format!("   vehicle {v}"));
     text.push_str(&format!("run {}{vehicle}   report {}\n", t.tuned, t.report));
     text
+}
+
+/// Which weights were chosen, on what.
+fn retuned_text(t: &Tuning) -> String {
+    let Some(r) = &t.retuned else { return String::new() };
+    let factors = r.factors.iter().map(|(name, factor)| format!("{name} x {}", number(*factor)));
+    format!(
+        "\n{}  {}\n  {} {} -> {} on draws {} to {}; {} tried, {} refused; peak sensitivity {} of at most {}\n",
+        style::strong("weights"),
+        factors.collect::<Vec<_>>().join(", "),
+        r.against,
+        number(r.before),
+        number(r.after),
+        r.first_draw,
+        r.first_draw + r.draws - 1,
+        r.tried,
+        r.refused,
+        r.sensitivity.map_or("-".into(), number),
+        number(r.sensitivity_limit)
+    )
+}
+
+/// What the laws are worth on the truth.
+fn truth_text(t: &Tuning) -> String {
+    let Some(truth) = &t.truth else { return String::new() };
+    let cost = |f: &LawFigures| f.cost.map_or("lost".into(), |c| number(c.median));
+    format!(
+        "\n{}  cost {} -> {}, designed on the truth {}; share of the gain {}\n",
+        style::strong("on the truth"),
+        cost(&truth.before),
+        cost(&truth.after),
+        cost(&truth.designed),
+        truth.share.map_or("-".into(), number)
+    )
 }
 
 fn verdict(t: &Tuning) -> String {
