@@ -1,8 +1,8 @@
 //! What stands still and is not known: biases of sensors and offsets of inputs, each a state that hardly moves.
 //!
 //! An offset of an input is the model of any steady force that the inputs could hold (a centre of gravity beside the
-//! middle, a bent blade, wind). As a state of the filter it makes the estimates right at rest, and a law that integrates
-//! their error then leaves none (Muske and Badgwell, "Disturbance modeling for offset-free linear model predictive control",
+//! middle, a bent blade, wind). As a state of the filter it makes the estimates right at rest, so that a law that integrates
+//! their error leaves none (Muske and Badgwell, "Disturbance modeling for offset-free linear model predictive control",
 //! J. Process Control 12, 2002; Pannocchia and Rawlings, AIChE Journal 49, 2003).
 
 use super::error::EstimatorError;

@@ -30,8 +30,8 @@ pub struct EstimatorOptions {
     pub bias_std: Option<f64>,
     /// Random walk of these biases, SI units per sqrt(s). Default: a hundredth of the output's noise.
     pub bias_walk: Option<f64>,
-    /// Inputs whose constant offset, the trim, is estimated as a further state: without it a steady force that nobody told
-    /// of stays in the estimates as an error, which no integral of the law sees. Default: none.
+    /// Inputs whose constant offset, the trim, is estimated as a further state: a steady force that nobody told of
+    /// then does not bend the estimates. Default: none.
     pub input_bias: Vec<Selector>,
     /// Standard deviation of these offsets at the start, input units. Default: a fifth of the input's authority.
     pub input_bias_std: Option<f64>,
