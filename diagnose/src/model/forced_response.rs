@@ -46,7 +46,7 @@ impl<'a> Forces<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::record::Channel;
+    use crate::data::record::{Channel, Data};
     use crate::model::free_run::FreeRun;
     use crate::model::noise::Noise;
     use whirlstand_vehicle::{Effect, Kind, Stream};
