@@ -27,7 +27,7 @@ fn both(vehicle: &Vehicle) -> [Vec<f64>; 2] {
     }
     alone.extend_from_slice(simulator.state());
     let (mut simulator, mut together) = (begun(), Vec::new());
-    let mut rows = Rows::new(&simulator);
+    let mut rows = simulator.rows();
     let halves = [0..steps / 2, steps / 2..steps];
     for (half, range) in halves.into_iter().enumerate() {
         for from in range.clone().step_by(Rows::MOST) {

@@ -218,7 +218,7 @@ impl<'d> FreeRun<'d> {
         for (record, (start, end)) in data.starts.iter().copied().zip(ends).enumerate() {
             let mut simulator = data.begin(vehicle, start).ok_or(ModelError::Diverged)?;
             simulator.set_state(&initial[record * n..(record + 1) * n]);
-            let rows = known.get_or_insert_with(|| Rows::new(&simulator));
+            let rows = known.get_or_insert_with(|| simulator.rows());
             for (block, inputs) in
                 data.inputs[start * data.m..end * data.m].chunks(Rows::MOST * data.m).enumerate()
             {

@@ -51,7 +51,7 @@ impl Row {
         out.fill(0.0);
         dot(&self.z, z, out);
         if !self.v.is_empty() {
-            let mut direct = [0.0; super::record::BLOCK];
+            let mut direct = [0.0; super::rows::BLOCK];
             let direct = &mut direct[..out.len()];
             dot(&self.v, v, direct);
             out.iter_mut().zip(direct).for_each(|(o, d)| *o += *d);

@@ -26,6 +26,7 @@ mod linear_model;
 mod motion;
 mod nonlinear;
 mod record;
+mod rows;
 mod schedule;
 mod sensor;
 mod sensors;
@@ -38,7 +39,7 @@ use nalgebra::DMatrix;
 
 pub use self::inputs::split as split_time;
 pub use self::linear_model::LinearModel;
-pub use self::record::Rows;
+pub use self::rows::Rows;
 
 use self::compile::System;
 use self::disturbances::Disturbances;

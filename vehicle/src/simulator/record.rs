@@ -4,43 +4,8 @@ use multiversion::multiversion;
 
 use super::Simulator;
 use super::nonlinear::Work;
+use super::rows::{BLOCK, Rows};
 use crate::model::Engine;
-
-/// Steps of a block: its rows stay in the processor's first cache.
-pub(super) const BLOCK: usize = 64;
-
-/// What a simulator went through in a block of steps.
-#[derive(Debug, Clone)]
-pub struct Rows {
-    /// Steps in the block.
-    pub(super) length: usize,
-    /// Entry after entry of z, of the inputs, and of the outputs, each with the values of all steps.
-    pub(super) states: Vec<f64>,
-    pub(super) inputs: Vec<f64>,
-    pub(super) outputs: Vec<f64>,
-}
-
-impl Rows {
-    /// Steps in a block, at most.
-    pub const MOST: usize = BLOCK;
-
-    /// For blocks of this simulator.
-    pub fn new(simulator: &Simulator) -> Self {
-        let rows = |entries: usize| vec![0.0; entries * BLOCK];
-        let outputs = simulator.sensors.fresh().len();
-        Self { length: 0, states: rows(simulator.z.len()), inputs: rows(simulator.m), outputs: rows(outputs) }
-    }
-
-    /// An output, measured at every step of the block.
-    pub fn output(&self, index: usize) -> &[f64] {
-        &self.outputs[index * BLOCK..][..self.length]
-    }
-
-    /// A state at the beginning of every step of the block.
-    pub fn state(&self, index: usize) -> &[f64] {
-        &self.states[index * BLOCK..][..self.length]
-    }
-}
 
 impl Simulator {
     /// Runs a whole record: for each row of `inputs` (steps x inputs, row after row) the outputs measured at that
@@ -51,7 +16,7 @@ impl Simulator {
     pub fn run(&mut self, inputs: &[f64], outputs: &mut [f64]) {
         let p = self.sensors.fresh().len();
         assert_eq!(inputs.len() * p, outputs.len() * self.m, "a row of outputs for each row of inputs");
-        let mut rows = Rows::new(self);
+        let mut rows = self.rows();
         let blocks = inputs.chunks(BLOCK * self.m).zip(outputs.chunks_mut(BLOCK * p));
         for (inputs, outputs) in blocks {
             self.run_block(inputs, &mut rows);
@@ -59,6 +24,11 @@ impl Simulator {
                 outputs.iter_mut().enumerate().for_each(|(i, y)| *y = rows.outputs[i * BLOCK + row]);
             }
         }
+    }
+
+    /// Rows for blocks of this simulator.
+    pub fn rows(&self) -> Rows {
+        Rows::new(self.z.len(), self.m, self.sensors.fresh().len())
     }
 
     /// Runs at most [`Rows::MOST`] steps, one for each row of `inputs` (steps x inputs, row after row): the same as

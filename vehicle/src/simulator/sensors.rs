@@ -2,7 +2,7 @@
 
 use super::compile::System;
 use super::disturbances::consumer;
-use super::record::{BLOCK, Rows};
+use super::rows::{BLOCK, Rows};
 use super::sensor::{Sensor, declared, phase};
 use super::switch::Switch;
 use super::tap::Tap;
