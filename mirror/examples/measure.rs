@@ -112,6 +112,73 @@ fn is_right(cause: &Cause, truth: &Effect) -> bool {
     told || cause.indistinguishable.iter().any(|(kind, place)| same(*kind, place))
 }
 
+/// What a mirror said of a flight.
+#[derive(Default)]
+struct Heard {
+    /// Step at which it first said that something is wrong, after it was.
+    detected: Option<u64>,
+    /// It said so before.
+    early: bool,
+    /// The last cause that stands, and when it was told.
+    said: Option<(u64, Cause)>,
+    wrong_ever: bool,
+    lines: Vec<String>,
+}
+
+fn watch(flight: &mut Flight, mirror: &mut Mirror, truth: &Effect, onset: u64) -> Heard {
+    let mut heard = Heard::default();
+    for _ in 0..onset + (NAMED_S / PERIOD_S) as u64 {
+        flight.fly();
+        let Some(finding) = mirror.observe(&flight.sample()) else { continue };
+        let cause = finding.cause.as_ref();
+        let told = cause.map(|c| {
+            (
+                c.effect.kind(),
+                c.effect.place().to_string(),
+                c.values.clone(),
+                c.probability,
+                c.indistinguishable.clone(),
+            )
+        });
+        heard.lines.push(format!(
+            "    {:.2} s {:?} since {:.3} evidence {:.1} {told:?}",
+            (finding.step as f64 - onset as f64) * PERIOD_S,
+            finding.stage,
+            (finding.since as f64 - onset as f64) * PERIOD_S,
+            finding.evidence,
+        ));
+        match finding.stage {
+            Stage::Wrong if finding.step < onset => heard.early = true,
+            Stage::Wrong => heard.detected = heard.detected.or(Some(finding.step)),
+            Stage::Named | Stage::Revised => {
+                let cause = finding.cause.unwrap();
+                heard.wrong_ever |= !is_right(&cause, truth);
+                heard.said = Some((finding.step, cause));
+            }
+            Stage::Withdrawn => heard.said = None,
+            Stage::Over => {}
+        }
+    }
+    heard
+}
+
+/// The least delay of any detection of this size with so few false alarms (Lorden), s; `None` when the flight is too short for it.
+fn bound(vehicle: &Vehicle, mirror: &Mirror, truth: &Effect, onset: u64) -> Option<f64> {
+    match truth.kind() {
+        Kind::Noise => {
+            let i = vehicle.output_index(truth.place()).unwrap();
+            let v = 1.0 + (truth.parameter("std").unwrap() / vehicle.outputs[i].noise).powi(2);
+            Some(asked() / (0.5 * (v - 1.0 - v.ln())) * PERIOD_S)
+        }
+        // A value that repeats is certain within two steps.
+        Kind::Dropouts => Some(2.0 * PERIOD_S),
+        _ => mirror
+            .evidence_of(truth, onset)
+            .and_then(|sums| sums.iter().position(|sum| *sum >= asked()))
+            .map(|k| (k + 1) as f64 * PERIOD_S),
+    }
+}
+
 fn flight(what: &str, seed: u64, row: &mut Row, verbose: bool) {
     let vehicle =
         Vehicle::builtin(if what == "mode transition" { "helicopter-hover" } else { "quadrotor" }).unwrap();
@@ -124,53 +191,8 @@ fn flight(what: &str, seed: u64, row: &mut Row, verbose: bool) {
     };
     let mut flight = Flight::new(&vehicle, PERIOD_S, seed, Some((&flown, onset)));
     let mut mirror = Mirror::new(&vehicle, PERIOD_S, &Options::new(Engine::Flying, true, PERIOD_S)).unwrap();
-    let end = onset + (NAMED_S / PERIOD_S) as u64;
-    let (mut detected, mut said, mut wrong_ever): (Option<u64>, Option<(u64, Cause)>, bool) =
-        (None, None, false);
-    let mut early = false;
-    let mut lines = Vec::new();
-    for _ in 0..end {
-        flight.fly();
-        let Some(finding) = mirror.observe(&flight.sample()) else { continue };
-        lines.push(format!(
-            "    {:.2} s {:?} since {:.3} evidence {:.1} {:?}",
-            (finding.step as f64 - onset as f64) * PERIOD_S,
-            finding.stage,
-            (finding.since as f64 - onset as f64) * PERIOD_S,
-            finding.evidence,
-            finding.cause.as_ref().map(|c| (
-                c.effect.kind(),
-                c.effect.place().to_string(),
-                c.values.clone(),
-                c.probability,
-                c.indistinguishable.clone()
-            ))
-        ));
-        match finding.stage {
-            Stage::Wrong if finding.step < onset => early = true,
-            Stage::Wrong => detected = detected.or(Some(finding.step)),
-            Stage::Named | Stage::Revised => {
-                let cause = finding.cause.unwrap();
-                wrong_ever |= !is_right(&cause, &truth);
-                said = Some((finding.step, cause));
-            }
-            Stage::Withdrawn => said = None,
-            Stage::Over => {}
-        }
-    }
-    let bound = match truth.kind() {
-        Kind::Noise => {
-            let i = vehicle.output_index(truth.place()).unwrap();
-            let v = 1.0 + (truth.parameter("std").unwrap() / vehicle.outputs[i].noise).powi(2);
-            Some(asked() / (0.5 * (v - 1.0 - v.ln())) * PERIOD_S)
-        }
-        // A value that repeats is certain within two steps.
-        Kind::Dropouts => Some(2.0 * PERIOD_S),
-        _ => mirror
-            .evidence_of(&truth, onset)
-            .and_then(|sums| sums.iter().position(|sum| *sum >= asked()))
-            .map(|k| (k + 1) as f64 * PERIOD_S),
-    };
+    let Heard { detected, early, said, wrong_ever, lines } = watch(&mut flight, &mut mirror, &truth, onset);
+    let bound = bound(&vehicle, &mirror, &truth, onset);
     row.flights += 1;
     row.early += u32::from(early);
     if let Some(bound) = bound {

@@ -60,25 +60,15 @@ impl Estimator {
         let (n, p) = (plant.own_count(), sensors.c.nrows());
         check(plant, sensors)?;
         let kinematics = plant.kinematic_rows();
-        let own_b = plant.own_b();
-        let shows: Vec<Option<usize>> = (0..p).map(|i| shown_state(sensors, i)).collect();
-        // A gyro: it shows a rate that the inputs drive and whose angle is measured too. Speeds are driven by angles.
-        let gyro = |i: usize| {
-            shows[i].is_some_and(|j| {
-                let driven = own_b.row(j).iter().any(|v| *v != 0.0);
-                let integral =
-                    |k: usize| kinematics[k].is_some_and(|(d, _)| d == j) && shows.contains(&Some(k));
-                driven && (0..n).any(integral)
-            })
-        };
+        let gyros = gyros(plant, sensors, &kinematics);
         let used = match &options.outputs {
             Some(list) => select("outputs", list, &sensors.names)?,
-            None if options.kind == EstimatorKind::Kinematic => (0..p).filter(|&i| !gyro(i)).collect(),
+            None if options.kind == EstimatorKind::Kinematic => (0..p).filter(|&i| !gyros[i]).collect(),
             None => (0..p).collect(),
         };
         let biased = match &options.bias {
             Some(list) => select("bias", list, &sensors.names)?,
-            None => used.iter().copied().filter(|&i| gyro(i)).collect(),
+            None => used.iter().copied().filter(|&i| gyros[i]).collect(),
         };
         let trimmed = trimmed(plant, options)?;
         let offsets = Offsets { biased: &biased, trimmed: &trimmed };
@@ -340,4 +330,18 @@ fn filter_model(
 fn bias_noise(sensors: &Sensors, options: &EstimatorOptions, output: usize) -> (usize, f64, f64) {
     let std = sensors.std[output];
     (output, options.bias_std.unwrap_or(10.0 * std), options.bias_walk.unwrap_or(0.01 * std))
+}
+
+/// Which outputs are gyros: they show a rate that the inputs drive and whose angle is measured too. Speeds are driven by angles.
+fn gyros(plant: &SampledPlant, sensors: &Sensors, kinematics: &[Option<(usize, f64)>]) -> Vec<bool> {
+    let own_b = plant.own_b();
+    let shows: Vec<Option<usize>> = (0..sensors.c.nrows()).map(|i| shown_state(sensors, i)).collect();
+    let is_gyro = |shown: &Option<usize>| {
+        shown.is_some_and(|j| {
+            let driven = own_b.row(j).iter().any(|v| *v != 0.0);
+            let integral = |k: usize| kinematics[k].is_some_and(|(d, _)| d == j) && shows.contains(&Some(k));
+            driven && (0..plant.own_count()).any(integral)
+        })
+    };
+    shows.iter().map(is_gyro).collect()
 }

@@ -242,46 +242,39 @@ impl Planner<'_> {
     }
 
     fn check_names(&self, file: &LaunchFile) -> Result<(), LaunchError> {
-        let check = |here: &[Step<'_>], what: &str, name: &str, known: Vec<&str>| {
+        let check = |here: &[Step<'_>], what: &str, name: &str, known: &[&str]| {
             if known.contains(&name) {
                 return Ok(());
             }
-            let message = format!("{} of the vehicle {}", unknown(what, name, known), file.vehicle);
+            let message =
+                format!("{} of the vehicle {}", unknown(what, name, known.iter().copied()), file.vehicle);
             Err(self.document.error_at(here, message))
         };
-        let law = &file.controller;
-        for (key, weights, what, known) in [
-            ("q", &law.q, "state", self.states().collect::<Vec<_>>()),
-            ("r", &law.r, "input", self.inputs().collect()),
-            ("switching_gain", &law.switching_gain, "input", self.inputs().collect()),
-            ("boundary_layer", &law.boundary_layer, "input", self.inputs().collect()),
+        let (law, filter) = (&file.controller, &file.estimator);
+        let (states, inputs): (Vec<&str>, Vec<&str>) = (self.states().collect(), self.inputs().collect());
+        let outputs: Vec<&str> = self.vehicle.outputs.iter().map(|o| o.name.as_str()).collect();
+        for (table, key, weights, what, known) in [
+            ("controller", "q", &law.q, "state", &states),
+            ("controller", "r", &law.r, "input", &inputs),
+            ("controller", "switching_gain", &law.switching_gain, "input", &inputs),
+            ("controller", "boundary_layer", &law.boundary_layer, "input", &inputs),
+            ("estimator", "process_noise", &filter.process_noise, "state", &states),
         ] {
             let Some(Weights::ByName(weights)) = weights else { continue };
             for name in weights.keys() {
-                check(at!["controller", key, name], what, name, known.clone())?;
+                check(at![table, key, name], what, name, known)?;
             }
         }
-        for (i, selector) in law.integral.iter().enumerate() {
-            if let Selector::Name(name) = selector {
-                check(at!["controller", "integral", i], "state", name, self.states().collect())?;
-            }
-        }
-        if let Some(Weights::ByName(noise)) = &file.estimator.process_noise {
-            for name in noise.keys() {
-                check(at!["estimator", "process_noise", name], "state", name, self.states().collect())?;
-            }
-        }
-        let outputs = || self.vehicle.outputs.iter().map(|o| o.name.as_str()).collect();
-        for (key, selectors) in [("bias", &file.estimator.bias), ("outputs", &file.estimator.outputs)] {
-            for (i, selector) in selectors.iter().flatten().enumerate() {
+        for (table, key, selectors, what, known) in [
+            ("controller", "integral", Some(&law.integral), "state", &states),
+            ("estimator", "bias", filter.bias.as_ref(), "output", &outputs),
+            ("estimator", "outputs", filter.outputs.as_ref(), "output", &outputs),
+            ("estimator", "input_bias", Some(&filter.input_bias), "input", &inputs),
+        ] {
+            for (i, selector) in selectors.into_iter().flatten().enumerate() {
                 if let Selector::Name(name) = selector {
-                    check(at!["estimator", key, i], "output", name, outputs())?;
+                    check(at![table, key, i], what, name, known)?;
                 }
-            }
-        }
-        for (i, selector) in file.estimator.input_bias.iter().enumerate() {
-            if let Selector::Name(name) = selector {
-                check(at!["estimator", "input_bias", i], "input", name, self.inputs().collect())?;
             }
         }
         Ok(())

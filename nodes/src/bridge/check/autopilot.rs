@@ -99,14 +99,11 @@ pub fn check_autopilot(
     let shares = autopilot.kind == AutopilotKind::Px4Hil && options.telemetry.is_none();
     let only = links.shared_serial().filter(|_| shares).map(ToString::to_string);
     let place = only.as_deref().or(options.telemetry.as_deref()).unwrap_or(usual);
-    let telemetry = if only.is_some() {
+    let apart = only.is_none().then(|| place.parse::<Address>()).transpose();
+    let telemetry = apart.map_err(|e| wrong("--telemetry".into(), place, format!("{e}")))?.map(Link::new);
+    if telemetry.is_none() {
         links.overhear();
-        None
-    } else {
-        let address: Address =
-            place.parse().map_err(|e| wrong("--telemetry".into(), place, format!("{e}")))?;
-        Some(Link::new(address))
-    };
+    }
     let now = Instant::now();
     let mut check = Check {
         name,
