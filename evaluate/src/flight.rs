@@ -1,12 +1,7 @@
 //! The motion of a simulated run as it truly was, step by step.
 
-use std::path::Path;
-
 use whirlstand_logs::bench_log::wanted;
-use whirlstand_logs::{BenchMessage, Log};
-use whirlstand_vehicle::Vehicle;
-
-use crate::run::RunError;
+use whirlstand_msgs::Setpoint;
 
 /// A flight, step by step; SI, row after row.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -20,42 +15,10 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// Reads the truth of a run of `vehicle` from its log; without any, a flight of no steps. The log is of one start of the
-    /// plant.
-    ///
-    /// # Errors
-    /// [`RunError::Read`].
-    pub fn open(path: &Path, vehicle: &Vehicle) -> Result<Self, RunError> {
-        let (n, m) = (vehicle.states.len(), vehicle.inputs.len());
-        let log = Log::open(path)?;
-        let mut flight = Self::default();
-        let (mut times, mut setpoints) = (Vec::new(), Vec::new());
-        for message in log.bench_messages()? {
-            match message? {
-                BenchMessage::Truth(truth) => {
-                    times.push(truth.head.stamp_ns);
-                    flight.states.extend_from_slice(&truth.x[..n]);
-                    flight.inputs.extend_from_slice(&truth.u[..m]);
-                }
-                BenchMessage::Setpoint(setpoint) => {
-                    let mut states = wanted(&setpoint);
-                    states.truncate(n);
-                    setpoints.push((setpoint.head.stamp_ns, states));
-                }
-                _ => {}
-            }
-        }
-        // A setpoint holds from message to message, the first one also before itself.
-        let mut next = 1;
-        for ns in times {
-            while setpoints.get(next).is_some_and(|(from, _)| *from <= ns) {
-                next += 1;
-            }
-            match setpoints.get(next - 1) {
-                Some((_, states)) => flight.wanted.extend_from_slice(states),
-                None => flight.wanted.extend(std::iter::repeat_n(f64::NAN, n)),
-            }
-        }
-        Ok(flight)
+    /// Takes the next step: its states, the inputs in force and what is wanted.
+    pub fn take(&mut self, x: &[f64], u: &[f64], setpoint: &Setpoint) {
+        self.states.extend_from_slice(x);
+        self.inputs.extend_from_slice(u);
+        self.wanted.extend(wanted(setpoint).into_iter().take(x.len()));
     }
 }

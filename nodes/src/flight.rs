@@ -100,6 +100,20 @@ impl Pilot {
         Ok(Self { known: Known::of(config), setup, estimator, law })
     }
 
+    /// The same law and filter for a bench that differs in the vehicle that flies, and not in `model`, which they were designed
+    /// for.
+    ///
+    /// # Errors
+    /// [`NodeError`] for a bench that would design others, and a vehicle that cannot fly.
+    pub fn before(&self, config: &NodeConfig) -> Result<Self, NodeError> {
+        let (setup, known) = (Setup::new(config)?, Known::of(config));
+        let of_ours = Known { vehicle: self.known.vehicle.clone(), ..known.clone() };
+        if config.model.is_none() || of_ours != self.known {
+            return Err(setup.refuse("the same law and filter", &"the bench has others"));
+        }
+        Ok(Self { known, setup, estimator: self.estimator.clone(), law: self.law.clone() })
+    }
+
     /// Whether it is the one that this bench would design.
     pub fn is_of(&self, config: &NodeConfig) -> bool {
         self.known.is_of(config)

@@ -8,12 +8,12 @@ use tempfile::TempDir;
 use whirlstand_campaign::{Campaign, Columns, Ended, Flight, WEIGHT};
 use whirlstand_evaluate::expectation::{check, signal_figures};
 use whirlstand_evaluate::summary::{INPUT_KEYS, OUTPUT_KEYS};
-use whirlstand_evaluate::{Expectation, Figure, Flown, FlownStep, NodeCounts, Run, RunSummary};
-use whirlstand_nodes::setup::Setup;
+use whirlstand_evaluate::{Expectation, Figure, Run, RunSummary};
 
 use super::in_thread::InThread;
 use super::pilots::Pilots;
 use super::redrawn::Redrawn;
+use super::without_log::without_log;
 use crate::cli::{ModeArg, OverrideArgs, TransportArg};
 use crate::error::Failure;
 use crate::file::{Document, FoundFile, Jobs, LaunchFile, Plan, find, jobs_of};
@@ -204,26 +204,8 @@ impl Flyer {
 
     /// The figures of a flight without bus and log.
     fn direct(&self, plan: &Plan) -> Result<RunSummary, String> {
-        let config = &plan.config;
-        let pilot = self.pilots.of(config).map_err(|e| e.to_string())?;
-        let mut flown = Flown::new(pilot.vehicle(), Setup::period_s(config), config.steps as usize);
-        let counts = pilot.fly(config, |step| {
-            flown.take(&FlownStep {
-                stamp_ns: step.stamp_ns,
-                x: step.x,
-                u: step.u,
-                flags: step.flags,
-                disturbance: step.disturbance,
-                setpoint: step.setpoint,
-                innovation: (step.filter.nis(), step.filter.dof()),
-                std: step.filter.std(),
-                converged: step.filter.converged(),
-            });
-        });
-        let counts = counts.map_err(|e| e.to_string())?;
-        let [filter, law] = counts.refused;
-        let counts = NodeCounts { misses: counts.misses, rejected: [counts.rejected, filter, law] };
-        Ok(flown.summary(pilot.vehicle(), &plan.name, config.seed, &counts))
+        let pilot = self.pilots.of(&plan.config).map_err(|e| e.to_string())?;
+        without_log(&plan.config, &pilot, &plan.name, |_| {}).map_err(|e| e.to_string())
     }
 
     /// The figures of a flight that is too long to be held: from a log that is thrown away.

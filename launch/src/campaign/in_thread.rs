@@ -9,7 +9,7 @@ use whirlstand_nodes::inproc::run_inproc;
 use whirlstand_nodes::os::StopFlag;
 
 /// A place for the log of one flight; it goes with this.
-pub(crate) struct InThread {
+pub(super) struct InThread {
     folder: PathBuf,
     log: PathBuf,
 }

@@ -7,11 +7,12 @@ mod pilots;
 mod redrawn;
 mod said;
 mod side_by_side;
+mod without_log;
 mod workers;
 
 pub(crate) use flyer::limits;
-pub(crate) use in_thread::InThread;
 pub(crate) use side_by_side::side_by_side;
+pub(crate) use without_log::without_log;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -6,7 +6,7 @@ use serde::Serialize;
 use whirlstand_campaign::Proportion;
 use whirlstand_control::SampledPlant;
 use whirlstand_evaluate::expectation::{check, signal_figures};
-use whirlstand_evaluate::{Expectation, Figure, Flight, Run, RunSummary};
+use whirlstand_evaluate::{Expectation, Figure, Flight, RunSummary};
 use whirlstand_logs::stats;
 use whirlstand_vehicle::Vehicle;
 
@@ -46,8 +46,8 @@ impl Judged {
     }
 
     /// A flight that came to its end.
-    pub fn flown(run: Run, flight: &Flight, plant: &SampledPlant, limits: &[Expectation]) -> Self {
-        let checked = check(limits, &run.figures.timing, Some(&run.figures));
+    pub fn flown(figures: RunSummary, flight: &Flight, plant: &SampledPlant, limits: &[Expectation]) -> Self {
+        let checked = check(limits, &figures.timing, Some(&figures));
         let shares = checked.iter().filter(|c| c.key.contains('.') && c.limit > 0.0);
         let shares = shares.map(|c| c.found.map_or(NEVER, |found| (found / c.limit).min(NEVER)));
         Self {
@@ -55,7 +55,7 @@ impl Judged {
             violates: checked.iter().any(|c| !c.holds),
             of_limit: shares.max_by(f64::total_cmp),
             cost: cost(flight, plant),
-            figures: Some(run.figures),
+            figures: Some(figures),
         }
     }
 }

@@ -1,17 +1,16 @@
-//! Laws flown on draws of the vehicle, in the thread-bound bench of campaigns.
+//! Laws flown on draws of the vehicle, as campaigns fly.
 
-use std::path::Path;
-
-use tempfile::TempDir;
 use whirlstand_control::SampledPlant;
-use whirlstand_evaluate::{Expectation, Flight, Run};
+use whirlstand_evaluate::{Expectation, Flight};
 use whirlstand_nodes::error::NodeError;
+use whirlstand_nodes::flight;
+use whirlstand_nodes::setup::Setup;
 use whirlstand_vehicle::Vehicle;
 
 use super::draws::Draws;
 use super::judge::Judged;
 use super::pilot::Pilot;
-use crate::campaign::{InThread, side_by_side};
+use crate::campaign::{side_by_side, without_log};
 use crate::error::Failure;
 
 /// Most points in time of a motion that is kept.
@@ -60,16 +59,16 @@ impl Trials<'_> {
         numbers: std::ops::Range<u64>,
         progress: &dyn Fn(f64),
     ) -> Result<Option<Flown>, Failure> {
-        let scratch = tempfile::Builder::new().prefix("whirlstand-tune-").tempdir();
-        let scratch: TempDir = scratch
-            .map_err(|e| Failure::Run(format!("no folder can be made for the logs of the flights: {e}")))?;
+        // Law and filter follow from the model, whatever vehicle is drawn.
+        let design = |law: &&Pilot| flight::Pilot::new(&self.draws.bench(numbers.start, law));
+        let designed = laws.iter().map(design).collect::<Result<Vec<_>, _>>().map_err(Failure::run)?;
         let count = laws.len() as u64;
         let todo: Vec<u64> = (numbers.start * count..numbers.end * count).collect();
         let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let mut flown: Vec<(u64, Trial)> = Vec::with_capacity(todo.len());
         let one = |number: u64| {
-            let law = laws[(number % count) as usize];
-            self.one(law, number / count, number, scratch.path()).map(|trial| (number, trial))
+            let at = (number % count) as usize;
+            self.one(laws[at], &designed[at], number / count).map(|trial| (number, trial))
         };
         let interrupted = side_by_side(&todo, jobs, one, |trial| {
             flown.push(trial?);
@@ -87,25 +86,18 @@ impl Trials<'_> {
         Ok(Some(by_law))
     }
 
-    fn one(&self, law: &Pilot, draw: u64, number: u64, scratch: &Path) -> Result<Trial, Failure> {
-        let place = InThread::new(scratch, number)
-            .map_err(|e| Failure::Run(format!("no folder for the log of draw {draw}: {e}")))?;
-        let bench = format!("tune-{}-{number}", std::process::id());
+    fn one(&self, law: &Pilot, designed: &flight::Pilot, draw: u64) -> Result<Trial, Failure> {
         let config = self.draws.bench(draw, law);
-        let period_s = config.period_ns as f64 * 1e-9;
-        let lost = match place.fly(config, bench) {
-            Ok(()) => false,
-            Err(NodeError::Diverged { .. }) => true,
-            Err(error) => return Err(Failure::Run(format!("draw {draw}: {error}"))),
+        let failed = |error: NodeError| Failure::Run(format!("draw {draw}: {error}"));
+        let pilot = designed.before(&config).map_err(failed)?;
+        let mut flight = Flight::default();
+        let judged = match without_log(&config, &pilot, "", |step| flight.take(step.x, step.u, step.setpoint))
+        {
+            Ok(figures) => Judged::flown(figures, &flight, self.plant, self.limits),
+            Err(NodeError::Diverged { .. }) => Judged::lost(),
+            Err(error) => return Err(failed(error)),
         };
-        let flight = Flight::open(place.log(), self.vehicle).map_err(Failure::run)?;
-        let judged = if lost {
-            Judged::lost()
-        } else {
-            let run = Run::open(place.log(), "", None).map_err(Failure::run)?;
-            Judged::flown(run, &flight, self.plant, self.limits)
-        };
-        Ok(Trial { judged, motion: self.motion(&flight, period_s) })
+        Ok(Trial { judged, motion: self.motion(&flight, Setup::period_s(&config)) })
     }
 
     fn motion(&self, flight: &Flight, period_s: f64) -> Motion {
