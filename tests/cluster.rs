@@ -203,7 +203,7 @@ fn a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_wh
         (1..=3).all(|n| part(n).exists())
     });
     let log = told(&slurm);
-    assert!(log.contains("DUE TO JOB REQUEUE"), "{log}");
+    assert!(log.contains("Requeuing JobId=1_2"), "{log}");
     drop(array);
 
     let flown = |args: &[&str]| -> Finished { run([&["campaign"], args].concat()).success() };

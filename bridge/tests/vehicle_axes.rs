@@ -229,7 +229,9 @@ fn sent(output: &str, u: [f64; 2]) -> (Vec<MavMessage>, Vec<u8>) {
 fn shares(output: &str, u: [f64; 2]) -> [f64; 2] {
     let (heard, line) = sent(output, u);
     let us = |channels: [u16; 16], us: fn(u16) -> f64| {
-        assert!(channels[2..].iter().all(|c| *c == channels[15]), "{channels:?}");
+        // Throttle and yaw rest in the middle, channel 5 arms, and the others are low.
+        let rests = channels[2] == channels[3] && channels[5..].iter().all(|c| *c == channels[15]);
+        assert!(rests && channels[15] < channels[2] && channels[2] < channels[4], "{channels:?}");
         [channels[0], channels[1]].map(|c| (us(c) - 1500.0) / 500.0)
     };
     match output {

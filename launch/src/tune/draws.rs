@@ -1,8 +1,7 @@
 //! Draws of the vehicle: what the diagnosis found, within what it is sure of; each as the bench that flies it.
 
-use whirlstand_bus::Transport;
 use whirlstand_diagnose::answer::Cause;
-use whirlstand_nodes::config::{Mode, NodeConfig, RecorderConfig, Role, VehicleSource};
+use whirlstand_nodes::config::{NodeConfig, VehicleSource};
 use whirlstand_vehicle::{Effect, Kind, Stream, Vehicle};
 
 use super::pilot::Pilot;
@@ -20,7 +19,7 @@ pub(super) fn is_disturbance(effect: &Effect) -> bool {
 
 /// The draws, by number.
 pub(super) struct Draws<'a> {
-    /// The bench of the launch file, for one thread.
+    /// The bench of the launch file.
     config: NodeConfig,
     /// Where the vehicle's file was read, for what it names beside itself.
     origin: &'a str,
@@ -34,13 +33,6 @@ impl<'a> Draws<'a> {
     pub fn new(config: &NodeConfig, origin: &'a str, extended: &'a Vehicle, causes: &'a [Cause]) -> Self {
         let mut config = config.clone();
         config.effects.retain(is_disturbance);
-        config.mode = Mode::Lockstep;
-        config.transport = Transport::Inproc;
-        config.peers = Role::ALL.into_iter().filter(|role| *role != Role::Plant).collect();
-        config.telemetry = true;
-        config.bridge = None;
-        config.realtime.clear();
-        config.recorder = Some(RecorderConfig { most_runs: 1, ..RecorderConfig::default() });
         Self { config, origin, extended, causes }
     }
 

@@ -243,12 +243,15 @@ impl CostFunction for &Search<'_> {
     type Param = Vec<f64>;
     type Output = f64;
 
+    /// The solver panics on an error in its first corners, so what fails is kept for later, and nothing more is flown.
     fn cost(&self, by: &Vec<f64>) -> Result<f64, Error> {
-        self.count(by).map_err(|failure| {
-            let error = Error::msg(failure.to_string());
+        if self.counts.failure.borrow().is_some() {
+            return Ok(2.0 * NOT_FLOWN);
+        }
+        Ok(self.count(by).unwrap_or_else(|failure| {
             self.counts.failure.replace(Some(failure));
-            error
-        })
+            2.0 * NOT_FLOWN
+        }))
     }
 }
 

@@ -4,12 +4,12 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use foxglove::messages::log::Level;
-use foxglove::messages::{FrameTransforms, Log, SceneUpdate, Timestamp};
+use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
 use foxglove::{Channel, Context, FoxgloveError, PartialMetadata, RawChannel, Schema};
 use whirlstand_logs::{BenchInfo, CDR_HEADER};
 use whirlstand_vehicle::Vehicle;
 
-use super::poses::Poses;
+use super::poses::{Poses, timestamp};
 use super::shape;
 use crate::events::{Event, EventKind};
 use crate::heard::Heard;
@@ -117,10 +117,4 @@ impl Drop for Channels {
         self.scene.close();
         self.events.close();
     }
-}
-
-/// Bench time as the SDK has it.
-pub(super) fn timestamp(ns: u64) -> Timestamp {
-    let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
-    Timestamp::new_checked(seconds, (ns % 1_000_000_000) as u32).unwrap_or_default()
 }

@@ -3,11 +3,10 @@
 //! Frames are those of REP 103, as Foxglove draws them: x forward, y to the left, z up. Ours are those of flight: y to the right, and
 //! angles positive with the nose up and to the right.
 
-use foxglove::messages::{FrameTransform, FrameTransforms, Quaternion, Vector3};
+use foxglove::messages::{FrameTransform, FrameTransforms, Quaternion, Timestamp, Vector3};
 use nalgebra::UnitQuaternion;
 use whirlstand_vehicle::Vehicle;
 
-use super::channels::timestamp;
 use crate::heard::Heard;
 
 /// The frame in which the vehicle moves: where it started, as it was turned.
@@ -90,6 +89,12 @@ fn transform(frame: &str, pose: [f64; 6], ns: u64) -> FrameTransform {
         translation: Some(Vector3 { x: forward, y: -right, z: height }),
         rotation: Some(Quaternion { x: q.i, y: q.j, z: q.k, w: q.w }),
     }
+}
+
+/// Bench time as the SDK has it.
+pub(super) fn timestamp(ns: u64) -> Timestamp {
+    let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
+    Timestamp::new_checked(seconds, (ns % 1_000_000_000) as u32).unwrap_or_default()
 }
 
 #[cfg(test)]
