@@ -1,9 +1,11 @@
 //! Text on a run: a few lines at its end, and one sentence for the report.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use whirlstand_evaluate::RunSummary;
 use whirlstand_evaluate::expectation::CheckedExpectation;
+use whirlstand_evaluate::summary::FindingEvent;
 use whirlstand_logs::shown::shown;
 use whirlstand_nodes::config::Mode;
 
@@ -64,6 +66,10 @@ fn of_run(run: &Summarised) -> String {
             );
         }
     }
+    for (i, found) in run.figures.iter().flat_map(last_words).enumerate() {
+        let head = if i == 0 { "mirror" } else { "" };
+        row(head, style::bad(&format!("at {:.2} s: {}", found.at_s, found.text)));
+    }
     row("timing", timing(run));
     let mut restarts: Vec<_> = run.restarts.iter().map(|(node, n)| format!("{node} {n}")).collect();
     restarts.sort();
@@ -103,6 +109,13 @@ fn broken(run: &Summarised) -> Vec<&CheckedExpectation> {
     let mut broken: Vec<_> = run.expect.iter().filter(|v| !v.holds).collect();
     broken.sort_by_key(|v| v.key.as_str());
     broken
+}
+
+/// What the mirror said last of each change.
+fn last_words(figures: &RunSummary) -> Vec<&FindingEvent> {
+    let mut last: BTreeMap<u64, &FindingEvent> = BTreeMap::new();
+    last.extend(figures.findings.iter().map(|found| (found.number, found)));
+    last.into_values().collect()
 }
 
 /// What a disturbance did to the outputs that it moved most, in multiples of what their sensors can see.
@@ -159,7 +172,9 @@ pub(super) fn sentence(runs: &[Summarised]) -> String {
             let event = f.disturbances.first()?;
             Some(format!("; the disturbance at {:.1} s moved {}", event.at_s, response(f, event.at_s)))
         });
-        format!("{} {end}{}", run.name, gust.unwrap_or_default())
+        let found = run.figures.iter().flat_map(last_words);
+        let mirror: String = found.map(|found| format!("; mirror: {}", found.text)).collect();
+        format!("{} {end}{}{mirror}", run.name, gust.unwrap_or_default())
     };
     runs.iter().map(of_run).collect::<Vec<_>>().join(". ") + "."
 }
