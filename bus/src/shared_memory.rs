@@ -30,7 +30,7 @@ use crate::presence::Presence;
 use crate::shared_memory_config::{
     MAX_BORROWED, MAX_DEPTH, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SHARED_MEMORY, config, prefix, root_path,
 };
-use crate::shared_memory_space::{FOR_SERVICE, FOR_SUBSCRIBER, for_publisher, require, reserve};
+use crate::shared_memory_space::{FOR_SERVICE, FOR_SUBSCRIBER, Turn, for_publisher};
 use crate::{BusConfig, OpenError, RecvError, SendError, Transport};
 
 /// Nodes a bench can have.
@@ -76,7 +76,8 @@ impl Member {
         let config = config(&bus.bench)?;
         let presence = Presence::join(&bus.bench)?;
         make_private_root(&bus.bench)?;
-        require(&bus.bench, "a node", FOR_SERVICE)?;
+        let turn = Turn::wait(&bus.bench)?;
+        turn.require("a node", FOR_SERVICE)?;
         let name = NodeName::new(&bus.node).map_err(|e| refused(format!("{e:?}")))?;
         // The program that uses the bus decides what a signal does.
         let node = NodeBuilder::new()
@@ -95,14 +96,15 @@ impl Member {
 
     pub(crate) fn publisher<M: Message>(self: &Rc<Self>, topic: &str) -> Result<Publisher<M>, OpenError> {
         let what = format!("topic \"{topic}\"");
-        let factory = self.service::<M>(topic)?;
-        require(&self.bench, &what, for_publisher(size_of::<M>()))?;
+        let turn = Turn::wait(&self.bench)?;
+        let factory = self.service::<M>(&turn, topic)?;
+        turn.require(&what, for_publisher(size_of::<M>()))?;
         let port = factory
             .publisher_builder()
             .max_loaned_samples(1)
             .create()
             .map_err(|e| transport_error(&self.bench, &format!("publish on topic \"{topic}\""), e))?;
-        reserve(&self.bench, &what, port.id().value())?;
+        turn.reserve(&what, port.id().value())?;
         Ok(Publisher { port, factory, _member: self.clone() })
     }
 
@@ -115,19 +117,20 @@ impl Member {
             return Err(OpenError::Depth { topic: topic.into(), depth, max: MAX_DEPTH });
         }
         let what = format!("topic \"{topic}\"");
-        let factory = self.service::<M>(topic)?;
-        require(&self.bench, &what, FOR_SUBSCRIBER)?;
+        let turn = Turn::wait(&self.bench)?;
+        let factory = self.service::<M>(&turn, topic)?;
+        turn.require(&what, FOR_SUBSCRIBER)?;
         let port = factory
             .subscriber_builder()
             .buffer_size(depth)
             .create()
             .map_err(|e| transport_error(&self.bench, &format!("subscribe to topic \"{topic}\""), e))?;
-        reserve(&self.bench, &what, port.id().value())?;
+        turn.reserve(&what, port.id().value())?;
         Ok(Subscriber { port, lost: LostCounter::default(), _member: self.clone() })
     }
 
-    fn service<M: Message>(&self, topic: &str) -> Result<Factory<M>, OpenError> {
-        require(&self.bench, &format!("topic \"{topic}\""), FOR_SERVICE)?;
+    fn service<M: Message>(&self, turn: &Turn, topic: &str) -> Result<Factory<M>, OpenError> {
+        turn.require(&format!("topic \"{topic}\""), FOR_SERVICE)?;
         let action = format!("open topic \"{topic}\"");
         let refused = |reason: String| transport_error(&self.bench, &action, reason);
         let text = service_name(&self.bench, topic);

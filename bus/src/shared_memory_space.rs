@@ -2,9 +2,11 @@
 //!
 //! A file in shared memory takes its pages when they are first written, and where none is left the writer gets SIGBUS in
 //! the midst of its work. So what a port will need is asked for before iceoryx2 makes its files, and their pages are taken
-//! as soon as the files are there: from then on nobody else can have them.
+//! as soon as the files are there: from then on nobody else can have them. Between the two it is one node's [`Turn`]: the
+//! nodes of a bench open their ports at the same time, and two that ask before either takes would both be told that there
+//! is room.
 
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::io;
 use std::path::Path;
 
@@ -13,7 +15,7 @@ use rustix::io::Errno;
 
 use crate::OpenError;
 use crate::shared_memory_config::{
-    MAX_BORROWED, MAX_DEPTH, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SHARED_MEMORY, prefix,
+    MAX_BORROWED, MAX_DEPTH, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SHARED_MEMORY, prefix, root_path,
 };
 
 /// What iceoryx2 keeps beside each sample: its header, its place in the free list and its reference count, bytes.
@@ -38,44 +40,64 @@ pub(crate) fn for_publisher(sample: usize) -> u64 {
     samples * (sample as u64 + BESIDE_A_SAMPLE) + BESIDE_SAMPLES + MAX_SUBSCRIBERS as u64 * CONNECTION
 }
 
-/// Sees that shared memory has room for `bytes` more.
-///
-/// # Errors
-/// [`OpenError::Full`].
-pub(crate) fn require(bench: &str, what: &str, bytes: u64) -> Result<(), OpenError> {
-    let Ok(space) = statvfs(SHARED_MEMORY) else { return Ok(()) };
-    // A file system without a limit says that it has no blocks.
-    if space.f_blocks == 0 || space.f_bavail * space.f_frsize >= bytes + MARGIN {
-        return Ok(());
-    }
-    Err(full(bench, what, bytes + MARGIN))
+/// The time in which one node of a bench, and no other, takes room: until it is dropped, or its process ends.
+pub(crate) struct Turn {
+    bench: String,
+    _folder: File,
 }
 
-/// Takes the pages of the files that belong to a port of a bench: those with its number in their name.
-///
-/// # Errors
-/// [`OpenError::Full`] when there are not enough, [`OpenError::File`] for a file that cannot be used.
-pub(crate) fn reserve(bench: &str, what: &str, port: u128) -> Result<(), OpenError> {
-    let prefix = prefix(bench);
-    let number = format!("_{port}");
-    let failed = |path: &Path, source| OpenError::File { path: path.into(), source };
-    let folder = Path::new(SHARED_MEMORY);
-    for entry in std::fs::read_dir(folder).map_err(|e| failed(folder, e))?.flatten() {
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        if name.starts_with(&prefix) && name.contains(&number) {
-            let path = entry.path();
-            match take_pages(&path) {
-                // A connection goes when the other side does.
-                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-                Err(e) if e.kind() == io::ErrorKind::StorageFull => {
-                    return Err(full(bench, what, length(&path)));
+impl Turn {
+    /// Waits until no other node of the bench has its turn. What is locked is the bench's own folder, which is there before
+    /// any port is.
+    ///
+    /// # Errors
+    /// [`OpenError::File`] when the folder cannot be opened or locked.
+    pub(crate) fn wait(bench: &str) -> Result<Self, OpenError> {
+        let path = root_path(bench);
+        let locked = File::open(&path).and_then(|folder| folder.lock().map(|()| folder));
+        let folder = locked.map_err(|source| OpenError::File { path, source })?;
+        Ok(Self { bench: bench.into(), _folder: folder })
+    }
+
+    /// Sees that shared memory has room for `bytes` more.
+    ///
+    /// # Errors
+    /// [`OpenError::Full`].
+    pub(crate) fn require(&self, what: &str, bytes: u64) -> Result<(), OpenError> {
+        let Ok(space) = statvfs(SHARED_MEMORY) else { return Ok(()) };
+        // A file system without a limit says that it has no blocks.
+        if space.f_blocks == 0 || space.f_bavail * space.f_frsize >= bytes + MARGIN {
+            return Ok(());
+        }
+        Err(full(&self.bench, what, bytes + MARGIN))
+    }
+
+    /// Takes the pages of the files that belong to a port of the bench: those with its number in their name.
+    ///
+    /// # Errors
+    /// [`OpenError::Full`] when there are not enough, [`OpenError::File`] for a file that cannot be used.
+    pub(crate) fn reserve(&self, what: &str, port: u128) -> Result<(), OpenError> {
+        let prefix = prefix(&self.bench);
+        let number = format!("_{port}");
+        let failed = |path: &Path, source| OpenError::File { path: path.into(), source };
+        let folder = Path::new(SHARED_MEMORY);
+        for entry in std::fs::read_dir(folder).map_err(|e| failed(folder, e))?.flatten() {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            if name.starts_with(&prefix) && name.contains(&number) {
+                let path = entry.path();
+                match take_pages(&path) {
+                    // A connection goes when the other side does.
+                    Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+                    Err(e) if e.kind() == io::ErrorKind::StorageFull => {
+                        return Err(full(&self.bench, what, length(&path)));
+                    }
+                    other => other.map_err(|e| failed(&path, e))?,
                 }
-                other => other.map_err(|e| failed(&path, e))?,
             }
         }
+        Ok(())
     }
-    Ok(())
 }
 
 /// Takes the pages of a file as long as it is.
@@ -113,5 +135,25 @@ pub(crate) fn full(bench: &str, what: &str, needed: u64) -> OpenError {
         needed,
         free: bytes(|s| s.f_bavail),
         total: bytes(|s| s.f_blocks),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two nodes that asked at once were both told of the same free pages; the second was then ended by SIGBUS.
+    #[test]
+    fn one_node_of_a_bench_at_a_time_takes_room() {
+        let bench = format!("turn-{}", std::process::id());
+        let folder = root_path(&bench);
+        std::fs::create_dir(&folder).unwrap();
+        let other = File::open(&folder).unwrap();
+        let turn = Turn::wait(&bench).unwrap();
+        turn.require("a byte", 1).unwrap();
+        assert!(matches!(other.try_lock(), Err(std::fs::TryLockError::WouldBlock)));
+        drop(turn);
+        other.try_lock().unwrap();
+        std::fs::remove_dir(&folder).unwrap();
     }
 }
