@@ -123,18 +123,8 @@ fn asked_for(layout: &str, field: char) -> Vec<Vec<String>> {
 fn the_layouts_show_what_is_in_a_log() -> Outcome {
     let dir = TempDir::new().unwrap();
     let out = dir.path().display().to_string();
-    run([
-        "run",
-        "quadrotor",
-        "--mode",
-        "lockstep",
-        "--duration",
-        "1",
-        "--out",
-        &out,
-        "--set",
-        FAULTS_ALLOWED,
-    ]);
+    let flight = ["run", "quadrotor", "--mode", "lockstep", "--duration", "1"];
+    run(flight.into_iter().chain(["--out", &out, "--set", FAULTS_ALLOWED]));
     let mut stream = LogStream::open(dir.path()).unwrap();
     let mut schemas = BTreeMap::new();
     while let Some(message) = stream.next().unwrap() {

@@ -2,38 +2,13 @@
 
 mod support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocation_counter::measure;
 use nalgebra::DMatrix;
 use support::plant;
 use whirlstand_control::{
     Controller, Design, Estimator, EstimatorKind, EstimatorOptions, LawOptions, SampledPlant, Sensors,
 };
 use whirlstand_vehicle::{Effect, Kind, LinearModel, Vehicle};
-
-struct Counting;
-
-thread_local! {
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-// SAFETY: every call is passed on to the system allocator unchanged; counting allocates nothing.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.with(|c| c.set(c.get() + 1));
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the pointer came from `alloc` above, hence from the system allocator.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 /// The quadrotor with late inputs and sensors, a lag, a trim and a tone.
 fn late() -> (&'static str, SampledPlant, Option<LinearModel>) {
@@ -82,20 +57,21 @@ fn controller_and_estimator_steps_allocate_nothing() {
             .collect();
         let mut out = [0.0; 2];
         let mut reference = [0.0; 8];
-        let before = COUNT.with(Cell::get);
-        for k in 0..3000u64 {
-            reference[0] = 0.01 * (k / 500) as f64;
-            let measured = [0.001 * (k % 7) as f64; 8];
-            // Dropouts and changes of the tracked set are part of the step.
-            let mask = if k % 1000 == 999 { 0b11 } else { u64::MAX };
-            for filter in &mut filters {
-                filter.step(&measured[..n], mask, &[0.1, 0.2], &[0.1, 0.2]);
+        let counted = measure(|| {
+            for k in 0..3000u64 {
+                reference[0] = 0.01 * (k / 500) as f64;
+                let measured = [0.001 * (k % 7) as f64; 8];
+                // Dropouts and changes of the tracked set are part of the step.
+                let mask = if k % 1000 == 999 { 0b11 } else { u64::MAX };
+                for filter in &mut filters {
+                    filter.step(&measured[..n], mask, &[0.1, 0.2], &[0.1, 0.2]);
+                }
+                let x = if k % 700 == 699 { &[f64::NAN; 8][..n] } else { filters[1].x() };
+                for law in &mut laws {
+                    law.step(x, &reference[..n], if k > 1500 { 0b101 } else { 0 }, &mut out);
+                }
             }
-            let x = if k % 700 == 699 { &[f64::NAN; 8][..n] } else { filters[1].x() };
-            for law in &mut laws {
-                law.step(x, &reference[..n], if k > 1500 { 0b101 } else { 0 }, &mut out);
-            }
-        }
-        assert_eq!(COUNT.with(Cell::get) - before, 0, "{name}");
+        });
+        assert_eq!(counted.count_total, 0, "{name}");
     }
 }

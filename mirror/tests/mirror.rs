@@ -3,36 +3,10 @@
 #[path = "../examples/support/mod.rs"]
 mod support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocation_counter::measure;
 use support::Flight;
 use whirlstand_mirror::{Finding, Mirror, Options, Sample, Stage};
 use whirlstand_vehicle::{Effect, Engine, Kind, Vehicle, builtin_names};
-
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-// SAFETY: every call goes to the system's allocator unchanged; counting touches only a thread-local without a
-// destructor, which allocates nothing itself.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller keeps the contract of `dealloc`.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 const PERIOD_S: f64 = 0.005;
 
@@ -127,10 +101,11 @@ fn what_is_over_is_told_and_nothing_is_allocated_while_nothing_changes() {
         // A sensor is askew for three seconds.
         let askew = if (2000..2600).contains(&step) { 0.01 } else { 0.0 };
         flight.y[0] += askew;
-        let before = ALLOCATIONS.with(Cell::get);
-        let finding = mirror.observe(&flight.sample());
+        let sample = flight.sample();
+        let mut finding = None;
+        let counted = measure(|| finding = mirror.observe(&sample));
         if step < 1990 {
-            allocated += ALLOCATIONS.with(Cell::get) - before;
+            allocated += counted.count_total;
         }
         stages.extend(finding.map(|f| f.stage));
     }

@@ -2,42 +2,10 @@
 
 mod common;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocation_counter::measure;
 use whirlstand_nodes::clock::Turn;
 use whirlstand_nodes::config::{EstimatorKind, LawKind, SignalChange};
 use whirlstand_nodes::inproc::Bench;
-
-struct Counting;
-
-thread_local! {
-    // Per thread, so that the test harness's own threads do not count.
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-// SAFETY: every call goes to the system allocator as it came; counting touches a plain thread-local number.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.with(|n| n.set(n.get() + 1));
-        // SAFETY: the caller's obligations are the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's obligations are the system allocator's.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        ALLOCATIONS.with(|n| n.set(n.get() + 1));
-        // SAFETY: the caller's obligations are the system allocator's.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn steps_of_every_vehicle_law_and_filter_allocate_nothing() {
@@ -65,12 +33,12 @@ fn steps_of_every_vehicle_law_and_filter_allocate_nothing() {
                 for _ in 0..2000 {
                     bench.round().unwrap();
                 }
-                let before = ALLOCATIONS.with(Cell::get);
-                for _ in 0..20_000 {
-                    assert_ne!(bench.round().unwrap(), Turn::Ended);
-                }
-                let allocations = ALLOCATIONS.with(Cell::get) - before;
-                assert_eq!(allocations, 0, "{vehicle}, {law:?}, {kind:?}");
+                let counted = measure(|| {
+                    for _ in 0..20_000 {
+                        assert_ne!(bench.round().unwrap(), Turn::Ended);
+                    }
+                });
+                assert_eq!(counted.count_total, 0, "{vehicle}, {law:?}, {kind:?}");
             }
         }
     }
