@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::mapping::{MapError, Mapping, Selected, Source, resolve};
+use crate::mapping::{MapError, Mapping, Selected, Source, list, resolve};
 use crate::record::Record;
 use crate::resample::{Clock, ClockError, resample};
 use crate::series::Series;
@@ -15,7 +15,7 @@ pub enum MultiError {
     #[error(
         "{} has signals on many clocks: say which ones with --map NAME=SIGNAL[unit]. It has: {}",
         path.display(),
-        available.join(", ")
+        list(available)
     )]
     Unmapped {
         /// The log.

@@ -1,14 +1,25 @@
 //! Predictions of a fitted model at a horizon: the filter follows the record, and from it the model runs ahead.
+//!
+//! The inputs until then are predicted from the past as well. With those of the record the best model of a vehicle in a
+//! closed loop would predict worse than no model at all: they hold the answer to disturbances that are yet to come, and
+//! that the model cannot know. The model is linear, so that with the expected inputs it gives the expected output.
 
 use whirlstand_vehicle::Simulator;
 
+use super::own_past::Regression;
 use crate::identify::Segment;
 use crate::identify::fitted::{Fit, NoiseFit};
 use crate::identify::predictor::{Gains, Pattern};
 
 /// Errors of predictions `horizon` steps ahead of a segment of one input and one output, one from each of `starts`,
 /// which are the last steps that are known; NaN where a value is missing. `None` when the filter has no steady state.
-pub fn errors(fit: &Fit, segment: &Segment, starts: &[usize], horizon: usize) -> Option<Vec<f64>> {
+pub fn errors(
+    fit: &Fit,
+    inputs: &Regression,
+    segment: &Segment,
+    starts: &[usize],
+    horizon: usize,
+) -> Option<Vec<f64>> {
     let NoiseFit::Kalman(structure, noise) = &fit.noise else { return None };
     let mut problem = fit.problem.clone();
     problem.vehicle = fit.problem.vehicle_at(&fit.theta);
@@ -25,24 +36,22 @@ pub fn errors(fit: &Fit, segment: &Segment, starts: &[usize], horizon: usize) ->
         gains.change(k, &segment.outputs[k..=k], &predicted, None, &mut change);
         simulator.correct(&change);
         if starts.binary_search(&k).is_ok() {
-            errors.push(run_ahead(simulator.clone(), segment, k, horizon));
+            let expected = inputs.predict(segment, k);
+            errors.push(expected.map_or(f64::NAN, |expected| {
+                segment.outputs[k + horizon] - run_ahead(simulator.clone(), expected.as_slice())
+            }));
         }
     }
     Some(errors)
 }
 
-/// The error at step `known + horizon` of a simulator that stands one step after `known`.
-fn run_ahead(mut simulator: Simulator, segment: &Segment, known: usize, horizon: usize) -> f64 {
-    for k in known + 1..known + horizon {
-        if k < segment.steps {
-            simulator.apply(&segment.inputs[k..=k]);
+/// The output at the last of the steps that these inputs are of, from a simulator that stands at the first.
+fn run_ahead(mut simulator: Simulator, inputs: &[f64]) -> f64 {
+    for (k, _) in inputs.iter().enumerate() {
+        if k > 0 {
             simulator.advance();
         }
+        simulator.apply(&inputs[k..=k]);
     }
-    let at = known + horizon;
-    if at >= segment.steps {
-        return f64::NAN;
-    }
-    simulator.apply(&segment.inputs[at..=at]);
-    segment.outputs[at] - simulator.measure()[0]
+    simulator.measure()[0]
 }

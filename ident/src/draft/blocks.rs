@@ -145,10 +145,23 @@ fn split(whole: &[Segment]) -> (Vec<Segment>, Vec<Segment>) {
     (fitted, held)
 }
 
-/// How far predictions look ahead, s: the time over which the output's correlation with itself falls to one half, since
-/// beyond it the past alone says little. At least four samples of the slower of input and output, so that the input can
-/// act, and at most half a second. The samples' own noise is left out of the correlation by smoothing over three steps.
-pub fn horizon_s(pair: &Pair, slowest_interval_s: f64) -> f64 {
+/// How far predictions look ahead, steps. At least four samples of the slower of input and output, so that the input can act;
+/// then twice as far each time, up to the time over which the output's correlation with itself falls to one half, since
+/// beyond it the past alone says little, and to half a second. What a lag or an integration delays shows farther ahead, what
+/// acts at once is hidden there by what the inputs do meanwhile. The samples' own noise is left out of the correlation
+/// by smoothing over three steps.
+pub fn horizons(pair: &Pair, slowest_interval_s: f64) -> Vec<usize> {
+    let steps = |time_s: f64| ((time_s / pair.period_s).round() as usize).max(4);
+    let (least, half) = (steps(4.0 * slowest_interval_s), steps(half_correlation_s(pair)));
+    let last = half.max(least);
+    let mut all: Vec<usize> =
+        std::iter::successors(Some(least), |h| Some(2 * h)).take_while(|h| 3 * h < 2 * last).collect();
+    all.push(last);
+    all
+}
+
+/// The time over which the output's correlation with itself falls to one half, s.
+fn half_correlation_s(pair: &Pair) -> f64 {
     let lags = (LONGEST_HORIZON_S / pair.period_s) as usize;
     let smooth: Vec<Vec<f64>> = pair
         .fitted
@@ -161,9 +174,7 @@ pub fn horizon_s(pair: &Pair, slowest_interval_s: f64) -> f64 {
         mean(&known)
     };
     let whole = correlation(0);
-    let half = (1..=lags).find(|lag| correlation(*lag) < 0.5 * whole).unwrap_or(lags);
-    let least = (4.0 * slowest_interval_s).max(4.0 * pair.period_s);
-    (half as f64 * pair.period_s).max(least).min(LONGEST_HORIZON_S.max(least))
+    (1..=lags).find(|lag| correlation(*lag) < 0.5 * whole).unwrap_or(lags) as f64 * pair.period_s
 }
 
 /// Farthest look ahead, s; predictions of the motion of a small vehicle over longer times are guesses about gusts.
@@ -192,9 +203,9 @@ mod tests {
         assert!((pair.input_level - 8.0).abs() < 0.02 && (pair.output_level + 2.0).abs() < 0.02);
         assert!((pair.held_s() - 10.0).abs() < 1e-9);
         // cos(10 t) falls to one half at t = pi / 30.
-        let ahead = horizon_s(&pair, 0.01);
-        assert!((ahead - 0.105).abs() < 0.012, "{ahead}");
-        assert!((horizon_s(&pair, 0.05) - 0.2).abs() < 1e-9);
+        let ahead = horizons(&pair, 0.01);
+        assert!(ahead == [4, 10] || ahead == [4, 11], "{ahead:?}");
+        assert_eq!(horizons(&pair, 0.05), [20]);
     }
 
     #[test]

@@ -42,8 +42,14 @@ impl Axis {
     pub fn vehicle(&self) -> Result<Vehicle, DraftError> {
         let fit = &self.tried.fit;
         let mut vehicle = fit.problem.vehicle_at(&fit.theta);
+        // What disturbs the motion is no part of the vehicle.
+        let n = self.tried.structure.order;
+        vehicle.states.truncate(n);
+        vehicle.a = vehicle.a.resize(n, n, 0.0);
+        vehicle.b = vehicle.b.resize(n, 1, 0.0);
+        vehicle.c = vehicle.c.resize(1, n, 0.0);
         // The row of A and B that is a model and no definition; the output is the first state.
-        let last = vehicle.states.len() - 1;
+        let last = n - 1;
         let (a, b) = (vehicle.a[(last, 0)], vehicle.b[(last, 0)]);
         let trim = -a * self.pair.output_level / b - self.pair.input_level;
         if trim.is_finite() && trim.abs() > LEAST_TRIM * self.pair.input_spread {

@@ -6,7 +6,7 @@ use whirlstand_vehicle::{Target, Vehicle};
 use super::ahead::errors;
 use super::blocks::Pair;
 use super::error::DraftError;
-use super::own_past::{Regression, compare, lags, starts};
+use super::own_past::{Ahead, Regression, compare, lags, starts};
 use super::structure::{Signals, Structure};
 use crate::identify::Segment;
 use crate::identify::fitted::Fit;
@@ -42,9 +42,14 @@ pub struct Tried {
 /// a better prediction than the regression on the past alone, the errors are those of the mean.
 pub fn regression_errors(pair: &Pair, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
     let lags = lags(pair.period_s);
-    let found = Regression::fit(&pair.fitted, lags, if with_input { lags } else { 0 })?;
+    let inputs = if with_input { lags } else { 0 };
+    let found = Regression::fit(&pair.fitted, lags, inputs, Ahead::Output(horizon))?;
     let from = |s: &Segment| starts(s, warm(pair, horizon), horizon);
-    let errors: Vec<f64> = pair.held.iter().flat_map(|s| found.errors(s, &from(s), horizon)).collect();
+    let error = |s: &Segment, k: usize| {
+        found.predict(s, k).map_or(f64::NAN, |predicted| s.outputs[k + horizon] - predicted[0])
+    };
+    let errors: Vec<f64> =
+        pair.held.iter().flat_map(|s| from(s).into_iter().map(move |k| error(s, k))).collect();
     if with_input {
         return Some(errors);
     }
@@ -68,18 +73,17 @@ pub type Choice = (Tried, Vec<(Structure, f64)>);
 /// # Errors
 /// When none can be fitted.
 pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<Choice>, DraftError> {
-    let all = Structure::all();
-    let plain: Vec<Structure> = all.iter().copied().filter(|s| *s == s.plain()).collect();
-    let first: Vec<Option<Tried>> =
-        plain.par_iter().map(|s| tried(*s, pair, signals, horizon, None)).collect::<Result<_, _>>()?;
-    let first: Vec<Tried> = first.into_iter().flatten().collect();
-    let extended: Vec<Structure> = all.into_iter().filter(|s| *s != s.plain()).collect();
-    let second = extended.par_iter().map(|s| {
-        let from = first.iter().find(|t| t.structure == s.plain()).map(|t| &t.fit);
-        tried(*s, pair, signals, horizon, from)
-    });
-    let second: Vec<Option<Tried>> = second.collect::<Result<_, _>>()?;
-    let mut all: Vec<Tried> = first.into_iter().chain(second.into_iter().flatten()).collect();
+    let mut all: Vec<Tried> = Vec::new();
+    // Each starts from what those with one effect less have found.
+    for effects in 0..=2 {
+        let next: Vec<Structure> = Structure::all().into_iter().filter(|s| s.effects() == effects).collect();
+        let found = next.par_iter().map(|s| {
+            let simpler = all.iter().filter(|t| s.extends(&t.structure)).map(|t| &t.fit).collect::<Vec<_>>();
+            tried(*s, pair, signals, horizon, &simpler)
+        });
+        let found: Vec<Option<Tried>> = found.collect::<Result<_, _>>()?;
+        all.extend(found.into_iter().flatten());
+    }
     all.retain(|t| t.rmse.is_finite());
     all.sort_by_key(|t| t.structure.parameters());
     let figures = all.iter().map(|t| (t.structure, t.rmse)).collect();
@@ -113,15 +117,19 @@ fn tried(
     pair: &Pair,
     signals: &Signals,
     horizon: usize,
-    from: Option<&Fit>,
+    simpler: &[&Fit],
 ) -> Result<Option<Tried>, DraftError> {
     let vehicle = structure.vehicle(signals)?;
     let problem = Problem::new(&vehicle, &pair.fitted, Nuisance::default())?;
-    let extra = from.map_or(Vec::new(), |plain| extended_starts(&vehicle, &problem, plain));
+    let extra: Vec<Vec<f64>> =
+        simpler.iter().flat_map(|fit| extended_starts(&vehicle, &problem, fit)).collect();
     let Ok(fit) = pem::fit(&problem, &pair.fitted, Noise::Kalman, &extra, &Watch::default()) else {
         return Ok(None);
     };
-    let on = |s: &Segment| errors(&fit, s, &starts(s, warm(pair, horizon), horizon), horizon);
+    let lags = lags(pair.period_s);
+    let inputs = Regression::fit(&pair.fitted, lags, lags, Ahead::Inputs(horizon));
+    let Some(inputs) = inputs else { return Ok(None) };
+    let on = |s: &Segment| errors(&fit, &inputs, s, &starts(s, warm(pair, horizon), horizon), horizon);
     let Some(parts) = pair.held.iter().map(on).collect::<Option<Vec<_>>>() else { return Ok(None) };
     let errors: Vec<f64> = parts.concat();
     let known: Vec<f64> = errors.iter().copied().filter(|e| e.is_finite()).collect();
@@ -129,17 +137,19 @@ fn tried(
     Ok(Some(Tried { structure, fit, errors, rmse }))
 }
 
-/// Starts for a structure with effects: the plain one's entries, with short and longer delays and lags.
-fn extended_starts(vehicle: &Vehicle, problem: &Problem, plain: &Fit) -> Vec<Vec<f64>> {
+/// Starts for a structure with one more effect: what the simpler one has found, with short and longer delays and lags.
+fn extended_starts(vehicle: &Vehicle, problem: &Problem, simpler: &Fit) -> Vec<Vec<f64>> {
     let value = |name: &str| {
-        let at = plain.problem.parameters.iter().position(|p| p.name == name)?;
-        Some(plain.theta[at])
+        let at = simpler.problem.parameters.iter().position(|p| p.name == name)?;
+        Some(simpler.theta[at])
     };
     let start = |time_s: f64| {
         let one = |p: &Parameter| {
-            let known = value(&p.name).unwrap_or_else(|| vehicle.free_value(&p.target));
-            let wanted = if matches!(p.target, Target::Effect(..)) { time_s } else { known };
-            wanted.clamp(p.lower, p.upper)
+            let new = match p.target {
+                Target::Effect(..) => time_s,
+                Target::Entry(..) => vehicle.free_value(&p.target),
+            };
+            value(&p.name).unwrap_or(new).clamp(p.lower, p.upper)
         };
         problem.parameters.iter().map(one).collect()
     };

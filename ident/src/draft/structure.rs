@@ -58,12 +58,21 @@ impl Structure {
 
     /// Number of free parameters.
     pub fn parameters(&self) -> usize {
-        self.order + 1 + usize::from(self.lag) + usize::from(self.delay)
+        self.order + 1 + self.effects()
     }
 
-    /// The structure without what acts on the input.
-    pub fn plain(&self) -> Self {
-        Self { order: self.order, lag: false, delay: false }
+    /// How many effects act on the input.
+    pub fn effects(&self) -> usize {
+        usize::from(self.lag) + usize::from(self.delay)
+    }
+
+    /// True when it is the other one with one more effect.
+    pub fn extends(&self, other: &Self) -> bool {
+        let holds = |mine: bool, its: bool| mine || !its;
+        self.order == other.order
+            && self.effects() == other.effects() + 1
+            && holds(self.lag, other.lag)
+            && holds(self.delay, other.delay)
     }
 
     /// The structure in words.
@@ -79,18 +88,28 @@ impl Structure {
 
     /// The structure as a vehicle with free parameters.
     ///
+    /// Its last state is what disturbs the motion: wind, a load that swings, a trim that changes. With noise on it, it is a
+    /// random walk (Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 5), sized with all other noise. In a
+    /// closed loop the input answers it, so that without it the input would seem to act the other way.
+    ///
     /// # Errors
     /// When an effect does not fit, which means a mistake in this file.
     pub fn vehicle(&self, signals: &Signals) -> Result<Vehicle, DraftError> {
-        let n = self.order;
+        let n = self.order + 1;
         let (a, b) = self.start_matrices(signals);
+        let (mut a, b) = (a.resize(n, n, 0.0), b.resize(n, 1, 0.0));
+        a[(self.order - 1, self.order)] = 1.0;
         let slope = |k: usize| -> SignalUnit {
             let text = format!("{}{}", per_one(&signals.output_unit), "/s".repeat(k));
             text.parse().unwrap_or_default()
         };
-        let names = [signals.output.clone(), format!("{}_slope", signals.output)];
+        let name = |k: usize| match k {
+            0 => signals.output.clone(),
+            _ if k == self.order => format!("{}_disturbance", signals.output),
+            _ => format!("{}_slope", signals.output),
+        };
         let state = |k: usize| State {
-            name: names[k].clone(),
+            name: name(k),
             unit: if k == 0 { signals.output_unit.clone() } else { slope(k) },
             bound: None,
         };

@@ -5,7 +5,7 @@ use whirlstand_logs::Record;
 use whirlstand_logs::stats::white_noise_std;
 
 use super::answer::LeftOut;
-use super::blocks::{Pair, horizon_s, least_steps, range};
+use super::blocks::{Pair, horizons, least_steps, range};
 use super::error::DraftError;
 use super::own_past::{Comparison, compare};
 use super::proposal::Chosen;
@@ -16,7 +16,7 @@ use super::select::regression_errors;
 /// rises within some 0.2 s, and takes four to ten samples in that time (Astrom and Wittenmark, Computer-Controlled
 /// Systems, 3rd ed., section 2.9).
 const LONGEST_INTERVAL_S: f64 = 0.05;
-/// Standard errors by which the inputs must predict better than the past alone; several pairs are tried.
+/// Standard errors by which the inputs must predict better than the past alone; several pairs and horizons are tried.
 const EXPLAINED_SIGMAS: f64 = 3.0;
 /// Share of the mean square error that the inputs must take away.
 const EXPLAINED_SHARE: f64 = 0.05;
@@ -183,11 +183,20 @@ fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
 fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>, DraftError> {
     let Some(pair) = Pair::new(record, &input.name, &output.name)? else { return Ok(None) };
     let slowest = [input, output].iter().filter_map(|c| interval(record, c)).fold(0.0, f64::max);
-    let horizon = ((horizon_s(&pair, slowest) / pair.period_s).round() as usize).max(1);
-    let errors = |with_input| regression_errors(&pair, horizon, with_input);
-    let (Some(own_past), Some(with_input)) = (errors(false), errors(true)) else { return Ok(None) };
-    let Some(comparison) = compare(&own_past, &with_input) else { return Ok(None) };
-    Ok(Some(Link { input: input.clone(), output: output.clone(), pair, horizon, own_past, comparison }))
+    let compared = horizons(&pair, slowest).into_iter().filter_map(|horizon| {
+        let own_past = regression_errors(&pair, horizon, false)?;
+        let with_input = regression_errors(&pair, horizon, true)?;
+        Some((horizon, compare(&own_past, &with_input)?, own_past))
+    });
+    let clearest = compared.max_by(|a, b| a.1.sigmas.total_cmp(&b.1.sigmas));
+    Ok(clearest.map(|(horizon, comparison, own_past)| Link {
+        input: input.clone(),
+        output: output.clone(),
+        pair,
+        horizon,
+        own_past,
+        comparison,
+    }))
 }
 
 /// Why nothing is explained: nothing moves, or what moves is not what the actuators do.

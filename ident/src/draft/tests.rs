@@ -140,3 +140,43 @@ fn rest_and_slow_logs_are_refused_with_the_reason() {
     let short = draft(&path, &Names::default(), (Some(0.0), Some(1.0)), &|_| ()).unwrap_err().to_string();
     assert!(short.contains("too short"), "{short}");
 }
+
+/// A body that turns freely (torque over inertia, motors that lag 50 ms) while a load swings below it, and a controller of
+/// attitude that answers the load: most of what the input does is to cancel what disturbs the vehicle.
+fn under_a_swinging_load(dir: &tempfile::TempDir, acting: bool) -> PathBuf {
+    let period_s = 0.005;
+    let steps = 6000;
+    let (pushes, sensor, hand) = (noise(steps, 11), noise(steps, 12), noise(steps, 13));
+    let mut csv = "t,u_roll,roll_rate[rad/s]\n".to_string();
+    let (mut angle, mut rate, mut torque) = (0.0, 0.0, 0.0);
+    let (mut load, mut swing) = (0.0, 0.0);
+    for k in 0..steps {
+        let y = rate + 0.005 * sensor[k];
+        let wanted = if k % 200 < 100 { 0.02 * hand[k / 100 * 100] } else { 0.0 };
+        let u = 0.6 * (wanted - angle) - 0.08 * y;
+        csv.push_str(&format!("{},{u},{y}\n", k as f64 * period_s));
+        // The load swings at 1.6 Hz, hardly damped, driven by the air.
+        swing += period_s * (-100.0 * load - 1.0 * swing + 400.0 * pushes[k]);
+        load += period_s * swing;
+        let acts = if acting { 60.0 * torque } else { -20.0 * angle - 4.0 * rate };
+        rate += period_s * (acts + 0.5 * load);
+        angle += period_s * rate;
+        torque += period_s / 0.05 * (u - torque);
+    }
+    let path = dir.path().join("load.csv");
+    std::fs::write(&path, csv).unwrap();
+    path
+}
+
+#[test]
+fn an_input_that_mostly_cancels_a_disturbance_acts() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = under_a_swinging_load(&dir, true);
+    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let axis = &found.axes[0];
+    assert!(axis.structure.lag || axis.structure.delay, "{}", found.text());
+    assert!((30.0..90.0).contains(&parameter(&found, "B[1,1]")), "{}", found.text());
+    let path = under_a_swinging_load(&dir, false);
+    let error = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err();
+    assert!(matches!(error, DraftError::Unexplained { .. }), "{error}");
+}

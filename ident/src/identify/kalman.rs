@@ -6,34 +6,60 @@ use super::data::Segment;
 use super::fitted::{Fit, NoiseFit, bounds, no_nuisances};
 use super::predictor::NoiseStructure;
 use super::problem::Problem;
-use super::search::{Limits, descends, search};
+use super::search::{Limits, Outcome, descends, search};
 use super::{filter_error, spread, start};
 use crate::watch::Watch;
 
-/// The start with the best short predictions: an equation-error fit is enough, since the filter follows the record.
-pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>], watch: &Watch) -> Vec<f64> {
+/// Starts of the caller from which a short search goes on, beside the best that the data give.
+const MOST_SEARCHED: usize = 4;
+/// Steps of a short search.
+const SHORT: usize = 12;
+
+/// Parameters and noises from which the search begins.
+#[derive(Debug, Clone)]
+pub struct Start {
+    /// The parameters, SI.
+    pub theta: Vec<f64>,
+    /// Logarithms of the noises' standard deviations.
+    pub noise: Vec<f64>,
+}
+
+/// The start that the data give with the best short predictions: an equation-error fit is enough, since the filter follows
+/// the record. Where the caller has starts of its own, short searches from those and from that one decide: how likely a start
+/// is depends on the noises, which no start knows.
+pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>], watch: &Watch) -> Start {
     let structure = NoiseStructure::new(problem);
     let noise = first_noise(problem, segments, &structure);
     let nuisances = no_nuisances(problem, segments);
-    let mut starts = extra.to_vec();
-    starts.extend(start::candidates(problem, segments));
-    starts.push(start::given(problem));
-    let cost = |theta: &Vec<f64>| {
-        let unknowns: Vec<f64> = theta.iter().chain(&noise).copied().collect();
-        filter_error::evaluate(problem, &structure, segments, &unknowns, &nuisances)
-            .map_or(f64::INFINITY, |e| e.cost)
+    let ranked = |starts: Vec<Vec<f64>>, most: usize| -> Vec<Start> {
+        let mut all = Vec::new();
+        for theta in starts {
+            let unknowns: Vec<f64> = theta.iter().chain(&noise).copied().collect();
+            let cost = filter_error::evaluate(problem, &structure, segments, &unknowns, &nuisances)
+                .map_or(f64::INFINITY, |e| e.cost);
+            all.push((cost, theta));
+            if watch.is_stopped() && cost.is_finite() {
+                break;
+            }
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        all.into_iter().take(most).map(|(_, theta)| Start { theta, noise: noise.clone() }).collect()
     };
-    let (mut best, mut least) = (0, f64::INFINITY);
-    for (i, start) in starts.iter().enumerate() {
-        let cost = cost(start);
-        if cost < least {
-            (best, least) = (i, cost);
-        }
-        if watch.is_stopped() && least.is_finite() {
-            break;
-        }
+    let mut of_data = start::candidates(problem, segments);
+    of_data.push(start::given(problem));
+    let mut starts = ranked(of_data, 1);
+    starts.extend(ranked(extra.to_vec(), MOST_SEARCHED));
+    if starts.len() == 1 || watch.is_stopped() {
+        return starts.swap_remove(0);
     }
-    starts.swap_remove(best)
+    let found = starts.iter().filter_map(|start| climb(problem, segments, start, SHORT, watch));
+    match found.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost)) {
+        Some((found, _)) => {
+            let (theta, noise) = found.unknowns.split_at(problem.parameters.len());
+            Start { theta: theta.to_vec(), noise: noise.to_vec() }
+        }
+        None => starts.swap_remove(0),
+    }
 }
 
 /// Noise at the start: measurement noise as the record shows it, process noise that follows it within a few steps.
@@ -61,20 +87,19 @@ fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructu
     driven.chain(measured.iter().map(|s| s.ln())).collect()
 }
 
-/// Fits the parameters and the noises by maximum likelihood of the Kalman filter's innovations.
-pub fn kalman(
+/// Moves from a start towards the greatest likelihood of the Kalman filter's innovations.
+fn climb(
     problem: &Problem,
     segments: &[Segment],
-    theta: &[f64],
+    start: &Start,
+    iterations: usize,
     watch: &Watch,
-) -> Option<(Fit, DMatrix<f64>)> {
+) -> Option<(filter_error::Evaluation, Outcome)> {
     let structure = NoiseStructure::new(problem);
-    let noise = first_noise(problem, segments, &structure);
-    let np = theta.len();
     let mut limits = bounds(problem);
-    // From a millionth of the start, where a noise no longer acts, to a thousand times it.
-    limits.extend(noise.iter().map(|v| (v - 14.0, v + 7.0)));
-    let unknowns: Vec<f64> = theta.iter().chain(&noise).copied().collect();
+    // From a millionth of what is usual, where a noise no longer acts, to a thousand times it.
+    limits.extend(first_noise(problem, segments, &structure).iter().map(|v| (v - 14.0, v + 7.0)));
+    let unknowns: Vec<f64> = start.theta.iter().chain(&start.noise).copied().collect();
     let first =
         filter_error::evaluate(problem, &structure, segments, &unknowns, &no_nuisances(problem, segments))?;
     // Again from the best initial states: before, their transients pass for innovations and turn the gradient.
@@ -87,9 +112,19 @@ pub fn kalman(
         let nuisances: Vec<Vec<f64>> = from.nuisances.iter().zip(&from.coupling).map(follow).collect();
         filter_error::evaluate(problem, &structure, segments, unknowns, &nuisances)
     };
-    let search_limits = Limits { iterations: 60, tolerance: 0.01, ..Limits::default() };
-    let (found, outcome) =
-        search(first, &limits, search_limits, at, |step, cost| descends(watch, step, cost));
+    let search_limits = Limits { iterations, tolerance: 0.01, ..Limits::default() };
+    Some(search(first, &limits, search_limits, at, |step, cost| descends(watch, step, cost)))
+}
+
+/// Fits the parameters and the noises by maximum likelihood of the Kalman filter's innovations.
+pub fn kalman(
+    problem: &Problem,
+    segments: &[Segment],
+    start: &Start,
+    watch: &Watch,
+) -> Option<(Fit, DMatrix<f64>)> {
+    let np = problem.parameters.len();
+    let (found, outcome) = climb(problem, segments, start, 60, watch)?;
     let information = spread::marginal(&found.information, np)?;
     let covariance = super::normal::pseudo_inverse(&information)?;
     let fit = Fit {
@@ -98,7 +133,7 @@ pub fn kalman(
         nuisances: found.nuisances,
         covariance,
         fixed: Vec::new(),
-        noise: NoiseFit::Kalman(structure, found.unknowns[np..].to_vec()),
+        noise: NoiseFit::Kalman(NoiseStructure::new(problem), found.unknowns[np..].to_vec()),
         cost: found.cost,
         outcome,
     };

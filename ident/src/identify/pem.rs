@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::ar::Ar;
 use super::data::Segment;
 pub use super::fitted::{Fit, Fixed, NoiseFit, bounds, no_nuisances, white};
-use super::kalman::{kalman, kalman_start};
+use super::kalman::{Start, kalman, kalman_start};
 use super::output_error::{self, Evaluation};
 use super::problem::{Parameter, Problem};
 use super::search::{Derivatives, Limits, Outcome, Point, descends, search};
@@ -178,8 +178,11 @@ pub fn fit(
     let tried = IdentifyError::UnstableStart { tried: 1 };
     let mut spent = Outcome { iterations: 0, evaluations: 0, converged: false };
     let mut nuisances = no_nuisances(&problem, segments);
+    let mut noises = Vec::new();
     let mut theta = if noise == Noise::Kalman {
-        kalman_start(&problem, segments, extra, watch)
+        let start = kalman_start(&problem, segments, extra, watch);
+        noises = start.noise;
+        start.theta
     } else {
         let (found, outcome) = from_starts(&problem, segments, extra, watch)?;
         spent = outcome;
@@ -188,7 +191,10 @@ pub fn fit(
     };
     loop {
         let found = match noise {
-            Noise::Kalman => kalman(&problem, segments, &theta, watch),
+            Noise::Kalman => {
+                let start = Start { theta: theta.clone(), noise: noises.clone() };
+                kalman(&problem, segments, &start, watch)
+            }
             _ => match outputs(&problem, segments, noise, &theta, &nuisances, watch) {
                 // A parameter that was just fixed may have left the others without a stable simulation.
                 None if !fixed.is_empty() => {
@@ -207,6 +213,9 @@ pub fn fit(
                 let parameter = problem.parameters.remove(index);
                 theta = fit.theta;
                 nuisances = fit.nuisances;
+                if let NoiseFit::Kalman(_, found) = fit.noise {
+                    noises = found;
+                }
                 let from = theta.remove(index);
                 let value =
                     lead(&mut problem, segments, &parameter, from, (&mut theta, &mut nuisances), watch);

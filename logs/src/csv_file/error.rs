@@ -19,7 +19,7 @@ pub enum CsvError {
     },
     /// There is no head, or no time in it.
     #[error(
-        "{path}, line 1: the first column is '{found}', expected t or t[unit]; --map t=COLUMN[unit] names another"
+        "{path}, line 1: the first column is '{found}', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another"
     )]
     NoTime {
         /// The file.

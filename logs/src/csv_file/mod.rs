@@ -160,8 +160,8 @@ impl Columns {
         let (of_time, of_signals): (Vec<_>, Vec<_>) = mappings.iter().cloned().partition(|m| m.name == "t");
         let (time, time_unit) = match resolve(&offered, &of_time, false, &origin)?.0.first() {
             Some(mapped) => (mapped.source, mapped.unit),
-            None if offered.first().is_some_and(|s| s.name == "t") => {
-                let t: Mapping = "t=t".parse()?;
+            None if offered.first().is_some_and(is_time) => {
+                let t: Mapping = format!("t={}", offered[0].name).parse()?;
                 (0, resolve(&offered, &[t], false, &origin)?.0[0].unit)
             }
             None => {
@@ -185,6 +185,11 @@ impl Columns {
         }));
         Ok(Self { time, time_unit, sources, signals, mapped: of_signals.len(), unreadable })
     }
+}
+
+/// True for a column that is the time by its name: `t`, or `time` where the head says in which unit.
+fn is_time(source: &Source) -> bool {
+    source.name == "t" || source.name.eq_ignore_ascii_case("time") && source.unit.is_some()
 }
 
 /// What is wrong with a cell.

@@ -28,6 +28,9 @@ fn time_may_be_samples_or_another_column() {
     let record = parse("y,stamp\n1,0\n2,1000\n", &["t=stamp[us]", "roll=-y[deg]"]).unwrap();
     assert_eq!(record.time, [0.0, 1e-3]);
     assert_eq!(record.names(), ["roll"]);
+    // As spreadsheets and plotting programs write it; without a unit it might be anything.
+    assert_eq!(parse("Time [ms],y\n0,1\n1,2\n", &[]).unwrap().time, [0.0, 1e-3]);
+    assert!(parse("time,y\n0,1\n1,2\n", &[]).is_err());
 }
 
 #[test]
@@ -74,11 +77,11 @@ fn errors_name_file_line_and_column() {
     let cases = [
         (
             "",
-            "flight.csv, line 1: the first column is '', expected t or t[unit]; --map t=COLUMN[unit] names another",
+            "flight.csv, line 1: the first column is '', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another",
         ),
         (
             "time,y\n0,1\n",
-            "flight.csv, line 1: the first column is 'time', expected t or t[unit]; --map t=COLUMN[unit] names another",
+            "flight.csv, line 1: the first column is 'time', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another",
         ),
         ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
         ("t,y\n0,1\n0,2\n", "flight.csv, line 3: time 0 is not after 0; it must increase from line to line"),

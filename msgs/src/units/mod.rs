@@ -1,7 +1,7 @@
 //! Units: what stands in brackets in a column head, behind a number in a launch file, beside a signal in a
 //! vehicle file. Everything is turned into SI where it is read; angles are in rad.
 //!
-//! A unit is a product of symbols with whole exponents: `deg/s`, `m/s^2`, `kg*m^2`, `N.m`, `V`, `1/s`, `%`.
+//! A unit is a product of symbols with whole exponents: `deg/s`, `m/s^2`, `kg*m^2`, `N m`, `V`, `1/s`, `%`.
 //! Everything after a slash divides: `m/s/s` and `m/s*s` are both `m/s^2`. Symbols of SI take the prefixes n, u
 //! (or µ), m, c, h, k and M: `ms`, `mrad`, `kHz`. `g` is standard gravity, as in an accelerometer's data sheet,
 //! not gram. No unit, `1` and `-` mean dimensionless.
@@ -90,7 +90,12 @@ impl FromStr for Unit {
         let mut over = true;
         loop {
             let end = rest.find(['/', '*', '.', '·']).unwrap_or(rest.len());
-            unit = unit.multiplied(rest[..end].trim(), over, trimmed)?;
+            // A space between two symbols is a product sign too, as SI writes it: N m.
+            let mut factors = rest[..end].split_whitespace();
+            unit = unit.multiplied(factors.next().unwrap_or_default(), over, trimmed)?;
+            for factor in factors {
+                unit = unit.multiplied(factor, over, trimmed)?;
+            }
             let mut tail = rest[end..].chars();
             match tail.next() {
                 None => return Ok(unit),
@@ -217,7 +222,7 @@ mod tests {
             ("m/s", 1.0, "m/s"),
             ("m/s/s", 1.0, "m/s^2"),
             ("m/s2", 1.0, "m/s^2"),
-            ("m s^-2", f64::NAN, ""),
+            ("m s^-2", 1.0, "m/s^2"),
             ("m*s^-2", 1.0, "m/s^2"),
             ("cm/s", 0.01, "m/s"),
             ("kt", 1852.0 / 3600.0, "m/s"),
@@ -225,6 +230,8 @@ mod tests {
             ("mV", 1e-3, "V"),
             ("N", 1.0, "N"),
             ("N.m", 1.0, "N*m"),
+            ("N m", 1.0, "N*m"),
+            ("N m / s", 1.0, "W"),
             ("N*m", 1.0, "N*m"),
             ("kg*m^2", 1.0, "kg*m^2"),
             ("samples", 1.0, "samples"),
