@@ -58,8 +58,23 @@ impl Actuation {
     pub fn apply(&self, u: &mut [f64]) {
         // The inverse of a dead zone (Tao and Kokotovic 1996), its jump a ramp: a jump would chatter on noise.
         for (u, width) in u.iter_mut().zip(&self.dead_zones).filter(|(_, width)| **width > 0.0) {
-            *u += width * (*u / (RAMP * width)).clamp(-1.0, 1.0);
+            *u = beyond(*u, *width);
         }
         u.iter_mut().zip(&self.trim).for_each(|(u, t)| *u += t);
     }
+
+    /// The same for K flights.
+    #[inline(always)]
+    pub fn apply_lanes<const K: usize>(&self, u: &mut [[f64; K]]) {
+        for (u, width) in u.iter_mut().zip(&self.dead_zones).filter(|(_, width)| **width > 0.0) {
+            *u = u.map(|u| beyond(u, *width));
+        }
+        u.iter_mut().zip(&self.trim).for_each(|(u, t)| *u = u.map(|u| u + t));
+    }
+}
+
+/// A command on the other side of the dead zone of that half-width.
+#[inline(always)]
+fn beyond(u: f64, width: f64) -> f64 {
+    u + width * (u / (RAMP * width)).clamp(-1.0, 1.0)
 }

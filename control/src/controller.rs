@@ -1,5 +1,7 @@
 //! A designed law at work, one call a period.
 
+pub(crate) mod lanes;
+
 use nalgebra::DMatrix;
 
 use crate::actuation::Actuation;

@@ -121,6 +121,37 @@ impl Packed {
         self.add_scaled(y, x, -1.0);
     }
 
+    /// [`Self::add`] for K vectors, entry by entry side by side.
+    #[inline(always)]
+    pub fn add_lanes<const K: usize>(&self, y: &mut [[f64; K]], x: &[[f64; K]]) {
+        self.by_row(y, x, |sum, c, x| sum + c * x);
+    }
+
+    /// [`Self::subtract`] for K vectors.
+    #[inline(always)]
+    pub fn subtract_lanes<const K: usize>(&self, y: &mut [[f64; K]], x: &[[f64; K]]) {
+        self.by_row(y, x, |sum, c, x| sum - c * x);
+    }
+
+    #[inline(always)]
+    fn by_row<const K: usize>(
+        &self,
+        y: &mut [[f64; K]],
+        x: &[[f64; K]],
+        each: impl Fn(f64, f64, f64) -> f64,
+    ) {
+        for (i, y) in y.iter_mut().enumerate() {
+            let mut sum = *y;
+            for (block, x) in self.data.iter().skip(i / 4).step_by(self.blocks).zip(x) {
+                let c = block[i % 4];
+                for l in 0..K {
+                    sum[l] = each(sum[l], c, x[l]);
+                }
+            }
+            *y = sum;
+        }
+    }
+
     #[inline(always)]
     fn add_scaled(&self, y: &mut [Block], x: &[f64], scale: f64) {
         match self.blocks {

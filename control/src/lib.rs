@@ -24,10 +24,13 @@ mod scales;
 pub mod smc;
 mod target;
 
+pub use controller::lanes::{ControllerLanes, OutcomeLanes};
 pub use controller::{Controller, Outcome};
 pub use design::{Design, DesignError};
 pub use input_limits::InputLimits;
-pub use kalman::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, KalmanFilter, Sensors};
+pub use kalman::{
+    Estimator, EstimatorError, EstimatorKind, EstimatorLanes, EstimatorOptions, KalmanFilter, Sensors,
+};
 pub use options::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selector, SmcOptions, Weights};
 pub use responses::Responses;
 pub use sampled_model::{Layout, SampledModel};

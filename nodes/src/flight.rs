@@ -4,6 +4,8 @@
 //! force, the filter hears of measurement j and of what was in force before it, and the law answers with command j. What the
 //! nodes do beside that (messages, health, waiting, a log) has no part in it.
 
+mod lanes;
+
 use whirlstand_control::Estimator;
 use whirlstand_msgs::{Command, Head, Message, Setpoint, flags};
 
@@ -14,6 +16,8 @@ use crate::estimator::Filter;
 use crate::gate::Gate;
 use crate::plant::simulation::{diverged, simulated};
 use crate::setup::Setup;
+
+pub use lanes::{LANES, StepLanes};
 
 /// Law and filter, designed once for all flights that differ in nothing that these know of: in noise, disturbances, effects,
 /// initial states, setpoints.

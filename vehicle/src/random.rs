@@ -26,6 +26,11 @@ impl Stream {
         ((self.0.next_u64() >> 11) as f64 + 0.5) * STEP
     }
 
+    /// As [`Self::uniform`], one after the other.
+    pub(crate) fn uniforms(&mut self, out: &mut [f64]) {
+        out.iter_mut().for_each(|value| *value = self.uniform());
+    }
+
     /// Standard normal: the inverse distribution function of one uniform number.
     pub fn normal(&mut self) -> f64 {
         normal_quantile(self.uniform())
@@ -47,7 +52,7 @@ fn fnv1a(text: &str) -> u64 {
 ///
 /// Source: Wichura, "Algorithm AS 241: The percentage points of the normal distribution", Applied Statistics
 /// 37 (1988), routine PPND16.
-fn normal_quantile(p: f64) -> f64 {
+pub(crate) fn normal_quantile(p: f64) -> f64 {
     let q = p - 0.5;
     if q.abs() <= 0.425 {
         let r = 0.180_625 - q * q;
@@ -59,9 +64,10 @@ fn normal_quantile(p: f64) -> f64 {
 }
 
 /// Numerator and denominator, lowest power first.
-type Ratio = [[f64; 8]; 2];
+pub(crate) type Ratio = [[f64; 8]; 2];
 
-fn ratio(r: &Ratio, x: f64) -> f64 {
+#[inline(always)]
+pub(crate) fn ratio(r: &Ratio, x: f64) -> f64 {
     // Estrin's scheme: the same polynomial as Horner's in a third of the waiting.
     let (x2, x4) = (x * x, x * x * (x * x));
     let pair = |c: &[f64; 8], i: usize| c[i] + c[i + 1] * x;
@@ -69,7 +75,7 @@ fn ratio(r: &Ratio, x: f64) -> f64 {
     polynomial(&r[0]) / polynomial(&r[1])
 }
 
-const CENTRE: Ratio = [
+pub(crate) const CENTRE: Ratio = [
     [
         3.387_132_872_796_366_5,
         133.141_667_891_784_38,
@@ -92,7 +98,7 @@ const CENTRE: Ratio = [
     ],
 ];
 
-const MIDDLE: Ratio = [
+pub(crate) const MIDDLE: Ratio = [
     [
         1.423_437_110_749_683_5,
         4.630_337_846_156_546,

@@ -2,10 +2,8 @@
 
 use nalgebra::DMatrix;
 
-use super::covariance::{Covariance, Gains};
 use super::filter_model::FilterModel;
-use super::flow::Flow;
-use super::schedule::{MAX_PERIOD, Schedule, Task};
+use super::recursion::Recursion;
 use crate::kernel::{Block, Packed, blocks};
 
 /// A discrete Kalman filter for `x+ = F x + G u + w`, `y = H x + D u + v`, with w of covariance Q and v of
@@ -18,26 +16,20 @@ use crate::kernel::{Block, Packed, blocks};
 #[derive(Debug, Clone)]
 pub struct KalmanFilter {
     states: usize,
-    outputs: usize,
+    pub(super) outputs: usize,
     model: FilterModel,
-    f: Packed,
-    g: Packed,
-    h: Packed,
+    pub(super) f: Packed,
+    pub(super) g: Packed,
+    pub(super) h: Packed,
     /// None when there is no feed-through.
-    d: Option<Packed>,
+    pub(super) d: Option<Packed>,
     x: Vec<Block>,
     innovation: Vec<Block>,
     independent: Vec<Block>,
     scratch: Vec<Block>,
-    covariance: Covariance,
-    flow: Flow,
-    /// Per step of the pattern; the first serves while nothing is kept.
-    slots: Vec<Gains>,
-    schedule: Schedule,
-    current: usize,
+    pub(super) recursion: Recursion,
     nis: f64,
     dof: u32,
-    started: bool,
 }
 
 impl KalmanFilter {
@@ -45,7 +37,7 @@ impl KalmanFilter {
     pub fn new(model: FilterModel, initial: &[f64]) -> Self {
         let (states, outputs) = (model.f.nrows(), model.h.nrows());
         let p = DMatrix::from_fn(states, states, |i, j| if i == j { initial[i] * initial[i] } else { 0.0 });
-        let (covariance, flow) = (Covariance::new(&model, &p), Flow::new(&model));
+        let recursion = Recursion::new(&model, &p);
         Self {
             states,
             outputs,
@@ -58,14 +50,9 @@ impl KalmanFilter {
             innovation: vec![[0.0; 4]; blocks(outputs)],
             independent: vec![[0.0; 4]; blocks(outputs)],
             scratch: vec![[0.0; 4]; blocks(states)],
-            schedule: Schedule::new(covariance.p()),
-            covariance,
-            flow,
-            slots: vec![Gains::none(&p, outputs); MAX_PERIOD],
-            current: 0,
+            recursion,
             nis: 0.0,
             dof: 0,
-            started: false,
         }
     }
 
@@ -81,13 +68,12 @@ impl KalmanFilter {
 
     /// Standard deviation of the estimate.
     pub fn std(&self) -> &[f64] {
-        &self.slots[self.current].std
+        &self.recursion.gains().std
     }
 
     /// Covariance of the estimate, n x n; while gains are kept, that of the step they were computed for.
     pub fn covariance(&self) -> DMatrix<f64> {
-        let p = if self.started { &self.slots[self.current].p } else { self.covariance.p() };
-        p.to_matrix(self.states, self.states)
+        self.recursion.covariance(self.states)
     }
 
     /// Normalised innovation squared of the last step, chi-square with [`Self::dof`] degrees of freedom.
@@ -108,7 +94,7 @@ impl KalmanFilter {
 
     /// Whether the gains have settled for good.
     pub fn settled(&self) -> bool {
-        self.schedule.settled()
+        self.recursion.settled()
     }
 
     /// Sets the state without touching its covariance.
@@ -129,39 +115,19 @@ impl KalmanFilter {
         if y.len() < self.outputs {
             mask = 0;
         }
-        if self.started {
+        if self.recursion.started() {
             self.scratch.fill([0.0; 4]);
             self.f.add(&mut self.scratch, self.x.as_flattened());
             self.g.add(&mut self.scratch, u_before);
             std::mem::swap(&mut self.x, &mut self.scratch);
         }
-        let keeping = self.schedule.keeping();
-        match self.schedule.task(mask, |slot| self.slots[slot].mask) {
-            Task::Keep(slot) => {
-                self.current = slot;
-                self.apply(y, mask, u_now);
-                self.schedule.kept(&mut self.flow, &mut self.covariance);
-            }
-            Task::Compute(slot) => {
-                if keeping {
-                    // The pattern has broken: back to where the gains in use came from.
-                    self.covariance.set(&self.slots[self.current].p);
-                }
-                if self.started {
-                    self.covariance.predict();
-                }
-                self.started = true;
-                self.current = slot;
-                self.covariance.update(mask, &mut self.slots[slot]);
-                self.apply(y, mask, u_now);
-                self.schedule.computed(mask, &mut self.flow, &mut self.covariance);
-            }
-        }
+        self.recursion.advance(mask);
+        self.apply(y, mask, u_now);
     }
 
     /// Innovations, NIS and the state.
     fn apply(&mut self, y: &[f64], mask: u64, u_now: &[f64]) {
-        let gains = &self.slots[self.current];
+        let gains = self.recursion.gains();
         for (i, v) in self.innovation.as_flattened_mut().iter_mut().enumerate().take(self.outputs) {
             // What is left out may be NaN, which no zero gain would stop.
             *v = if mask >> i & 1 == 1 { y[i] } else { 0.0 };

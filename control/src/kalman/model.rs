@@ -178,6 +178,11 @@ impl Estimator {
         self.used
     }
 
+    /// Whether commands enter the filter as they are, and measurements too.
+    pub(super) fn knows_plain_inputs(&self) -> bool {
+        self.known.is_none()
+    }
+
     /// The filter itself, with its biases and covariance.
     pub fn filter(&self) -> &KalmanFilter {
         &self.filter

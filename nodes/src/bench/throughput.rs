@@ -13,6 +13,7 @@ use super::measured_bench::config;
 use super::member::MemberReport;
 use super::{BenchError, Figure, Member, Options};
 use crate::config::{Mode, NodeConfig, RealtimeOptions, RecorderConfig, Role};
+use crate::flight::{LANES, Pilot};
 use crate::os::StopFlag;
 
 /// Steps between two looks at the clock.
@@ -63,7 +64,7 @@ pub(super) fn inproc(options: &Options) -> Result<Vec<Figure>, BenchError> {
 /// The closed loop without a bus, as a campaign flies it: every step is looked at.
 pub(super) fn flight(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let config = config("flight", Transport::Inproc, Mode::Lockstep, u64::from(BATCH))?;
-    let pilot = crate::flight::Pilot::new(&config)?;
+    let pilot = Pilot::new(&config)?;
     let mut rates = Vec::new();
     for _ in 0..options.repeat {
         let (start, mut steps) = (Instant::now(), 0u64);
@@ -76,7 +77,30 @@ pub(super) fn flight(options: &Options) -> Result<Vec<Figure>, BenchError> {
         }
         rates.push(steps as f64 / start.elapsed().as_secs_f64());
     }
-    Ok(vec![Figure::highest("one flight without a bus, sensors and noise", "steps/s", rates, Some(3e6))])
+    Ok(vec![
+        Figure::highest("one flight without a bus, sensors and noise", "steps/s", rates, Some(3e6)),
+        together(options, &config, &pilot)?,
+    ])
+}
+
+/// The same, as a campaign flies many of them.
+fn together(options: &Options, config: &NodeConfig, pilot: &Pilot) -> Result<Figure, BenchError> {
+    let seeded: Vec<_> = (0..LANES as u64).map(|seed| NodeConfig { seed, ..config.clone() }).collect();
+    let configs: [&NodeConfig; LANES] = std::array::from_fn(|l| &seeded[l]);
+    let mut rates = Vec::new();
+    for _ in 0..options.repeat {
+        let (start, mut steps) = (Instant::now(), 0u64);
+        while start.elapsed().as_secs_f64() < options.seconds {
+            let flown = pilot.fly_together(&configs, |step| {
+                black_box(step.x);
+            });
+            // What had to be flown alone was not flown at all, and counts for nothing.
+            steps += flown.iter().flatten().map(|counts| counts.steps).sum::<u64>();
+        }
+        rates.push(steps as f64 / start.elapsed().as_secs_f64());
+    }
+    let name = format!("{LANES} flights side by side, one core");
+    Ok(Figure::highest(name, "steps/s", rates, Some(15e6)))
 }
 
 /// Three processes over shared memory, beside the bare ring.

@@ -21,8 +21,8 @@ pub struct Form {
 /// A sparse [`Form`], for evaluation.
 #[derive(Debug, Clone)]
 pub struct Row {
-    z: Vec<(usize, f64)>,
-    v: Vec<(usize, f64)>,
+    pub(super) z: Vec<(usize, f64)>,
+    pub(super) v: Vec<(usize, f64)>,
 }
 
 impl Row {

@@ -6,6 +6,7 @@ use super::compile::Oscillator;
 use super::inputs::split;
 use super::schedule::{Moment, reached};
 use crate::effects::{Effect, Kind, Place};
+use crate::normals::Normals;
 use crate::random::Stream;
 
 /// A constant from one moment to another.
@@ -23,17 +24,18 @@ struct Pulse {
 /// longitudinal Dryden gust (MIL-F-8785C).
 #[derive(Debug, Clone)]
 pub struct Turbulence {
-    decay: f64,
-    kick: f64,
-    value: f64,
-    stream: Stream,
+    pub(super) decay: f64,
+    pub(super) kick: f64,
+    pub(super) value: f64,
+    pub(super) normals: Normals,
 }
 
 impl Turbulence {
-    pub fn new(std: f64, bandwidth_hz: f64, period_s: f64, mut stream: Stream) -> Self {
+    pub fn new(std: f64, bandwidth_hz: f64, period_s: f64, stream: Stream) -> Self {
         let decay = libm::exp(-TAU * bandwidth_hz * period_s);
         let kick = std * libm::sqrt(-libm::expm1(-2.0 * TAU * bandwidth_hz * period_s));
-        Self { decay, kick, value: std * stream.normal(), stream }
+        let mut normals = Normals::new(stream);
+        Self { decay, kick, value: std * normals.next(), normals }
     }
 
     pub fn value(&self) -> f64 {
@@ -41,7 +43,7 @@ impl Turbulence {
     }
 
     pub fn advance(&mut self) {
-        self.value = self.decay * self.value + self.kick * self.stream.normal();
+        self.value = self.decay * self.value + self.kick * self.normals.next();
     }
 }
 
@@ -50,8 +52,8 @@ impl Turbulence {
 pub struct Disturbances {
     period_s: f64,
     pulses: Vec<Pulse>,
-    turbulence: Vec<(usize, Turbulence)>,
-    oscillators: Vec<Oscillator>,
+    pub(super) turbulence: Vec<(usize, Turbulence)>,
+    pub(super) oscillators: Vec<Oscillator>,
     external: Vec<f64>,
     /// Nothing comes from outside.
     is_calm: bool,
@@ -117,15 +119,20 @@ impl Disturbances {
 
     /// The constant part over the substep that begins at this offset.
     pub fn held(&self, step: u64, start_s: f64, out: &mut [f64]) {
+        self.held_without_turbulence(step, start_s, out);
+        for (state, turbulence) in &self.turbulence {
+            out[*state] += turbulence.value();
+        }
+    }
+
+    /// The same without turbulence: what changes only at [`Self::events`].
+    pub fn held_without_turbulence(&self, step: u64, start_s: f64, out: &mut [f64]) {
         out.copy_from_slice(&self.external);
         for pulse in &self.pulses {
             let reached = |moment| reached(moment, step, start_s, self.period_s);
             if reached(pulse.from) && !reached(pulse.until) {
                 out[pulse.state] += pulse.magnitude;
             }
-        }
-        for (state, turbulence) in &self.turbulence {
-            out[*state] += turbulence.value();
         }
     }
 

@@ -5,7 +5,7 @@ use whirlstand_linalg::spectral_radius;
 use super::compile::{Rest, System};
 use super::disturbances::Disturbances;
 use super::inputs::{Chain, Delay};
-use super::kernel::State;
+use super::kernel::{Kernel, State};
 use super::nonlinear::{Nonlinear, Work};
 use super::schedule::{self, Schedule};
 use super::sensors::Sensors;
@@ -56,6 +56,13 @@ impl Extended {
         let levels = nonlinear.as_ref().map_or(1, Nonlinear::levels);
         let schedule = Schedule::new(system, period_s, &cuts, &disturbances.events(), levels)?;
         Ok(Self { period_s, chains, delays, schedule, nonlinear, rests: system.rests.clone() })
+    }
+
+    /// The kernel of all periods but some, and those; `None` where more than a matrix product happens in each: chains or delays
+    /// on inputs, cuts, nonlinear parts, mode transitions.
+    pub fn one_kernel(&self) -> Option<(&Kernel, impl Iterator<Item = u64>)> {
+        let direct = self.chains.iter().all(Chain::is_empty) && self.delays.iter().all(Delay::is_none);
+        if direct && self.nonlinear.is_none() { self.schedule.one_kernel() } else { None }
     }
 
     /// Sets the resting inputs, and filters to where those lead.

@@ -113,6 +113,11 @@ impl Chain {
         Self(links)
     }
 
+    /// Whether the signal passes as it is.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// The signal behind all links for command `u` at time `t`.
     pub fn next(&mut self, u: f64, t: f64) -> f64 {
         self.0.iter_mut().fold(u, |u, (switch, link)| link.next_if(switch, u, t))
@@ -165,6 +170,11 @@ impl Delay {
         let (whole, fraction_s) = split(delay_s, period_s);
         // Bounded by the table: 60 s.
         Self { fraction_s, ring: vec![rest; whole as usize + 2], newest: 0 }
+    }
+
+    /// Whether what was pushed acts at once.
+    pub fn is_none(&self) -> bool {
+        self.fraction_s == 0.0 && self.ring.len() == 2
     }
 
     /// Takes the value of this period.

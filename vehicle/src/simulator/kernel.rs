@@ -8,7 +8,7 @@ pub struct Kernel {
     /// Length of a column.
     n: usize,
     /// Columns of Phi: what pads a state moves nothing.
-    states: usize,
+    pub(super) states: usize,
     /// Columns one after the other, those of Phi first.
     columns: Vec<f64>,
 }
@@ -103,7 +103,17 @@ impl Kernel {
 
     /// Entry of Gamma.
     pub fn gamma(&self, row: usize, column: usize) -> f64 {
-        self.columns[(self.states + column) * self.n + row]
+        self.entry(row, self.states + column)
+    }
+
+    /// Entry of Phi, and of Gamma behind it.
+    pub fn entry(&self, row: usize, column: usize) -> f64 {
+        self.columns[column * self.n + row]
+    }
+
+    /// Columns of Phi and Gamma.
+    pub fn width(&self) -> usize {
+        self.columns.len() / self.n
     }
 }
 

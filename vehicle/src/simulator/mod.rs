@@ -22,6 +22,7 @@ mod disturbances;
 mod extended;
 mod inputs;
 mod kernel;
+mod lanes;
 mod linear_model;
 mod motion;
 mod nonlinear;
@@ -38,6 +39,7 @@ mod tests;
 use nalgebra::DMatrix;
 
 pub use self::inputs::split as split_time;
+pub use self::lanes::SimulatorLanes;
 pub use self::linear_model::LinearModel;
 pub use self::rows::Rows;
 

@@ -13,7 +13,7 @@ impl Simulator {
     }
 
     #[inline]
-    fn advance_motion(&mut self) {
+    pub(super) fn advance_motion(&mut self) {
         match self.z.len() {
             4 => self.advance_fixed::<4>(),
             8 => self.advance_fixed::<8>(),

@@ -84,6 +84,16 @@ impl Schedule {
         Ok(Self { regular, special, next_regular: 0, next_special: 0 })
     }
 
+    /// The kernel of all periods but the special ones, where there is one for all; and which periods are special.
+    pub fn one_kernel(&self) -> Option<(&Kernel, impl Iterator<Item = u64>)> {
+        match &self.regular[..] {
+            [(_, substeps)] if substeps.len() == 1 => {
+                Some((&substeps[0].levels[0], self.special.iter().map(|(step, _)| *step)))
+            }
+            _ => None,
+        }
+    }
+
     /// The substeps of a period; steps must be asked for in ascending order.
     pub fn substeps(&mut self, step: u64) -> &[Substep] {
         while self.regular.get(self.next_regular + 1).is_some_and(|(from, _)| *from <= step) {

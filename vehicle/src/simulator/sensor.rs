@@ -7,6 +7,7 @@ use super::switch::Switch;
 use super::tap::Tap;
 use crate::effects::{Effect, Kind};
 use crate::model::{Engine, Output};
+use crate::normals::Normals;
 use crate::random::Stream;
 
 /// Rounds to a multiple of the step.
@@ -33,12 +34,22 @@ struct Tone {
 }
 
 /// Declared vibration: harmonics of one of the sensors' common frequencies.
-#[derive(Debug, Clone)]
-struct EngineTone {
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct EngineTone {
     frequency: usize,
     /// Relative amplitude times cosine and sine of each harmonic's phase.
     harmonics: Vec<[f64; 2]>,
     amplitudes: [f64; 3],
+}
+
+impl EngineTone {
+    /// What it adds now, if anything.
+    #[inline(always)]
+    pub(super) fn value(&self, engine: Engine, frequencies: &[(f64, f64, f64)]) -> Option<f64> {
+        let amplitude = self.amplitudes[engine as usize];
+        let (_, sine, cosine) = frequencies[self.frequency];
+        (amplitude != 0.0).then(|| amplitude * harmonics(&self.harmonics, sine, cosine))
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -55,11 +66,11 @@ pub(super) struct Sensor {
     pub(super) drift: f64,
     passing: Vec<Passing>,
     tones: Vec<Tone>,
-    engine: Option<EngineTone>,
+    pub(super) engine: Option<EngineTone>,
     /// Declared noise, then that of effects; the same for rounding.
-    noise: Vec<(f64, Stream)>,
+    pub(super) noise: Vec<(f64, Normals)>,
     more_noise: Vec<(Switch, f64, Stream)>,
-    rounding: Vec<f64>,
+    pub(super) rounding: Vec<f64>,
     more_rounding: Vec<(Switch, f64)>,
     limits: Vec<(Switch, f64, f64)>,
     dropouts: Vec<(Switch, f64, Stream)>,
@@ -90,8 +101,8 @@ pub(super) fn declared(
         let amplitudes = [Engine::Off, Engine::On, Engine::Flying].map(|engine| v.amplitude(engine));
         EngineTone { frequency, harmonics: phases.collect(), amplitudes }
     });
-    let stream = |seed| Stream::new(seed, &format!("noise/{}", output.name));
-    let noise = seed.filter(|_| output.noise > 0.0).map(|seed| (output.noise, stream(seed)));
+    let normals = |seed| Normals::new(Stream::new(seed, &format!("noise/{}", output.name)));
+    let noise = seed.filter(|_| output.noise > 0.0).map(|seed| (output.noise, normals(seed)));
     Sensor {
         ideal: ideal.clone(),
         lagged: lagged.clone(),
@@ -161,11 +172,14 @@ impl Sensor {
     }
 
     pub(super) fn is_plain(&self) -> bool {
+        self.is_as_declared() && self.noise.is_empty() && self.rounding.is_empty()
+    }
+
+    /// Whether nothing acts but scale, offset, drift and what the vehicle file declares.
+    pub(super) fn is_as_declared(&self) -> bool {
         self.tones.is_empty()
             && self.passing.is_empty()
-            && self.noise.is_empty()
             && self.more_noise.is_empty()
-            && self.rounding.is_empty()
             && self.more_rounding.is_empty()
             && self.limits.is_empty()
             && self.dropouts.is_empty()
@@ -190,15 +204,11 @@ impl Sensor {
             let (phase_sine, phase_cosine) = tone.phase;
             value += tone.amplitude * (sine * phase_cosine + cosine * phase_sine);
         }
-        if let Some(tone) = &self.engine {
-            let amplitude = tone.amplitudes[engine as usize];
-            if amplitude != 0.0 {
-                let (_, sine, cosine) = frequencies[tone.frequency];
-                value += amplitude * harmonics(&tone.harmonics, sine, cosine);
-            }
+        if let Some(vibration) = self.engine.as_ref().and_then(|tone| tone.value(engine, frequencies)) {
+            value += vibration;
         }
-        for (std, stream) in &mut self.noise {
-            value += *std * stream.normal();
+        for (std, normals) in &mut self.noise {
+            value += *std * normals.next();
         }
         // Random numbers are drawn in any case, so that every sample takes the same.
         for (switch, std, stream) in &mut self.more_noise {

@@ -14,15 +14,15 @@ use crate::random::Stream;
 #[derive(Debug, Clone)]
 pub struct Sensors {
     period_s: f64,
-    sensors: Vec<Sensor>,
+    pub(super) sensors: Vec<Sensor>,
     /// Distinct frequencies of declared vibrations, Hz, and sine and cosine of their phase at the present step.
-    frequencies: Vec<(f64, f64, f64)>,
+    pub(super) frequencies: Vec<(f64, f64, f64)>,
     /// True when a sensor looks back in time.
-    delayed: bool,
+    pub(super) delayed: bool,
     /// True for expected values.
     expected: bool,
     /// Pairs of outputs that turn into each other: indices, cosine, sine.
-    turned: Vec<(usize, usize, f64, f64)>,
+    pub(super) turned: Vec<(usize, usize, f64, f64)>,
     motion: Vec<f64>,
     values: Vec<f64>,
     fresh: Vec<bool>,
