@@ -9,11 +9,12 @@ use whirlstand_campaign::{Campaign, Columns, Ended, Flight, WEIGHT};
 use whirlstand_evaluate::expectation::{check, signal_figures};
 use whirlstand_evaluate::summary::{INPUT_KEYS, OUTPUT_KEYS};
 use whirlstand_evaluate::{Expectation, Figure, Run, RunSummary};
+use whirlstand_nodes::flight::LANES;
 
 use super::in_thread::InThread;
 use super::pilots::Pilots;
 use super::redrawn::Redrawn;
-use super::without_log::without_log;
+use super::without_log::{together_without_log, without_log};
 use crate::cli::{ModeArg, OverrideArgs, TransportArg};
 use crate::error::Failure;
 use crate::file::{Document, FoundFile, Jobs, LaunchFile, Plan, find, jobs_of};
@@ -23,6 +24,9 @@ const OF_THE_CLOCK: [&str; 3] = ["max_deadline_misses", "max_latency_p99_s", "ma
 
 /// Steps of a flight that is held in memory while it is flown, a few hundred bytes each.
 const MOST_HELD: u64 = 1 << 18;
+
+/// Fewer flights than this are flown one by one.
+const FEWEST_TOGETHER: usize = 4;
 
 /// Keys that cannot vary, because the columns of the table depend on them.
 const FIXED: [&str; 2] = ["vehicle", "expect"];
@@ -156,32 +160,60 @@ impl Flyer {
         job.map(|job| job.plan).ok_or_else(|| Failure::Mend(format!("{} has no run", self.campaign.launch)))
     }
 
-    /// Flies one flight; whatever goes wrong is how it ended.
-    pub fn fly(&self, number: u64) -> Flight {
-        let figures = self.columns.figures.iter();
-        let figures = figures.map(|(key, _)| self.weight(key, number)).collect();
+    /// Flies some flights, side by side where one law and filter are for all; whatever goes wrong with one is how it ended.
+    pub fn fly_some(&self, numbers: &[u64]) -> Vec<Flight> {
+        // What goes wrong here goes wrong again in the flight that it belongs to.
+        let planned = |n: &u64| catch_unwind(AssertUnwindSafe(|| self.plan(*n).ok())).ok().flatten();
+        let plans: Vec<Option<Plan>> = numbers.iter().map(planned).collect();
+        let together = catch_unwind(AssertUnwindSafe(|| self.together(&plans))).ok().flatten();
+        let mut figures = together.into_iter().flatten();
+        let flights = numbers.iter().zip(plans);
+        flights.map(|(number, plan)| self.fly(*number, plan, figures.next().flatten())).collect()
+    }
+
+    /// The figures of flights side by side, as far as they need not be flown alone.
+    fn together(&self, plans: &[Option<Plan>]) -> Option<[Option<RunSummary>; LANES]> {
+        let plans = plans.iter().map(Option::as_ref).collect::<Option<Vec<_>>>()?;
+        let can = |plan: &&Plan| plan.config.recorder.is_some() && plan.config.steps <= MOST_HELD;
+        if !(FEWEST_TOGETHER..=LANES).contains(&plans.len()) || !plans.iter().all(can) {
+            return None;
+        }
+        let pilot = self.pilots.of(&plans[0].config).ok()?;
+        // Where there are fewer, the last one is flown several times.
+        let bench = |lane: usize| plans[lane.min(plans.len() - 1)];
+        let benches = std::array::from_fn(|lane| (&bench(lane).config, bench(lane).name.as_str()));
+        Some(together_without_log(benches, &pilot))
+    }
+
+    /// Flies one flight, unless its figures are there already.
+    fn fly(&self, number: u64, plan: Option<Plan>, figures: Option<RunSummary>) -> Flight {
+        let weights = self.columns.figures.iter();
+        let weights = weights.map(|(key, _)| self.weight(key, number)).collect();
         let failed = |why: String| Flight {
             number,
             values: self.campaign.values(number),
             ended: Ended::Failed(why),
             holds: Vec::new(),
-            figures,
+            figures: weights,
         };
         // A fault of one flight must not cost the others.
-        match catch_unwind(AssertUnwindSafe(|| self.flown(number))) {
+        match catch_unwind(AssertUnwindSafe(|| self.flown(number, plan, figures))) {
             Ok(Ok(flight)) => flight,
             Ok(Err(why)) => failed(why),
             Err(_) => failed("the program failed in this flight, which is a bug".into()),
         }
     }
 
-    fn flown(&self, number: u64) -> Result<Flight, String> {
-        let plan = self.plan(number).map_err(|e| e.to_string())?;
+    fn flown(&self, number: u64, plan: Option<Plan>, figures: Option<RunSummary>) -> Result<Flight, String> {
+        let plan = plan.map_or_else(|| self.plan(number), Ok).map_err(|e| e.to_string())?;
         if plan.config.recorder.is_none() {
             return Err("without a log there are no figures: recorder.enabled must be true".into());
         }
-        let figures =
-            if plan.config.steps > MOST_HELD { self.recorded(number, &plan)? } else { self.direct(&plan)? };
+        let figures = match figures {
+            Some(figures) => figures,
+            None if plan.config.steps > MOST_HELD => self.recorded(number, &plan)?,
+            None => self.direct(&plan)?,
+        };
         let checked = check(&limits(&plan), &figures.timing, Some(&figures));
         Ok(Flight {
             number,
@@ -305,7 +337,18 @@ mod tests {
             }
             direct
         };
-        (0..flyer.campaign.flights()).map(fly).collect()
+        let flights: Vec<_> = (0..flyer.campaign.flights()).map(fly).collect();
+        // And side by side with as many copies as it takes.
+        let plans: Vec<_> = (0..FEWEST_TOGETHER as u64)
+            .map(|copy| flyer.plan(copy % flyer.campaign.flights()).ok())
+            .collect();
+        let together = flyer.together(&plans).unwrap_or_default();
+        for (figures, alone) in together.iter().zip(flights.iter().cycle()).take(plans.len()) {
+            if let Some(figures) = figures {
+                assert_eq!(bits(&flyer, &Ok(figures.clone())), bits(&flyer, alone), "{campaign}");
+            }
+        }
+        flights
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use indicatif::ProgressBar;
 use whirlstand_campaign::{Flight, Proportion};
+use whirlstand_nodes::flight::LANES;
 
 use super::flyer::Flyer;
 use super::journal::Journal;
@@ -42,14 +43,19 @@ pub(super) fn fly_all(
     if enough(&mut width, &mut flown) {
         return Ok(flown);
     }
+    // As many as fly side by side, or fewer, so that no thread is left without.
+    let groups: Vec<&[u64]> = todo.chunks(LANES.min(todo.len().div_ceil(jobs)).max(1)).collect();
+    let numbers_of_groups: Vec<u64> = (0..groups.len() as u64).collect();
     flown.interrupted = side_by_side(
-        &todo,
+        &numbers_of_groups,
         jobs,
-        |number| flyer.fly(number),
-        |flight| {
-            journal.add(&flight)?;
-            bar.inc(1);
-            flown.flights.insert(flight.number, flight);
+        |group| flyer.fly_some(groups[group as usize]),
+        |flights| {
+            for flight in flights {
+                journal.add(&flight)?;
+                bar.inc(1);
+                flown.flights.insert(flight.number, flight);
+            }
             Ok(enough(&mut width, &mut flown))
         },
     )?;
