@@ -24,6 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         priority: (priority > 0).then_some(priority),
         cpus: std::env::var("CPUS").unwrap_or_default().split(',').filter_map(|c| c.parse().ok()).collect(),
         member: vec![std::env::current_exe()?.to_string_lossy().into_owned(), "--member".into()],
+        run: vec!["whirlstand".into(), "run".into()],
     };
     run(&options, |f| {
         let verdict = f.goal.map_or(String::new(), |g| format!("  goal {} met: {}", g.limit, g.met));

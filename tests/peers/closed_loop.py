@@ -2,8 +2,8 @@
 
 The built-in quadrotor at 1 kHz with the noise and vibration of its sensors, a Kalman filter on its model, and LQR with the exact
 prediction over one period of latency, in double precision. Gains are constant here; the bench also runs the filter's
-covariance until it repeats, and all checks of the nodes. One thread; seconds are of the processor's time, so that other load
-on the machine changes them little.
+covariance until it repeats, and all checks of the nodes. One thread; seconds are of the processor's time, on both sides, so that
+other load on the machine changes them little.
 
     python3 -m venv peers && peers/bin/pip install -r tests/peers/requirements.txt
     peers/bin/python tests/peers/closed_loop.py target/release/whirlstand
@@ -15,7 +15,6 @@ import pathlib
 import resource
 import subprocess
 import sys
-import time
 import tomllib
 
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
@@ -113,25 +112,21 @@ def by_jax(seed):
 
 
 def by_whirlstand(program):
-    """Of `bench flight`: the steps that it tells, over the time of the processor that it took."""
-    rates = []
-    for _ in range(REPEATS):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        began = time.monotonic()
-        call = [program, "bench", "flight", "--seconds", "2", "--repeat", "1", "--json"]
-        told = json.loads(subprocess.run(call, stdout=subprocess.PIPE, check=False).stdout)
-        wall = time.monotonic() - began
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        rates.append(told["figures"][0]["value"] * wall / used)
-    return sorted(rates)[REPEATS // 2]
+    """Of `bench flight`: one flight after the other, and side by side as a campaign flies them."""
+    call = [program, "bench", "flight", "--seconds", "2", "--repeat", str(REPEATS), "--json"]
+    told = json.loads(subprocess.run(call, stdout=subprocess.PIPE, check=False).stdout)
+    return [figure["value"] for figure in told["figures"] if "processor's time" in figure["name"]]
 
 
 print(f"JAX {jax.__version__}, NumPy {np.__version__}, SciPy {scipy.__version__}, Python {sys.version.split()[0]}")
 print(f"{FLIGHTS} flights of {STEPS} steps, one thread; load of the machine {os.getloadavg()[0]:.1f}")
 spread = [np.std(np.asarray(f(1)), axis=0) for f in (by_numpy, by_jax)]
 assert np.allclose(*spread, rtol=0.2), f"the two loops differ: {spread}"
-print(f"JAX, jit of vmap of scan      {rate(by_jax) / 1e6:6.2f} M steps/s")
-print(f"NumPy batch                   {rate(by_numpy) / 1e6:6.2f} M steps/s")
+peers = {"JAX, jit of vmap of scan": rate(by_jax), "NumPy batch": rate(by_numpy)}
+for name, steps in peers.items():
+    print(f"{name:30}{steps / 1e6:6.2f} M steps/s")
 if len(sys.argv) > 1:
-    print(f"whirlstand, flight by flight  {by_whirlstand(sys.argv[1]) / 1e6:6.2f} M steps/s")
+    one, many = by_whirlstand(sys.argv[1])
+    print(f"{'whirlstand, flight by flight':30}{one / 1e6:6.2f} M steps/s")
+    ratios = ", ".join(f"{many / steps:.2f} times {name.split(',')[0]}" for name, steps in peers.items())
+    print(f"{'whirlstand, side by side':30}{many / 1e6:6.2f} M steps/s: {ratios}")

@@ -13,7 +13,8 @@ use super::quantity::seconds;
     Processes that are compared run on the same CPUs. The realtime measurement runs cyclictest (Debian: rt-tests) \
     at the same priority beside it.")]
 pub(crate) struct BenchArgs {
-    /// What to measure: plant, inproc, flight, lockstep, recorded, zenoh, realtime, vehicles, autopilots [default: all]
+    /// What to measure: plant, inproc, flight, lockstep, recorded, zenoh, realtime, transports,
+    /// vehicles, autopilots [default: all]
     pub what: Vec<String>,
     /// Measure the bridges alone: wire to bus and back, beside a bare echo.
     #[arg(long)]

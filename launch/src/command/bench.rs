@@ -33,6 +33,7 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
         priority: args.priority,
         cpus: args.cpus.clone(),
         member: vec![program.to_string_lossy().into_owned(), "bench".into(), "--member".into()],
+        run: vec![program.to_string_lossy().into_owned(), "run".into()],
     };
     let quiet = args.json.is_printed();
     let report = run(&options, |figure| {

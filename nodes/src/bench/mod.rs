@@ -17,6 +17,7 @@ mod options;
 mod realtime;
 mod round_trips;
 mod throughput;
+mod transports;
 
 use serde::Serialize;
 
@@ -59,6 +60,7 @@ pub fn run(options: &Options, mut progress: impl FnMut(&Figure)) -> Result<Repor
             "recorded" => throughput::recorded(options)?,
             "zenoh" => throughput::zenoh(options)?,
             "realtime" => realtime::realtime(options)?,
+            "transports" => transports::transports(options)?,
             "vehicles" => bridge::bridges(options)?,
             _ => autopilot::autopilots(options)?,
         };

@@ -1,8 +1,18 @@
 //! What can be measured, and how.
 
 /// The measurements, in the order in which they run.
-pub const MEASUREMENTS: [&str; 9] =
-    ["plant", "inproc", "flight", "lockstep", "recorded", "zenoh", "realtime", "vehicles", "autopilots"];
+pub const MEASUREMENTS: [&str; 10] = [
+    "plant",
+    "inproc",
+    "flight",
+    "lockstep",
+    "recorded",
+    "zenoh",
+    "realtime",
+    "transports",
+    "vehicles",
+    "autopilots",
+];
 
 /// What to measure, and how.
 #[derive(Debug, Clone)]
@@ -22,4 +32,6 @@ pub struct Options {
     pub cpus: Vec<usize>,
     /// Program and arguments that start a [`Member`].
     pub member: Vec<String>,
+    /// Program and arguments that fly a launch file: `whirlstand run`.
+    pub run: Vec<String>,
 }

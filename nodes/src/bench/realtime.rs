@@ -7,6 +7,7 @@ use whirlstand_bus::{Transport, remove_residue};
 use super::cyclictest::Cyclictest;
 use super::fleet::Fleet;
 use super::measured_bench::config;
+use super::throughput::ring;
 use super::{BenchError, Figure, Member, Options};
 use crate::config::{Mode, RealtimeOptions, Role};
 
@@ -24,6 +25,7 @@ pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
         let asked = RealtimeOptions { priority: Some(priority), cpus: Vec::new(), lock_memory: true };
         config.realtime = [Role::Plant, Role::Estimator, Role::Controller].map(|r| (r, asked.clone())).into();
     }
+    let lap_us = ring(options, Transport::Iceoryx2, true)? * 1e6;
     let roles = [Role::Estimator, Role::Controller, Role::Plant];
     let members =
         roles.map(|role| (role.to_string(), Member::Node { role, config: Box::new(config.clone()) }));
@@ -62,6 +64,13 @@ pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
             Figure::lowest("  cyclictest, p99", "us", vec![wakes.quantile(0.99)], None),
             Figure::lowest("  cyclictest, p99.9", "us", vec![wakes.quantile(0.999)], None),
             Figure::lowest("  cyclictest, max", "us", vec![wakes.max_us], None),
+            Figure::lowest("  bare iceoryx2 ring, three processes: a lap", "us", vec![lap_us], None),
+            Figure::lowest(
+                "  command latency, p99 / (cyclictest's and a bare lap)",
+                "",
+                vec![p99 as f64 * 1e-3 / (wakes.quantile(0.99) + lap_us)],
+                Some(1.5),
+            ),
         ]);
     }
     Ok(figures)

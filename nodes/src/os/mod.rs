@@ -12,5 +12,6 @@ pub(crate) use port_holder::with_holder;
 pub use restarts::RESTARTS;
 pub(crate) use restarts::was_restarted;
 pub use scheduling::{RealtimeError, apply_realtime};
+pub(crate) use sleep::thread_time;
 pub use sleep::{MonotonicTime, sleep_until};
 pub use stop::StopFlag;
