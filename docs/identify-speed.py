@@ -10,8 +10,9 @@ over the outputs' noise variances, initial state estimated) from the same start.
 
 SciPy simulates in two ways: a NumPy loop over the steps, which is what one writes first, and one that an expert writes:
 the modes of the model as recursive filters in compiled code (scipy.signal.lfilter). NumPy's matrix library gets one
-thread: with more it is slower on matrices of this size. Every time is the least of some repetitions; where the machine
-has other work, `chrt -f 5 python3 docs/identify-speed.py ...` as root keeps it out.
+thread: with more it is slower on matrices of this size. Every time is the least of some repetitions; SciPy's with `pem` is
+processor time, so that other work of the machine is not counted against it. `chrt -f 5 python3 docs/identify-speed.py ...`
+as root keeps other work out.
 """
 
 import json
@@ -116,7 +117,7 @@ def main():
     program = os.path.abspath(sys.argv[1] if len(sys.argv) > 1 else "target/release/whirlstand")
     u, y, truth = record(1)
     start = 0.8 * truth + np.where(truth == 0, 0.05, 0.0)
-    print(f"SciPy {scipy.__version__}, NumPy {np.__version__}, {os.cpu_count()} cores")
+    print(f"SciPy {scipy.__version__}, NumPy {np.__version__}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     with tempfile.TemporaryDirectory() as folder:
         time_axis = np.arange(STEPS) * PERIOD
         head = "t[s],u_roll,u_pitch,roll,roll_rate,pitch,pitch_rate"
@@ -124,7 +125,7 @@ def main():
         np.savetxt(os.path.join(folder, "record.csv"), table, delimiter=",", header=head, comments="", fmt="%.9g")
 
         print("\npem, from the same start")
-        runs = [own(program, folder, vehicle(start, 30.0)) for _ in range(7)]
+        runs = [own(program, folder, vehicle(start, 30.0)) for _ in range(20)]
         answer, wall = min(runs, key=lambda run: run[0]["search"]["seconds"])
         mine = {p["name"]: p for p in answer["parameters"]}
         seconds = answer["search"]["seconds"]
@@ -133,10 +134,10 @@ def main():
         for name, simulate in (("NumPy loop", loop), ("modal lfilter", modal)):
             residual = lambda z: ((y - simulate(z[:12], z[12:], u)) / sigma).ravel()
             spent = float("inf")
-            for _ in range(3):
-                begun = time.perf_counter()
+            for _ in range(5):
+                begun = time.process_time()
                 found = least_squares(residual, np.concatenate([start, np.zeros(4)]), x_scale="jac")
-                spent = min(spent, time.perf_counter() - begun)
+                spent = min(spent, time.process_time() - begun)
             worst = max(
                 abs(found.x[i] - mine[f"{m}[{r + 1},{c + 1}]"]["value"]) / mine[f"{m}[{r + 1},{c + 1}]"]["standard_error"]
                 for i, (m, r, c) in enumerate(FREE)

@@ -12,7 +12,7 @@ const LAUNCH: &str = "quadrotor-lqr";
 /// Rates of the loop, Hz.
 const RATES: [u32; 2] = [200, 1000];
 
-/// Each transport, at the end the flight that nothing delays: what the others are compared with.
+/// Each transport, and its name.
 const TRANSPORTS: [(&str, &str); 3] =
     [("inproc", "in one process"), ("iceoryx2", "iceoryx2"), ("zenoh", "Zenoh, TCP on loopback")];
 
@@ -36,26 +36,31 @@ pub(super) fn transports(options: &Options) -> Result<Vec<Figure>, BenchError> {
 
 /// The figures of runs that are the same but for the clock.
 fn told(name: &str, runs: &[Value]) -> Result<Vec<Figure>, BenchError> {
-    let of = |path: &str, factor: f64| -> Result<Vec<f64>, BenchError> {
-        let value = |run: &Value| run.pointer(path).and_then(Value::as_f64).map(|v| v * factor);
-        let values = runs.iter().map(value).collect::<Option<Vec<f64>>>();
+    let of = |path: &str| -> Result<Vec<f64>, BenchError> {
+        let values = runs.iter().map(|run| run.pointer(path)?.as_f64()).collect::<Option<Vec<f64>>>();
         values.ok_or_else(|| BenchError::Member { who: name.into(), why: format!("its run has no {path}") })
     };
-    let missed = format!("{name}: missed deadlines in {} steps", of("/timing/nodes/plant/steps", 1.0)?[0]);
-    let mut figures = vec![Figure::lowest(missed, "", of("/timing/deadline_misses", 1.0)?, None)];
+    let missed = format!("{name}: missed deadlines in {} steps", of("/timing/nodes/plant/steps")?[0]);
+    let mut figures = vec![Figure::lowest(missed, "", of("/timing/deadline_misses")?, None)];
     // In lockstep nobody asks how late a command is.
     if runs.iter().all(|run| run["mode"] == "realtime") {
         for (quantile, key) in [("p50", "p50_us"), ("p99", "p99_us"), ("max", "max_us")] {
-            let all = of(&format!("/timing/nodes/plant/latency/{key}"), 1.0)?;
+            let all = of(&format!("/timing/nodes/plant/latency/{key}"))?;
             figures.push(Figure::lowest(format!("  command latency, {quantile}"), "us", all, None));
         }
     }
-    let degrees = 1f64.to_degrees();
     for output in OUTPUTS {
-        let iae = of(&format!("/outputs/{output}/iae"), degrees)?;
-        let peak = of(&format!("/outputs/{output}/peak"), degrees)?;
-        figures.push(Figure::lowest(format!("  {output}: integral of the error"), "deg s", iae, None));
-        figures.push(Figure::lowest(format!("  {output}: peak after the gust"), "deg", peak, None));
+        for (key, name, unit) in
+            [("iae", "integral of the error", "deg s"), ("peak", "peak after the gust", "deg")]
+        {
+            // A run whose log has gaps, which a network may leave, has not every figure.
+            let path = format!("/outputs/{output}/{key}");
+            let value = |run: &Value| run.pointer(&path).and_then(Value::as_f64).map(f64::to_degrees);
+            let all: Vec<f64> = runs.iter().filter_map(value).collect();
+            if !all.is_empty() {
+                figures.push(Figure::lowest(format!("  {output}: {name}"), unit, all, None));
+            }
+        }
     }
     Ok(figures)
 }
