@@ -3,7 +3,7 @@
 #![expect(clippy::needless_range_loop, reason = "a loop over lanes indexes several rows alike")]
 
 use super::normals::NormalLanes;
-use super::spread;
+use super::spread::spread;
 use crate::simulator::Simulator;
 use crate::simulator::disturbances::Disturbances;
 

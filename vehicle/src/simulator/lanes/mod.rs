@@ -6,9 +6,11 @@
 mod disturbances;
 mod normals;
 mod sensors;
+mod spread;
 mod together;
 
 use super::Simulator;
+use spread::spread;
 use together::Together;
 
 /// K vehicles with the same signals in motion side by side, each as a [`Simulator`] of its own.
@@ -176,9 +178,4 @@ impl<const K: usize> Apart<K> {
         self.singles.iter_mut().for_each(Simulator::advance);
         self.gather();
     }
-}
-
-/// Puts one vehicle's values into its lane.
-fn spread<const K: usize>(rows: &mut [[f64; K]], lane: usize, values: &[f64]) {
-    rows.iter_mut().zip(values).for_each(|(row, value)| row[lane] = *value);
 }

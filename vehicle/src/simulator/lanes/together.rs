@@ -2,7 +2,7 @@
 
 use super::disturbances::DisturbanceLanes;
 use super::sensors::SensorLanes;
-use super::spread;
+use super::spread::spread;
 use crate::simulator::{Dynamics, LARGEST, Simulator};
 
 /// K such vehicles.
