@@ -7,14 +7,16 @@
 mod lanes;
 
 use whirlstand_control::Estimator;
-use whirlstand_msgs::{Command, Head, Message, Setpoint, flags};
+use whirlstand_msgs::{Command, Head, MAX_OUTPUTS, Message, Setpoint, flags};
 
 use crate::config::{ControllerConfig, Engine, EstimatorConfig, NodeConfig, VehicleSource};
 use crate::controller::{Law, Profile};
 use crate::error::NodeError;
 use crate::estimator::Filter;
 use crate::gate::Gate;
-use crate::plant::simulation::{diverged, simulated};
+use crate::onset::Airframe;
+pub use crate::onset::Onset;
+use crate::plant::simulation::diverged;
 use crate::setup::Setup;
 
 pub use lanes::{LANES, StepLanes};
@@ -73,6 +75,10 @@ pub struct Step<'a> {
     pub flags: u32,
     /// What disturbs the derivative of each state.
     pub disturbance: &'a [f64],
+    /// What was measured.
+    pub y: &'a [f64],
+    /// Bit i: output i is fresh and can be used.
+    pub fresh: u64,
     /// What the law was asked for.
     pub setpoint: &'a Setpoint,
     /// The filter behind the measurement of this step.
@@ -132,10 +138,24 @@ impl Pilot {
     ///
     /// # Errors
     /// [`NodeError`] for an effect or initial state that the vehicle does not have, and for a state that left the model.
-    pub fn fly(&self, config: &NodeConfig, mut each: impl FnMut(&Step<'_>)) -> Result<Counts, NodeError> {
+    pub fn fly(&self, config: &NodeConfig, each: impl FnMut(&Step<'_>)) -> Result<Counts, NodeError> {
+        self.fly_changed(config, None, each)
+    }
+
+    /// As [`Self::fly`], with an effect that begins in flight.
+    ///
+    /// # Errors
+    /// As [`Self::fly`].
+    pub fn fly_changed(
+        &self,
+        config: &NodeConfig,
+        onset: Option<&Onset>,
+        mut each: impl FnMut(&Step<'_>),
+    ) -> Result<Counts, NodeError> {
         let setup = &self.setup;
         let (n, m) = (setup.vehicle.states.len(), setup.limits.count);
-        let (mut simulator, bounds) = simulated(config, setup)?;
+        let (mut y, outputs) = ([0.0; MAX_OUTPUTS], setup.vehicle.outputs.len());
+        let mut airframe = Airframe::new(config, setup, onset)?;
         let mut profile = Profile::new(config, &setup.vehicle)?;
         let (mut estimator, mut law) = (self.estimator.clone(), self.law.clone());
         let mut gate = Gate::new(setup.limits, config.plant.misses_to_failsafe);
@@ -146,11 +166,12 @@ impl Pilot {
         let mut counts = Counts::default();
         for step in 0..config.steps {
             let applied = if step == 0 { gate.applied() } else { gate.close(true) };
-            simulator.apply(&applied.u[..m]);
-            let (fresh, clean) = measured(&mut simulator);
+            airframe.apply(&applied.u[..m]);
+            let (fresh, clean) = measured(&mut airframe);
             counts.refused[0] += u64::from(!clean);
             let now = if believed { applied.u } else { before };
-            estimator.step(simulator.measure(), fresh, &before[..m], &now[..m]);
+            y[..outputs].copy_from_slice(airframe.measure());
+            estimator.step(&y[..outputs], fresh, &before[..m], &now[..m]);
             let head = Head { seq: 0, step, stamp_ns: step * config.period_ns };
             let setpoint = profile.at(head);
             let mut command = Command { head, count: m as u32, ..Command::zeroed() };
@@ -162,23 +183,25 @@ impl Pilot {
             }
             each(&Step {
                 stamp_ns: head.stamp_ns,
-                x: &simulator.state()[..n],
-                u: simulator.applied(),
+                x: &airframe.now().state()[..n],
+                u: airframe.now().applied(),
                 flags: applied.flags,
-                disturbance: simulator.disturbance(),
+                disturbance: airframe.now().disturbance(),
+                y: &y[..outputs],
+                fresh,
                 setpoint,
                 filter: &estimator,
             });
             // Faults are counted by the gate.
             let _ = gate.offer(&command, step);
             before = applied.u;
-            simulator.advance();
+            airframe.advance();
             if !shows {
-                simulator.measure();
+                airframe.measure();
             }
             // Step 0 is over before a bench begins to look.
             if step > 0
-                && let Some(error) = diverged(&simulator, &bounds, &setup.vehicle)
+                && let Some(error) = diverged(airframe.now(), &airframe.bounds, &setup.vehicle)
             {
                 return Err(error);
             }
@@ -188,9 +211,9 @@ impl Pilot {
 }
 
 /// Measures, and tells which outputs are fresh and can be used, and whether all fresh ones can.
-fn measured(simulator: &mut whirlstand_vehicle::Simulator) -> (u64, bool) {
+fn measured(airframe: &mut Airframe) -> (u64, bool) {
     let finite =
-        simulator.measure().iter().enumerate().fold(0, |bits, (i, y)| bits | u64::from(y.is_finite()) << i);
-    let fresh = simulator.fresh().iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
+        airframe.measure().iter().enumerate().fold(0, |bits, (i, y)| bits | u64::from(y.is_finite()) << i);
+    let fresh = airframe.now().fresh().iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
     (fresh & finite, fresh & !finite == 0)
 }

@@ -57,6 +57,7 @@ pub mod gate;
 pub mod inproc;
 pub mod mirror;
 mod mirror_config;
+mod onset;
 pub mod os;
 mod peers;
 pub mod plant;

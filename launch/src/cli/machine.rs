@@ -1,8 +1,9 @@
 //! Options of the calls that look at this machine, and at how fast a bench runs on it: bench, doctor.
 
-use clap::Args;
+use clap::{Args, Subcommand};
 
 use super::JsonArg;
+use super::mirror::BenchMirrorArgs;
 use super::quantity::seconds;
 
 /// Measure latency, jitter and throughput beside the bare floor of this machine.
@@ -12,7 +13,10 @@ use super::quantity::seconds;
     whirlstand bench realtime --realtime-seconds 60 --priority 80\n\n\
     Processes that are compared run on the same CPUs. The realtime measurement runs cyclictest (Debian: rt-tests) \
     at the same priority beside it.")]
+#[command(args_conflicts_with_subcommands = true)]
 pub(crate) struct BenchArgs {
+    #[command(subcommand)]
+    pub command: Option<BenchCommand>,
     /// What to measure: plant, inproc, flight, lockstep, recorded, zenoh, realtime, transports,
     /// vehicles, autopilots [default: all]
     pub what: Vec<String>,
@@ -40,6 +44,12 @@ pub(crate) struct BenchArgs {
     /// One process of a measurement, told on standard input what to do.
     #[arg(long, hide = true)]
     pub member: bool,
+}
+
+/// What is measured of something else than this machine.
+#[derive(Debug, Subcommand)]
+pub(crate) enum BenchCommand {
+    Mirror(BenchMirrorArgs),
 }
 
 /// Tell whether this machine is fit for real time, and what to change.

@@ -7,6 +7,7 @@ mod json;
 mod keys;
 mod live;
 mod machine;
+mod mirror;
 mod overrides;
 mod quantity;
 mod records;
@@ -30,7 +31,8 @@ pub(crate) use files::{
 pub(crate) use json::JsonArg;
 pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
 pub(crate) use live::{EchoArgs, InjectArgs, PlayArgs, SetArgs, WatchArgs};
-pub(crate) use machine::{BenchArgs, DoctorArgs};
+pub(crate) use machine::{BenchArgs, BenchCommand, DoctorArgs};
+pub(crate) use mirror::BenchMirrorArgs;
 pub(crate) use overrides::{ModeArg, OverrideArgs, TransportArg};
 use quantity::seconds;
 pub(crate) use records::{

@@ -4,13 +4,17 @@ use std::process::ExitCode;
 
 use whirlstand_nodes::bench::{Figure, Member, Options, run, run_member};
 
+use super::bench_mirror::bench_mirror;
 use super::{print, print_data, write_json};
-use crate::cli::BenchArgs;
+use crate::cli::{BenchArgs, BenchCommand};
 use crate::error::Failure;
 use crate::style;
 
 /// Runs the measurements; exit code 1 when a goal is missed.
 pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
+    if let Some(BenchCommand::Mirror(args)) = &args.command {
+        return bench_mirror(args);
+    }
     if args.member {
         return member();
     }

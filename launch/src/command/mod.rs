@@ -2,6 +2,7 @@
 
 pub(crate) mod adjust;
 pub(crate) mod bench;
+mod bench_mirror;
 pub(crate) mod blind;
 pub(crate) mod bridge;
 pub(crate) mod clean;

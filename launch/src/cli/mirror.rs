@@ -1,0 +1,55 @@
+//! Options of `whirlstand bench mirror`.
+
+use std::num::NonZeroUsize;
+
+use clap::Args;
+
+use super::JsonArg;
+use super::quantity::hertz;
+
+/// Measure the live mirror: flights with an effect that begins at a random time, and clean ones.
+///
+/// Flies in this process, in lockstep: what is measured does not depend on how busy the machine is. Of each effect it tells how
+/// often the right name stood 10 s after its begin (among the flights whose information suffices), how often a wrong one or
+/// none, and the median delay of the alarm beside the least that any test could have (Lorden's bound).
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    whirlstand bench mirror --trials 50 --clean 2 --seed 1\n  \
+    whirlstand bench mirror --effects backlash,limit --clean 0 --show\n\n\
+    Exit code 1 when a goal is missed. Ctrl-C ends it early: what was flown by then counts; exit code 130.")]
+pub(crate) struct BenchMirrorArgs {
+    /// Flights with each effect.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    pub trials: u64,
+    /// Clean flight of the quadrotor, hours.
+    #[arg(long, value_name = "HOURS", default_value_t = 0.5, value_parser = hours)]
+    pub clean: f64,
+    /// Seed; flight K of it has the number SEED 000000 + K.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Only these effects, separated by commas, for example lag,stuck-sensor [default: all twelve]
+    #[arg(long, value_name = "EFFECT,...", value_delimiter = ',')]
+    pub effects: Vec<String>,
+    /// Rate of the loop, in Hz or with a unit.
+    #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = BenchMirrorArgs::RATE_HZ)]
+    pub rate: f64,
+    /// Flights at the same time [default: one for each processor]
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Print what was said in every flight in which a wrong name or none was given, and in clean ones.
+    #[arg(long)]
+    pub show: bool,
+    #[command(flatten)]
+    pub json: JsonArg,
+}
+
+impl BenchMirrorArgs {
+    /// Rate where nothing else is asked for, Hz.
+    pub const RATE_HZ: f64 = 200.0;
+}
+
+/// Reads a number of hours.
+fn hours(text: &str) -> Result<f64, String> {
+    let known = text.trim().parse().ok().filter(|h: &f64| (0.0..=1000.0).contains(h));
+    known.ok_or_else(|| format!("hours from 0 to 1000 are expected, not '{text}'"))
+}
