@@ -35,6 +35,11 @@ impl Candidate {
         self.kind == other.kind && self.place == other.place && self.text == other.text
     }
 
+    /// Whether what it does depends on where it began, for longer than the motion remembers.
+    pub fn remembers(&self) -> bool {
+        matches!(self.kind, Kind::Backlash | Kind::RateLimit)
+    }
+
     /// The effect with these values; `None` when the table does not allow them.
     pub fn effect(&self, values: &[f64]) -> Option<Effect> {
         if let Some(to) = &self.text {
@@ -136,7 +141,8 @@ impl Builder<'_> {
             let width = open("width", 0.0, 2.0 * peak, 1e-2 * peak);
             self.add(Kind::DeadZone, name, &[width], &[&[0.1 * peak], &[0.4 * peak]]);
             let width = open("width", 0.0, 2.0 * play, 1e-2 * play);
-            self.add(Kind::Backlash, name, &[width], &[&[0.15 * play], &[0.5 * play]]);
+            let widths = [0.08, 0.15, 0.25, 0.4, 0.6, 0.9].map(|share| [share * play]);
+            self.add(Kind::Backlash, name, &[width], &widths.each_ref().map(|w| &w[..]));
             let rate = self.sizes.rates[i];
             let limit = open("limit_per_s", 1e-4 * rate, rate, 1e-3 * rate);
             self.add(Kind::RateLimit, name, &[limit], &[&[0.3 * rate], &[0.05 * rate], &[0.01 * rate]]);

@@ -6,6 +6,11 @@ use crate::bank::Bank;
 use crate::capture::Capture;
 use crate::finding::Value;
 use crate::known::Knowledge;
+use crate::predictor::Predictor;
+use crate::replay::predictor;
+
+/// Share of values that repeat from which on it is asked what they did to the filter.
+const LEAST_SHARE: f64 = 0.2;
 
 /// Most samples that a tone is looked for in, the last ones.
 const TONE_SAMPLES: usize = 1024;
@@ -28,7 +33,7 @@ fn value(name: &'static str, value: f64, spread: f64) -> Value {
 }
 
 /// All such changes of all outputs between two steps.
-pub fn all(known: &Knowledge, capture: &Capture, from: u64, to: u64) -> Vec<Excess> {
+pub fn all(known: &Knowledge, like: &Predictor, capture: &Capture, from: u64, to: u64) -> Vec<Excess> {
     let mut found = Vec::new();
     let mut series = Vec::new();
     for (output, declared) in known.vehicle.outputs.iter().enumerate() {
@@ -41,7 +46,7 @@ pub fn all(known: &Knowledge, capture: &Capture, from: u64, to: u64) -> Vec<Exce
         let sigma = known.noise[output];
         found.extend(noise(&declared.name, &series, sigma));
         found.extend(tone(&declared.name, &series, sigma, known.period_s));
-        found.extend(repeats(known, capture, output, &series));
+        found.extend(repeats(known, like, capture, output, &series));
     }
     found
 }
@@ -171,7 +176,13 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
 }
 
 /// Values that repeat the one before.
-fn repeats(known: &Knowledge, capture: &Capture, output: usize, series: &[(u64, f64)]) -> Option<Excess> {
+fn repeats(
+    known: &Knowledge,
+    like: &Predictor,
+    capture: &Capture,
+    output: usize,
+    series: &[(u64, f64)],
+) -> Option<Excess> {
     let y = |k: u64| capture.sample(k).y[output];
     let pairs = series.windows(2).filter(|w| w[1].0 == w[0].0 + 1 || known.vehicle.outputs[output].every > 1);
     let (mut count, mut same) = (0.0, 0.0);
@@ -186,22 +197,53 @@ fn repeats(known: &Knowledge, capture: &Capture, output: usize, series: &[(u64, 
     }
     let (p, q) = (anyway.max(1e-6), share);
     let rest = if q < 1.0 { (1.0 - q) * ((1.0 - q) / (1.0 - p)).ln() } else { 0.0 };
-    // Where a value repeats the one before nothing is left to be predicted: the innovations that it has beside are its own.
-    let wrong = 0.5 * series.iter().map(|(_, e)| e * e - 1.0).sum::<f64>();
+    let (from, to) = (series.first()?.0, series.last()?.0 + 1);
+    let wrong =
+        if share > LEAST_SHARE { not_measured(known, like, capture, output, (from, to)) } else { 0.0 };
     let spread = (q * (1.0 - q) / count).sqrt();
     Some(Excess {
-        effect: Effect::new(Kind::Dropouts, &known.vehicle.outputs[output].name, &[("fraction", share)])
-            .ok()?,
+        effect: dropouts(known, output, share)?,
         values: vec![Value {
             name: "fraction",
             value: share,
             low: (q - 1.96 * spread).max(0.0),
             high: (q + 1.96 * spread).min(1.0),
         }],
-        evidence: count * (q * (q / p).ln() + rest) + share * wrong.max(0.0),
+        evidence: count * (q * (q / p).ln() + rest) + wrong.max(0.0),
         parameters: 1,
         samples: series.len() as u64,
     })
+}
+
+fn dropouts(known: &Knowledge, output: usize, share: f64) -> Option<Effect> {
+    Effect::new(Kind::Dropouts, &known.vehicle.outputs[output].name, &[("fraction", share)]).ok()
+}
+
+/// What it explains to take a value that repeats the one before for no measurement: of its own innovations, and of those of
+/// all other outputs, to which it leads the filter. A log-likelihood ratio.
+fn not_measured(
+    known: &Knowledge,
+    like: &Predictor,
+    capture: &Capture,
+    output: usize,
+    (from, to): (u64, u64),
+) -> f64 {
+    let plain = dropouts(known, output, 1.0).and_then(|e| predictor(known, like, capture, &e, from));
+    let Some(mut without) = plain else { return 0.0 };
+    let squares = |e: &[f64]| e.iter().map(|v| v * v).sum::<f64>();
+    let (mut last, mut sum) = (f64::NAN, 0.0);
+    for step in from..to {
+        let mut sample = capture.sample(step);
+        let again = sample.fresh >> output & 1 == 1 && sample.y[output] == last;
+        last = sample.y[output];
+        if again {
+            sample.fresh &= !(1 << output);
+        }
+        without.step(&sample);
+        // Noise would have had a square of one where nothing is measured now.
+        sum += squares(capture.whitened(step)) - squares(without.whitened()) - f64::from(u8::from(again));
+    }
+    0.5 * sum
 }
 
 /// The probability with which a value of each output repeats the one before when nothing is wrong: two rounded values whose

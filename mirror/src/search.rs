@@ -28,11 +28,24 @@ const STEPS: u8 = 5;
 /// made its equal by another begin.
 const HOPELESS: (f64, f64) = (30.0, 0.5);
 
+/// Begins before the likeliest that the grid has, in shares of the time since then (one second at most), for an effect that
+/// remembers where it began: play stands where the input was.
+const BEGINS: [f64; 5] = [0.0, 0.0625, 0.125, 0.25, 0.5];
+
+/// Data that the grid is looked at with, s, and points of it from which a search goes on.
+const GRID_S: f64 = 2.0;
+const POINTS: usize = 2;
+
+/// What is left by the likeliest may be so small an error of its begin, in steps, as a finer search finds.
+const FINE: u64 = 16;
+
 /// Predictions that making a simulator costs, about.
 const BUILDING: usize = 300;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Purpose {
+    /// Which start and begin to go on from: the grid, without a step away from it.
+    Scan,
     /// Any begin and size.
     Look,
     /// Another begin.
@@ -56,6 +69,8 @@ pub struct Search {
     candidates: Vec<Candidate>,
     fits: Vec<Option<Fit>>,
     hopeless: Vec<bool>,
+    /// Evidence, values and begin of the best points of each candidate's grid, the best first.
+    grid: Vec<Vec<(f64, Vec<f64>, u64)>>,
     jobs: VecDeque<Job>,
     running: Option<(Job, Trial)>,
     purpose: Purpose,
@@ -65,6 +80,8 @@ pub struct Search {
     end: u64,
     steps: f64,
     repeats: Vec<f64>,
+    /// The begin has been looked at more finely.
+    fine: bool,
 }
 
 impl Search {
@@ -77,17 +94,19 @@ impl Search {
         let mut search = Self {
             candidates,
             fits: vec![None; count],
+            grid: vec![Vec::new(); count],
             hopeless: vec![false; count],
             jobs: VecDeque::new(),
             running: None,
-            purpose: Purpose::Look,
+            purpose: Purpose::Scan,
+            fine: false,
             shift: 0,
             since,
             end,
             steps,
             repeats: excess::anyway(known),
         };
-        search.look();
+        search.scan(known.period_s, capture.first());
         search
     }
 
@@ -107,7 +126,7 @@ impl Search {
             self.candidates = fresh;
         }
         self.end = end;
-        self.look();
+        self.scan(known.period_s, capture.first());
     }
 
     /// The last step that it looks at, and one more.
@@ -115,33 +134,67 @@ impl Search {
         self.end
     }
 
-    fn look(&mut self) {
-        self.purpose = Purpose::Look;
+    /// Lays out the grid of those that have no size yet, or one that may be wrong.
+    fn scan(&mut self, period_s: f64, first: u64) {
+        (self.purpose, self.fine) = (Purpose::Scan, false);
+        self.grid = vec![Vec::new(); self.candidates.len()];
         let best = self.fits.iter().flatten().map(|f| f.score).fold(f64::NEG_INFINITY, f64::max);
+        let span = (self.end - self.since).min((1.0 / period_s) as u64) as f64;
         for (index, candidate) in self.candidates.iter().enumerate() {
-            if self.hopeless[index] {
+            // What lies behind may have come to rest at the wrong size.
+            let behind = |f: &Fit| f.evidence <= 0.0 || candidate.starts.len() > 1 && f.score < best - NEAR.0;
+            if self.hopeless[index] || !self.fits[index].as_ref().is_none_or(behind) {
                 continue;
             }
-            let mut job = |values: &[f64], since| {
+            let begins = if candidate.remembers() { &BEGINS[..] } else { &BEGINS[..1] };
+            for (values, share) in candidate.starts.iter().flat_map(|s| begins.iter().map(move |b| (s, b))) {
                 self.jobs.push_back(Job {
                     candidate: index,
-                    values: values.to_vec(),
+                    values: values.clone(),
+                    from: None,
+                    since: self.since.saturating_sub((share * span) as u64).max(first + 1).min(self.since),
+                    left: 0,
+                    purpose: Purpose::Scan,
+                });
+            }
+        }
+    }
+
+    /// Goes on from what was found before, and from the best points of the grid.
+    fn look(&mut self) {
+        self.purpose = Purpose::Look;
+        for index in (0..self.candidates.len()).filter(|i| !self.hopeless[*i]) {
+            let mut job = |values: Vec<f64>, since| {
+                self.jobs.push_back(Job {
+                    candidate: index,
+                    values,
                     from: None,
                     since,
                     left: STEPS,
                     purpose: Purpose::Look,
                 });
             };
-            if let Some(fit) = &self.fits[index] {
-                job(&fit.values, fit.since);
+            if let Some(fit) = self.fits[index].take() {
+                job(fit.values, fit.since);
             }
-            // What lies behind may have come to rest at the wrong size.
-            let behind = |f: &Fit| f.evidence <= 0.0 || candidate.starts.len() > 1 && f.score < best - NEAR.0;
-            if self.fits[index].as_ref().is_none_or(behind) {
-                candidate.starts.iter().for_each(|s| job(s, self.since));
-            }
-            self.fits[index] = None;
+            self.grid[index].drain(..).for_each(|(_, values, since)| job(values, since));
         }
+    }
+
+    /// Keeps a point of the grid if it is among the best.
+    fn keep(&mut self, job: Job, evidence: f64) {
+        let points = &mut self.grid[job.candidate];
+        // One begin for each size: sizes are what a step of Gauss and Newton cannot find from afar.
+        match points.iter_mut().find(|p| p.1 == job.values) {
+            Some(known) if known.0 < evidence => (known.0, known.2) = (evidence, job.since),
+            Some(_) => {}
+            None => points.push((evidence, job.values, job.since)),
+        }
+        points.sort_by(|a, b| b.0.total_cmp(&a.0));
+        // A size that is not the best yet may become it with another begin.
+        let all = self.candidates[job.candidate].starts.len();
+        let open = self.jobs.front().is_some_and(|next| next.candidate == job.candidate);
+        points.truncate(if open { all } else { POINTS });
     }
 
     /// Goes on by about so many predictions; the answer when it has come to its end.
@@ -161,7 +214,8 @@ impl Search {
                     }
                     continue;
                 };
-                left = left.saturating_sub(BUILDING * (job.values.len() + 1));
+                let moved = if job.purpose == Purpose::Scan { 0 } else { job.values.len() };
+                left = left.saturating_sub(BUILDING * (moved + 1));
                 if let Some(trial) = self.trial(known, like, capture, &job) {
                     self.running = Some((job, trial));
                 }
@@ -185,6 +239,10 @@ impl Search {
         let at = |values: &[f64]| predictor(known, like, capture, &candidate.effect(values)?, job.since);
         let mut all = vec![at(&job.values)?];
         let mut moves = Vec::new();
+        if job.purpose == Purpose::Scan {
+            let end = self.end.min(self.since + (GRID_S / known.period_s) as u64);
+            return Some(Trial::new(all, moves, job.since, end, None));
+        }
         for (k, open) in candidate.open.iter().enumerate() {
             let mut values = job.values.clone();
             // Inwards where the bound is near.
@@ -202,6 +260,9 @@ impl Search {
     }
 
     fn conclude(&mut self, job: Job, trial: &Trial) {
+        if job.purpose == Purpose::Scan {
+            return self.keep(job, trial.evidence());
+        }
         let candidate = &self.candidates[job.candidate];
         let evidence = trial.evidence();
         let score = evidence - 0.5 * job.values.len() as f64 * (trial.samples().max(2) as f64).ln();
@@ -244,6 +305,10 @@ impl Search {
 
     fn next_round(&mut self, known: &Knowledge, like: &Predictor, capture: &Capture) -> Option<Answer> {
         match self.purpose {
+            Purpose::Scan => {
+                self.look();
+                return None;
+            }
             Purpose::Look => {
                 self.purpose = Purpose::Shift;
                 let doubt = (self.end - self.since).min((1.0 / known.period_s) as u64);
@@ -266,6 +331,9 @@ impl Search {
                 }
                 return None;
             }
+            Purpose::Conclude if !self.fine && self.is_left() => {
+                (self.purpose, self.fine, self.shift) = (Purpose::Shift, true, FINE);
+            }
             Purpose::Conclude => {
                 let standing = Standing {
                     candidates: &self.candidates,
@@ -281,7 +349,8 @@ impl Search {
         let score = |i: &usize| self.fits[*i].as_ref().map_or(f64::NEG_INFINITY, |f| f.score);
         let best = ranking.first().map_or(0.0, score);
         let near = |i: &usize| score(i) > best - NEAR.0.max(NEAR.1 * best);
-        for index in ranking.iter().copied().filter(near).take(MOST_NEAR) {
+        for index in ranking.iter().copied().filter(near).take(if self.fine { LIKELIEST } else { MOST_NEAR })
+        {
             let Some(fit) = &self.fits[index] else { continue };
             let last = self.end.saturating_sub(8);
             for since in [fit.since.saturating_sub(self.shift), fit.since + self.shift] {
@@ -292,12 +361,18 @@ impl Search {
                         values,
                         from: None,
                         since,
-                        left: 1,
+                        left: if self.fine { STEPS } else { 1 },
                         purpose: Purpose::Shift,
                     });
                 }
             }
         }
         None
+    }
+
+    /// Whether the likeliest leaves something that the tests would alarm for.
+    fn is_left(&self) -> bool {
+        let first = ranking(&self.fits).first().and_then(|i| self.fits[*i].as_ref());
+        first.is_some_and(|fit| fit.unexplained)
     }
 }

@@ -65,7 +65,7 @@ impl Standing<'_> {
     /// What they bear out.
     pub fn answer(&self, known: &Knowledge, like: &Predictor, capture: &Capture) -> Answer {
         let order = ranking(self.fits);
-        let others = excess::all(known, capture, self.since, self.end);
+        let others = excess::all(known, like, capture, self.since, self.end);
         let scored = |e: &excess::Excess| e.evidence - 0.5 * e.parameters as f64 * (e.samples as f64).ln();
         let loud = others.iter().max_by(|a, b| scored(a).total_cmp(&scored(b)));
         let top = order.first().and_then(|i| self.fits[*i].as_ref().map(|f| f.score));
