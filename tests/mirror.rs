@@ -71,3 +71,19 @@ fn a_law_in_flight_is_refused_with_a_sentence() {
     std::fs::write(&launch, format!("{BIASED}\n[mirror]\non_finding = \"law\"\n")).unwrap();
     refused(&["run", launch.to_str().unwrap()], &["law.toml, line", "a law is not changed in flight yet"]);
 }
+
+#[test]
+fn what_the_mirror_is_worth_is_measured_by_a_command() {
+    let call =
+        ["bench", "mirror", "--trials", "2", "--clean", "0.02", "--effects", "bias,delay", "--seed", "3"];
+    let flown = run(call).success().stdout;
+    assert!(flown.contains("all goals are met") && flown.contains("0 false alarms in 0.02 h"), "{flown}");
+    // The same flights, however many at a time, say the same.
+    let one = run(call.into_iter().chain(["--jobs", "1", "--json"])).success().stdout;
+    let tally: serde_json::Value = serde_json::from_str(&one).unwrap();
+    assert_eq!(tally["schema"], "whirlstand.bench-mirror.v1");
+    let all = tally["effects"].as_array().unwrap().last().unwrap();
+    assert_eq!((&all["effect"], &all["flights"], &all["detected"]), (&"all".into(), &4.into(), &4.into()));
+    assert_eq!(tally["trials"][3]["what"], "delay", "{tally}");
+    refused(&["bench", "mirror", "--effects", "flutter"], &["flutter", "stuck-sensor"]);
+}

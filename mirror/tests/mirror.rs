@@ -1,6 +1,5 @@
 //! The mirror beside flights in closed loop.
 
-#[path = "../examples/support/mod.rs"]
 mod support;
 
 use allocation_counter::measure;

@@ -162,7 +162,7 @@ impl CleanRow {
         Some(Self {
             hours: steps as f64 / steps_per_h,
             alarms,
-            per_h: share.share * steps_per_h,
+            per_h: alarms as f64 / steps as f64 * steps_per_h,
             low_per_h: share.low * steps_per_h,
             high_per_h: share.high * steps_per_h,
             step_us: 1e6 * spent / steps as f64,
