@@ -31,7 +31,6 @@ fn until_it_begins_the_flight_is_the_one_without_it_and_then_another() {
         (Kind::InputDelay, "u_roll", "delay_s", 0.05),
         (Kind::ActuatorLag, "u_roll", "time_constant_s", 0.1),
         (Kind::CoulombFriction, "roll_rate", "level", 0.1),
-        (Kind::InputGain, "u_roll", "factor", 0.5),
     ] {
         let onset = Onset { effect: Effect::new(kind, place, &[(parameter, value)]).unwrap(), step: 200 };
         let changed = flown(&pilot, &config, Some(&onset));
