@@ -2,10 +2,10 @@
 
 Nothing here is computed the way Rust does it: the sampled plant comes from integrating each piece between two switchings
 by scipy's expm of the block matrix of that piece alone and from impulse by impulse superposition; the cost by quadrature;
-the regulator from scipy's solve_discrete_are on all past commands (Rust solves the reduced equation and predicts); margins
-by python-control.
+the regulator from scipy's solve_discrete_are on all past commands, and from SLICOT's (Rust solves the reduced equation and
+predicts); poles by numpy; margins by python-control, refined.
 
-Run with numpy, scipy and control installed:  python delayed.py
+Run with numpy, scipy and control installed, and slycot where it can be had:  python delayed.py
 """
 
 import json
@@ -15,6 +15,12 @@ import warnings
 import control
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
+from scipy.optimize import brentq, minimize_scalar
+
+try:
+    import slycot
+except ImportError:
+    slycot = None
 
 import systems
 from systems import PERIOD, rows
@@ -120,23 +126,60 @@ def opened(f, g, k):
     return control.ss(a, b, k @ ahead, z((m, m)), T)
 
 
+def crossings(values, exact, omega, where=lambda v: True):
+    """Frequencies at which the function is zero: bracketed on the grid, refined by Brent's method."""
+    return [brentq(exact, omega[k], omega[k + 1], xtol=1e-300, rtol=1e-15) for k in range(omega.size - 1)
+            if values[k] * values[k + 1] < 0 and where(k)]
+
+
 def margins(ratio):
+    """As control.stability_margins, whose interpolation between grid points is good to some digits only, refined on the response."""
     omega = np.geomspace(np.pi / T * 1e-6, np.pi / T, 20001)
-    response = ratio.frequency_response(omega, squeeze=False).complex
-    m = response.shape[0]
-    least = min(np.linalg.svd(np.eye(m) + response[:, :, i], compute_uv=False)[-1] for i in range(omega.size))
-    inverse = np.linalg.inv(np.eye(m)[None] + response.transpose(2, 0, 1))
+    m = ratio.ninputs
+
+    def difference(w):
+        return np.eye(m) + np.atleast_2d(ratio(np.exp(1j * w * T)))
+
+    def least_at(w):
+        return np.linalg.svd(difference(w), compute_uv=False)[-1]
+
+    grid = np.array([least_at(w) for w in omega])
+    k = int(np.clip(np.argmin(grid), 1, omega.size - 2))
+    least = min(minimize_scalar(least_at, bounds=(omega[k - 1], omega[k + 1]), method="bounded",
+                                options={"xatol": 1e-12 * omega[k]}).fun, grid.min())
     loops = []
     for i in range(m):
-        single = control.frd(1 / inverse[:, i, i] - 1, omega, smooth=True)
-        gm, pm, _, _, wgc, _ = control.stability_margins(single, returnall=True)
-        up = [v for v in gm if v > 1]
-        lag = [(p % 360.0) * np.pi / 180 / w for p, w in zip(pm, wgc)]
-        phase = [min(p % 360.0, 360.0 - p % 360.0) for p in pm]
+        def loop(w):
+            return 1 / np.linalg.inv(difference(w))[i, i] - 1
+
+        response = np.array([loop(w) for w in omega])
+        real = [loop(w).real for w in crossings(response.imag, lambda w: loop(w).imag, omega,
+                                                lambda k: min(response[k].real, response[k + 1].real) < 0)]
+        real.append(response[-1].real)
+        up = [-1 / r for r in real if -1 < r < 0]
+        at = crossings(abs(response) - 1, lambda w: abs(loop(w)) - 1, omega)
+        lag = [(np.pi + np.angle(loop(w))) % (2 * np.pi) for w in at]
+        phase = [np.degrees(min(p, 2 * np.pi - p)) for p in lag]
+        # The refinement must not have left what python-control finds.
+        gm, pm, _, _, _, _ = control.stability_margins(control.frd(response, omega, smooth=True), returnall=True)
+        rough = [v for v in gm if v > 1]
+        assert not up or not rough or abs(min(rough) / min(up) - 1) < 1e-3
+        assert not phase or abs(min(min(p % 360, 360 - p % 360) for p in pm) / min(phase) - 1) < 1e-3
         loops.append({"gain_increase": float(min(up)) if up else None,
                       "phase_deg": float(min(phase)) if phase else None,
-                      "delay_s": float(min(lag)) if lag else None})
+                      "delay_s": float(min(p / w for p, w in zip(lag, at))) if at else None})
     return {"loops": loops, "min_return_difference": float(least)}
+
+
+def regulator(f, g, qd, rd, sd):
+    """Gain by scipy, and by SLICOT where slycot is there: both must say the same."""
+    x = solve_discrete_are(f, g, qd, rd, s=sd)
+    gain = np.linalg.solve(rd + g.T @ x @ g, g.T @ x @ f + sd.T)
+    if slycot:
+        _, _, other = control.dare(f, g, qd, rd, sd, np.eye(f.shape[0]), method="slycot")
+        off = np.linalg.norm(other - gain) / np.linalg.norm(gain)
+        assert off < 1e-9, off
+    return gain
 
 
 k_first = 0
@@ -155,16 +198,17 @@ def main():
             f, g, total = cost(az, bz, qz, r, delays)
             size = f.shape[0]
             qd, rd, sd = total[:size, :size], total[size:, size:], total[:size, size:]
-            x = solve_discrete_are(f, g, qd, rd, s=sd)
-            gain = np.linalg.solve(rd + g.T @ x @ g, g.T @ x @ f + sd.T)
+            gain = regulator(f, g, qd, rd, sd)
+            # Late inputs put further poles at zero, of which rounding makes a ring.
+            poles = [p for p in np.linalg.eigvals(f - g @ gain) if abs(p) > 0.6]
             k_first = n
             figures = margins(opened(f, g, gain))
             # A filter that measures all own states, the first one late by 12 ms: past values of it are states.
             cases.append({"name": name, "delays": delays, "lags": lags, "f": rows(f), "g": rows(g),
-                          "gain": rows(gain), "q": [float(v) for v in np.diag(q)],
+                          "gain": rows(gain), "poles": [[float(p.real), float(p.imag)] for p in poles], "q": [float(v) for v in np.diag(q)],
                           "r": [float(v) for v in np.diag(r)]} | figures)
             print(name, delays, lags, size, figures["loops"][0], figures["min_return_difference"])
-    text = json.dumps({"control": control.__version__, "cases": cases}, separators=(",", ":"))
+    text = json.dumps({"control": control.__version__, "slycot": slycot and slycot.__version__, "cases": cases}, separators=(",", ":"))
     pathlib.Path(__file__).with_name("delayed.json").write_text(text.replace('{"name"', '\n{"name"') + "\n")
 
 

@@ -3,11 +3,14 @@
 pub(crate) mod lanes;
 
 use nalgebra::DMatrix;
+use whirlstand_vehicle::LinearModel;
 
 use crate::actuation::Actuation;
+use crate::compensation::{self, Compensation, Declined};
 use crate::design::{Design, Switching};
 use crate::kernel::{Block, Packed, blocks};
 use crate::options::AntiWindup;
+use crate::outcome::Outcome;
 use crate::target::Target;
 
 /// Consecutive unusable estimates during which the last command is held; after that, neutral.
@@ -15,18 +18,6 @@ const HOLD_STEPS: u32 = 5;
 
 /// Time constant with which back-calculation takes an integrator to what the limits allow, s.
 const TRACKING_TIME_S: f64 = 0.1;
-
-/// What one step of a law has to say besides the command.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Outcome {
-    /// At least one input stands at a limit of value or rate.
-    pub saturated: bool,
-    /// The estimate was not usable (NaN, infinite or of the wrong length); the last command is held, and after
-    /// a few such steps the command is neutral.
-    pub estimate_refused: bool,
-    /// The reference was not usable; the last usable one stays.
-    pub reference_refused: bool,
-}
 
 /// Runs a [`Design`]: prediction over the delay, tracking, the law, limits, anti-windup.
 ///
@@ -51,8 +42,8 @@ pub struct Controller {
     m: usize,
     period_s: f64,
     actuation: Actuation,
-    /// Largest change of a command from one period to the next.
-    step_limit: Vec<f64>,
+    /// Step of the run at which the next command is computed.
+    at: u64,
     phi: Packed,
     gamma: Packed,
     /// Feedback on the error, m x n; for sliding mode, the equivalent control.
@@ -136,7 +127,7 @@ impl Controller {
             size,
             m,
             period_s: dt,
-            step_limit: plant.inputs().iter().map(|i| i.rate * dt).collect(),
+            at: 0,
             phi: Packed::new(plant.transition()),
             gamma: Packed::new(plant.drive()),
             gain: Packed::new(&gain),
@@ -171,6 +162,8 @@ impl Controller {
 
     /// Back to rest: neutral command in force, no integral, reference zero.
     pub fn reset(&mut self) {
+        self.at = 0;
+        self.actuation.reset();
         self.in_force.copy_from_slice(&self.actuation.neutral);
         self.memory.copy_from_slice(&self.memory_at_neutral);
         self.integrals.fill(0.0);
@@ -195,17 +188,30 @@ impl Controller {
         past.iter_mut().zip(commands).for_each(|(p, u)| *p = u);
     }
 
-    /// Has the commands jump over dead zones of these half-widths, counted from the trim. False, and nothing is changed, where
-    /// one leaves an input no room within its limits.
-    pub fn compensate_dead_zones(&mut self, widths: &[f64]) -> bool {
-        self.actuation.compensate_dead_zones(widths)
+    /// Has the commands take back effects that are not linear: those of `linear` that are asked for, and not those that
+    /// are unsafe to take back, which are told.
+    pub fn compensate(
+        &mut self,
+        design: &Design,
+        linear: &LinearModel,
+        asked: &[Compensation],
+    ) -> Vec<Declined> {
+        let judged = compensation::judge(design, linear, asked);
+        self.actuation.compensate(judged.inverses, judged.friction);
+        self.reset();
+        judged.declined
+    }
+
+    /// Tells at which step of the run the next command is computed, where it is not the one after the last.
+    pub fn set_step(&mut self, step: u64) {
+        self.at = step;
     }
 
     /// Tells what the plant really applies when it is not the last command (a failsafe, a restart).
     pub fn set_command_in_force(&mut self, u: &[f64]) {
         if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
             self.in_force.copy_from_slice(u);
-            self.actuation.take_off_trim(&mut self.in_force);
+            self.actuation.take_off(&mut self.in_force);
         }
     }
 
@@ -248,6 +254,9 @@ impl Controller {
     pub fn step(&mut self, estimate: &[f64], reference: &[f64], tracked: u64, out: &mut [f64]) -> Outcome {
         let mut outcome =
             Outcome { reference_refused: !self.follow(reference, tracked), ..Outcome::default() };
+        // What is computed now acts from the next step on.
+        self.at = self.at.saturating_add(1);
+        self.actuation.begin(self.at);
         if estimate.len() != self.n || estimate.iter().any(|v| !v.is_finite()) {
             outcome.estimate_refused = true;
             self.predict(&[]);
@@ -260,7 +269,9 @@ impl Controller {
                 wanted.zip(&self.steady_u).for_each(|(w, u)| *w = u + self.loop_gain * (*w - u));
             }
             self.wanted.as_flattened_mut().iter_mut().zip(&self.added).for_each(|(w, a)| *w += a);
-            outcome.saturated = self.limit();
+            self.actuation.meet_friction(&self.predicted.as_flattened()[..self.n]);
+            let wanted = self.wanted.as_flattened();
+            outcome.saturated = self.actuation.limit(wanted, &self.in_force, &mut self.command);
             if self.command.iter().all(|v| v.is_finite()) {
                 self.refusals = 0;
                 self.remember(outcome.saturated);
@@ -279,10 +290,11 @@ impl Controller {
     }
 
     fn hold(&mut self) {
+        self.actuation.rest();
         self.refusals = self.refusals.saturating_add(1);
         let source = if self.refusals <= HOLD_STEPS { &self.in_force } else { &self.actuation.neutral };
         for (i, (c, v)) in self.command.iter_mut().zip(source).enumerate() {
-            *c = v.clamp(self.actuation.lower[i], self.actuation.upper[i]);
+            *c = v.max(self.actuation.lower[i]).min(self.actuation.upper[i]);
         }
     }
 
@@ -333,21 +345,6 @@ impl Controller {
                 }
             };
         }
-    }
-
-    /// From what is wanted to what the actuators can do; true when these differ.
-    fn limit(&mut self) -> bool {
-        let mut saturated = false;
-        for i in 0..self.m {
-            let wanted = self.wanted.as_flattened()[i];
-            let reachable =
-                wanted.max(self.in_force[i] - self.step_limit[i]).min(self.in_force[i] + self.step_limit[i]);
-            // A command in force outside the limits can only have been set from outside; the limits win.
-            let limited = reachable.clamp(self.actuation.lower[i], self.actuation.upper[i]);
-            saturated |= limited != wanted;
-            self.command[i] = if wanted.is_finite() { limited } else { f64::NAN };
-        }
-        saturated
     }
 
     /// Integrals and super-twisting memory for the next step.

@@ -5,6 +5,7 @@
 //! runs it. An [`Estimator`] turns measurements into the state that the controller feeds back.
 
 mod actuation;
+mod compensation;
 mod controller;
 pub mod design;
 mod hessenberg;
@@ -14,6 +15,7 @@ mod kernel;
 pub mod lqr;
 pub mod margins;
 pub mod options;
+mod outcome;
 pub mod place;
 pub mod responses;
 pub mod riccati;
@@ -24,14 +26,17 @@ mod scales;
 pub mod smc;
 mod target;
 
+pub use compensation::{Compensation, Declined};
+pub use controller::Controller;
 pub use controller::lanes::{ControllerLanes, OutcomeLanes};
-pub use controller::{Controller, Outcome};
 pub use design::{Design, DesignError};
 pub use input_limits::InputLimits;
 pub use kalman::{
     Estimator, EstimatorError, EstimatorKind, EstimatorLanes, EstimatorOptions, KalmanFilter, Sensors,
+    VibrationModel,
 };
 pub use options::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selector, SmcOptions, Weights};
+pub use outcome::Outcome;
 pub use responses::Responses;
 pub use sampled_model::{Layout, SampledModel};
 pub use sampled_plant::{SampledPlant, SampledPlantError};

@@ -6,7 +6,8 @@ use allocation_counter::measure;
 use nalgebra::DMatrix;
 use support::plant;
 use whirlstand_control::{
-    Controller, Design, Estimator, EstimatorKind, EstimatorOptions, LawOptions, SampledPlant, Sensors,
+    Compensation, Controller, Design, Estimator, EstimatorKind, EstimatorOptions, LawOptions, SampledPlant,
+    Sensors,
 };
 use whirlstand_vehicle::{Effect, Kind, LinearModel, Vehicle};
 
@@ -20,9 +21,15 @@ fn late() -> (&'static str, SampledPlant, Option<LinearModel>) {
         (Kind::SensorDelay, "roll", "delay_s", 0.0321),
         (Kind::SensorLag, "pitch", "time_constant_s", 0.02),
         (Kind::SensorBias, "roll", "offset", 0.01),
+        (Kind::GainDrift, "u_roll", "rate_per_s", 0.001),
+        (Kind::DeadZone, "u_roll", "width", 0.1),
+        (Kind::RateLimit, "u_roll", "limit_per_s", 1000.0),
+        (Kind::Backlash, "u_pitch", "width", 0.1),
     ] {
         vehicle.add_effect(Effect::new(kind, place, &[(name, value)]).expect("in range")).expect("fits");
     }
+    let tone = [("frequency_hz", 33.0), ("amplitude", 0.1)];
+    vehicle.add_effect(Effect::new(Kind::Vibration, "roll_rate", &tone).expect("in range")).expect("fits");
     let linear = LinearModel::new(&vehicle).expect("fits");
     let plant = SampledPlant::of(&linear, 0.005).expect("sound");
     ("late quadrotor", plant, Some(linear))
@@ -45,7 +52,21 @@ fn controller_and_estimator_steps_allocate_nothing() {
         let mut laws: Vec<Controller> = ["lqr", "ppc", "smc"]
             .iter()
             .map(|law| {
-                Controller::new(&Design::new(&plant, &LawOptions::named(law).expect("known")).expect("ok"))
+                let design = Design::new(&plant, &LawOptions::named(law).expect("known")).expect("ok");
+                let mut controller = Controller::new(&design);
+                if let Some(linear) = &linear {
+                    let all = [
+                        Compensation::DeadZone,
+                        Compensation::Backlash,
+                        Compensation::CoulombFriction,
+                        Compensation::InputSaturation,
+                        Compensation::RateLimit,
+                        Compensation::GainDrift,
+                    ];
+                    // What a law had better leave alone it leaves alone: a step of what remains is looked at.
+                    controller.compensate(&design, linear, &all);
+                }
+                controller
             })
             .collect();
         let mut filters: Vec<Estimator> = [EstimatorKind::Kinematic, EstimatorKind::Model]

@@ -2,8 +2,8 @@
 
 mod support;
 
-use nalgebra::DMatrix;
-use support::{matrix, vehicle};
+use nalgebra::{Complex, DMatrix};
+use support::{complex, distance, matrix, vehicle};
 use whirlstand_control::design::{EstimatedLoop, Pole};
 use whirlstand_control::{
     Controller, Design, Estimator, EstimatorOptions, InputLimits, LawOptions, LqrOptions, SampledModel,
@@ -101,7 +101,14 @@ fn plants_gains_and_margins_are_those_of_scipy_and_python_control() {
         near("gain", &design.linear.gain, "gain", 1e-8);
         let least = case["min_return_difference"].as_f64().expect("a number");
         let found = design.multivariable_margins.min_return_difference;
-        assert!((found - least).abs() < 1e-4 * least, "{name}: {found}, python-control {least}");
+        assert!((found - least).abs() < 1e-8 * least, "{name}: {found}, python-control {least}");
+        // Those of late inputs, at zero, have no digits in an iteration; the others have all of them.
+        let slow =
+            |poles: Vec<Complex<f64>>| poles.into_iter().filter(|p| p.norm() > 0.6).collect::<Vec<_>>();
+        let found = design.closed_loop_poles.iter().map(|p| Complex::new(p.discrete[0], p.discrete[1]));
+        let off = distance(&slow(found.collect()), &complex(&case["poles"]));
+        println!("{name} {:?} poles differ by {off:.1e}", linear.input_delays_s);
+        assert!(off < 1e-8, "{name} {:?} poles: {off:e}", linear.input_delays_s);
         for (found, wanted) in design.loop_margins.iter().zip(case["loops"].as_array().expect("loops")) {
             for (found, key) in [
                 (found.gain_increase, "gain_increase"),
@@ -109,7 +116,7 @@ fn plants_gains_and_margins_are_those_of_scipy_and_python_control() {
                 (found.delay_s, "delay_s"),
             ] {
                 match (found, wanted[key].as_f64()) {
-                    (Some(f), Some(w)) => assert!((f - w).abs() < 1e-3 * w, "{name} {key}: {f}, {w}"),
+                    (Some(f), Some(w)) => assert!((f - w).abs() < 1e-8 * w, "{name} {key}: {f}, {w}"),
                     (f, w) => {
                         assert!(f.is_none() && w.is_none(), "{name} {key}: {f:?}, python-control {w:?}")
                     }
@@ -281,45 +288,6 @@ fn the_filter_sees_through_a_late_sensor_and_the_loop_with_it_is_told() {
     let filter = filter(&plain, &prompt_linear, &prompt);
     let around = EstimatedLoop::new(&prompt, &blind.linear, &filter, &linear, &[]).expect("settles");
     assert!(around.multivariable_margins.max_sensitivity > with.max_sensitivity, "{around:?}");
-}
-
-#[test]
-fn a_command_jumps_over_a_dead_zone_and_the_filter_knows_of_it() {
-    let mut vehicle = extended(&[(Kind::InputGain, "u_roll", &[("factor", 0.5)])]);
-    let zone = Effect::new(Kind::DeadZone, "u_roll", &[("width", 1.0)]).expect("in range");
-    vehicle.add_effect(zone).expect("fits");
-    let (linear, plant) = plant_of(&vehicle);
-    assert_eq!(linear.dead_zones, [2.0, 0.0], "in commands, before the gain");
-    let design = Design::new(&plant, &LawOptions::named("lqr").expect("known")).expect("controllable");
-    let fly = |compensated: bool| {
-        let mut controller = Controller::new(&design);
-        assert!(!compensated || controller.compensate_dead_zones(&linear.dead_zones));
-        let mut estimator = filter(&vehicle, &linear, &plant);
-        let mut simulator = Simulator::new(&vehicle, PERIOD, 1).expect("slow enough");
-        let (mut now, mut next, mut sum) = ([0.0; 2], [0.0; 2], 0.0);
-        for k in 0..2400 {
-            let before = now;
-            now = next;
-            simulator.apply(&now);
-            let y = simulator.measure().to_vec();
-            estimator.step(&y, u64::MAX, &before, &now);
-            let x = estimator.x().to_vec();
-            let wanted = if k / 600 % 2 == 0 { 0.05 } else { -0.05 };
-            controller.step(&x, &[wanted, 0.0, 0.0, 0.0], 1, &mut next);
-            assert!(next[0].abs() <= 20.0);
-            simulator.advance();
-            // At rest: what the dead zone keeps the input from holding.
-            if k % 600 >= 400 {
-                sum += (simulator.state()[0] - wanted).powi(2);
-            }
-        }
-        sum
-    };
-    let (with, without) = (fly(true), fly(false));
-    println!("squared error {without:.4} -> {with:.4}");
-    assert!(with < without, "{without} {with}");
-    let mut controller = Controller::new(&design);
-    assert!(!controller.compensate_dead_zones(&[20.0, 0.0]), "no room");
 }
 
 #[test]

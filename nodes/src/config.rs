@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 pub use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bus::{Transport, ZenohConfig};
+pub use whirlstand_control::Compensation;
 use whirlstand_control::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selector, SmcOptions, Weights};
 pub use whirlstand_control::{EstimatorKind, EstimatorOptions as EstimatorConfig};
 use whirlstand_vehicle::Effect;
@@ -198,14 +199,6 @@ pub struct ControllerConfig {
     /// Listen on topic `pilot` for setpoints from outside; the newest one replaces the profile.
     #[serde(default)]
     pub pilot: bool,
-}
-
-/// Effects that are not linear and that a law can take off.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Compensation {
-    /// The command jumps over the dead zone.
-    DeadZone,
 }
 
 /// The control laws.

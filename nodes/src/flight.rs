@@ -176,7 +176,7 @@ impl Pilot {
             let setpoint = profile.at(head);
             let mut command = Command { head, count: m as u32, ..Command::zeroed() };
             if estimator.x().iter().all(|x| x.is_finite()) {
-                command.flags = law.step(estimator.x(), setpoint, &mut command.u);
+                command.flags = law.step(step, estimator.x(), setpoint, &mut command.u);
             } else {
                 counts.refused[1] += 1;
                 (command.count, command.flags) = (0, flags::WITHHELD);

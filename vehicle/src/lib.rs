@@ -47,4 +47,7 @@ pub use model::{Engine, Input, Output, State, Vehicle, Vibration};
 pub use plausible::check_attitude;
 pub use random::Stream;
 pub use signal_unit::SignalUnit;
-pub use simulator::{LinearModel, Rows, Simulator, SimulatorLanes, split_time};
+pub use simulator::{
+    Backlash, Friction, InputEffects, LinearModel, RateLimit, Rows, Simulator, SimulatorLanes, dead_zone,
+    split_time,
+};

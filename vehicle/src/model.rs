@@ -84,6 +84,13 @@ impl Vibration {
             Engine::Flying => self.flying,
         }
     }
+
+    /// Frequency in Hz and amplitude in SI of every harmonic that is there.
+    pub fn tones(&self, engine: Engine) -> impl Iterator<Item = (f64, f64)> {
+        let (first, amplitude) = (self.frequency_hz, self.amplitude(engine));
+        let tones = self.harmonics.iter().zip(1u32..);
+        tones.map(move |(h, k)| (f64::from(k) * first, (amplitude * h).abs())).filter(|(_, a)| *a > 0.0)
+    }
 }
 
 /// An output, with its sensor.

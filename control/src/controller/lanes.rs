@@ -4,6 +4,7 @@
 #![expect(clippy::needless_range_loop, reason = "a loop over lanes indexes several rows alike")]
 
 use super::{Controller, Sliding};
+use crate::actuation::{Actuation, NO_FRICTION};
 use crate::design::Switching;
 use crate::options::AntiWindup;
 
@@ -34,11 +35,14 @@ pub struct OutcomeLanes<const K: usize> {
 }
 
 impl<const K: usize> ControllerLanes<K> {
-    /// All flights where `law` is.
-    pub fn new(law: &Controller) -> Self {
+    /// All flights where `law` is; `None` for a law that takes effects back, which has a memory of its own flight.
+    pub fn new(law: &Controller) -> Option<Self> {
+        if !law.actuation.is_plain() {
+            return None;
+        }
         let all = |values: &[f64]| values.iter().map(|v| [*v; K]).collect::<Vec<_>>();
         let (size, m) = (law.size, law.m);
-        Self {
+        Some(Self {
             in_force: all(&law.in_force),
             integrals: all(&law.integrals),
             state: [vec![[0.0; K]; law.n], all(&law.memory)].concat(),
@@ -49,7 +53,7 @@ impl<const K: usize> ControllerLanes<K> {
             s: vec![[0.0; K]; if law.sliding.is_some() { m } else { 0 }],
             twist: law.sliding.as_ref().map_or_else(Vec::new, |s| all(&s.twist)),
             law: law.clone(),
-        }
+        })
     }
 
     /// As [`Controller::set_test_input`].
@@ -131,11 +135,13 @@ impl<const K: usize> ControllerLanes<K> {
         let law = &self.law;
         let mut saturated = [false; K];
         for i in 0..law.m {
-            let (step, lower, upper) = (law.step_limit[i], law.actuation.lower[i], law.actuation.upper[i]);
+            let Actuation { lower, upper, step, .. } = &law.actuation;
+            let (step, lower, upper) = (step[i], lower[i], upper[i]);
             for l in 0..K {
-                let (wanted, before) = (self.wanted[i][l], self.in_force[i][l]);
+                let wanted = self.wanted[i][l] + NO_FRICTION;
+                let before = self.in_force[i][l] + NO_FRICTION;
                 let reachable = wanted.max(before - step).min(before + step);
-                let limited = reachable.clamp(lower, upper);
+                let limited = reachable.max(lower).min(upper);
                 saturated[l] |= limited != wanted;
                 self.command[i][l] = if wanted.is_finite() { limited } else { f64::NAN };
             }

@@ -11,6 +11,7 @@
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{DiscretiseError, LinearModel};
 
+use super::acting::Acting;
 use super::filter_model::FilterModel;
 use crate::kernel::{Block, Packed, blocks};
 use crate::sampled_model::SampledModel;
@@ -115,7 +116,7 @@ impl Extended {
             }
         }
         let variance = given.std.iter().map(|s| s * s).collect();
-        let known = Known::new(linear, &sampled);
+        let known = Known::new(linear, &sampled, period_s);
         Ok(Self { model: FilterModel { f, g, h, d, q, variance }, initial, first_bias: n, known })
     }
 }
@@ -169,10 +170,13 @@ pub struct Known {
     rest: Packed,
     state: Vec<f64>,
     scratch: Vec<Block>,
-    trim: Vec<f64>,
-    dead_zones: Vec<f64>,
+    acting: Vec<Acting>,
     offsets: Vec<f64>,
+    /// A measurement shows the input of its own moment.
+    feedthrough: bool,
     begun: bool,
+    /// Step of the run.
+    at: u64,
     /// Inputs of the filter over the step before and now, and the outputs less their known errors.
     pub before: Vec<f64>,
     /// See [`Self::before`].
@@ -182,7 +186,7 @@ pub struct Known {
 }
 
 impl Known {
-    fn new(linear: &LinearModel, sampled: &SampledModel) -> Self {
+    fn new(linear: &LinearModel, sampled: &SampledModel, period_s: f64) -> Self {
         let (own, known, m) = (sampled.layout.own, sampled.layout.known(), linear.b.ncols());
         let count = known - own;
         let f = sampled.f.view((own, own), (count, count)).into_owned();
@@ -193,25 +197,45 @@ impl Known {
             g: Packed::new(&g),
             state: vec![0.0; count],
             scratch: vec![[0.0; 4]; blocks(count)],
-            trim: linear.trim.clone(),
-            dead_zones: linear.dead_zones.clone(),
+            acting: linear
+                .on_inputs
+                .iter()
+                .zip(&linear.trim)
+                .map(|(e, t)| Acting::new(*e, *t, period_s))
+                .collect(),
             offsets: linear.offsets.clone(),
+            feedthrough: linear.d.iter().any(|v| *v != 0.0),
             begun: false,
+            at: 0,
             before: vec![0.0; m + count],
             now: vec![0.0; m + count],
             y: vec![0.0; linear.c.nrows()],
         }
     }
 
+    /// Tells at which step of the run the next one is, where it is not the one after the last.
+    pub fn set_step(&mut self, step: u64) {
+        self.at = step;
+    }
+
+    /// From commands to what acts of them. Effects with a memory are asked once a period: where a measurement shows the input
+    /// of its own moment, what acts now is what acted before the next one.
+    fn act(&mut self, u_before: &[f64], u_now: &[f64]) {
+        let since = self.at.saturating_sub(1);
+        for (i, acting) in self.acting.iter_mut().enumerate() {
+            self.before[i] = match self.feedthrough && self.begun {
+                true => self.now[i],
+                false => acting.next(u_before[i], since),
+            };
+            self.now[i] = if self.feedthrough { acting.next(u_now[i], self.at) } else { self.before[i] };
+        }
+        self.at = self.at.saturating_add(1);
+    }
+
     /// Goes on by the commands that acted since the step before, and takes the outputs and the commands of now.
     pub fn step(&mut self, y: &[f64], u_before: &[f64], u_now: &[f64]) {
-        let m = self.trim.len();
-        for (to, u) in [(&mut self.before, u_before), (&mut self.now, u_now)] {
-            for (i, (to, u)) in to[..m].iter_mut().zip(u).enumerate() {
-                let acting = u - self.trim[i];
-                *to = (acting.abs() - self.dead_zones[i]).max(0.0).copysign(acting);
-            }
-        }
+        let m = self.acting.len();
+        self.act(u_before, u_now);
         if !self.begun {
             // Whatever came before is not known: the commands have been these for long.
             self.scratch.fill([0.0; 4]);

@@ -11,6 +11,7 @@
 //! trusting the force model to its last digit, so it is estimated only when asked for; a set of biases that the
 //! outputs cannot tell apart is refused. The same holds for the offsets of inputs.
 
+mod acting;
 mod covariance;
 mod error;
 mod extended;
@@ -33,5 +34,5 @@ pub use filter::KalmanFilter;
 pub use filter_model::FilterModel;
 pub use lanes::EstimatorLanes;
 pub use model::Estimator;
-pub use options::{EstimatorKind, EstimatorOptions};
+pub use options::{EstimatorKind, EstimatorOptions, VibrationModel};
 pub use sensors::Sensors;

@@ -138,6 +138,13 @@ impl Estimator {
         self.steps = self.steps.saturating_add(1);
     }
 
+    /// Tells at which step of the run the next one is, where it is not the one after the last: for a filter that joins late.
+    pub fn set_step(&mut self, step: u64) {
+        if let Some(known) = &mut self.known {
+            known.set_step(step);
+        }
+    }
+
     /// Estimated states in the plant's order.
     pub fn x(&self) -> &[f64] {
         &self.filter.x()[..self.states]

@@ -15,12 +15,25 @@ pub enum EstimatorKind {
     Model,
 }
 
+/// What the filter takes the declared vibration of a sensor for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VibrationModel {
+    /// White noise of its variance.
+    #[default]
+    Noise,
+    /// Oscillators of its frequencies, which the states are freed of.
+    Oscillator,
+}
+
 /// Options of the filter; in a launch file, the table `[estimator]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorOptions {
     /// Which model.
     pub kind: EstimatorKind,
+    /// What declared vibration is taken for.
+    pub vibration: VibrationModel,
     /// Density of the white noise on the derivative of each state, SI units times sqrt(s), by state. Default:
     /// zero for kinematic rows; else the state's scale per sqrt(s), thrice that for the kinematic filter.
     pub process_noise: Option<Weights>,

@@ -3,14 +3,15 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use whirlstand_control::design::{EstimatedLoop, LeftOut, LoopFigures, Pole};
+use whirlstand_control::design::{EstimatedLoop, LoopFigures, Pole};
 use whirlstand_control::margins::{LoopMargins, MultivariableMargins};
 use whirlstand_control::{Design, Responses};
 use whirlstand_msgs::units::clean;
+use whirlstand_nodes::controller::left_out;
 use whirlstand_nodes::estimator::filter_of;
 use whirlstand_nodes::setup::Setup;
 use whirlstand_report::{DesignReport, design_report};
-use whirlstand_vehicle::{Effect, Engine, LinearModel, Vehicle};
+use whirlstand_vehicle::{Engine, LinearModel, Vehicle};
 
 use super::{tell, write};
 use crate::cli::DesignArgs;
@@ -78,7 +79,7 @@ fn designed(args: &DesignArgs) -> Result<(Vehicle, Design), Failure> {
     let mut design = Design::new(&plant, &options)
         .map_err(|e| Failure::Mend(format!("{} cannot be designed for {}: {e}", args.law, args.vehicle)))?;
     let linear = LinearModel::new(&vehicle).map_err(Failure::mend)?;
-    design.left_out = linear.left_out.iter().map(left_out).collect();
+    design.left_out = left_out(&design, &plan.config.controller, &vehicle).map_err(Failure::mend)?;
     design.with_estimator = Some(estimated(&vehicle, &design, &linear, &plan));
     Ok((vehicle, design))
 }
@@ -93,10 +94,6 @@ fn estimated(vehicle: &Vehicle, design: &Design, linear: &LinearModel, plan: &Pl
                 .map_err(|e| e.to_string())
         })
         .map_or_else(|why| LoopFigures::Absent { why }, |known| LoopFigures::Known(Box::new(known)))
-}
-
-fn left_out((effect, why): &(Effect, &'static str)) -> LeftOut {
-    LeftOut { effect: effect.kind().name().into(), place: effect.place().into(), why: (*why).into() }
 }
 
 fn design_text(d: &Design) -> String {

@@ -18,6 +18,7 @@ impl Planner<'_> {
         let of_inputs = |key, amount: &Option<Amount>| self.of_all(&inputs, key, amount.as_ref());
         Ok(EstimatorConfig {
             kind: section.kind,
+            vibration: section.vibration,
             process_noise: section.process_noise.clone(),
             bias: section.bias.clone(),
             bias_std: of_sensors("bias_std", &section.bias_std)?,

@@ -6,7 +6,7 @@ use serde::de::{Error, IgnoredAny};
 use serde::{Deserialize, Deserializer};
 use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
-use whirlstand_control::{Selector, Weights};
+use whirlstand_control::{Selector, VibrationModel, Weights};
 use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorKind, Mode, PlantConfig, RealtimeOptions};
 
 use super::amount::{Amount, Bytes, Seconds, hertz};
@@ -83,6 +83,8 @@ pub(crate) struct LaunchFile {
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct EstimatorSection {
     pub kind: EstimatorKind,
+    /// What declared vibration is taken for.
+    pub vibration: VibrationModel,
     /// SI for a density of noise on each state: its unit is composite, and no text is taken for it.
     pub process_noise: Option<Weights>,
     pub bias: Option<Vec<Selector>>,

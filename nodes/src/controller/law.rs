@@ -2,11 +2,12 @@
 
 use std::ops::RangeInclusive;
 
-use whirlstand_control::{Controller, Design};
+use whirlstand_control::design::LeftOut;
+use whirlstand_control::{Controller, Declined, Design};
 use whirlstand_msgs::{AdjustmentVerdict, MAX_INPUTS, Setpoint, flags};
-use whirlstand_vehicle::{LinearModel, Vehicle};
+use whirlstand_vehicle::{Effect, LinearModel, SimulatorError, Vehicle};
 
-use crate::config::{Compensation, ControllerConfig, NodeConfig};
+use crate::config::{ControllerConfig, NodeConfig};
 use crate::error::NodeError;
 use crate::setup::Setup;
 
@@ -21,25 +22,46 @@ pub(crate) enum Law {
     Manual,
 }
 
-/// The controller that runs a design, with what it does about effects that are not linear.
+/// The controller that runs a design, with what it takes back of effects that are not linear; and those that were asked for and
+/// are unsafe to take back.
 ///
 /// # Errors
-/// Why an effect cannot be taken off, in a sentence.
+/// When an effect does not fit the vehicle.
 pub fn controller_of(
     design: &Design,
     config: &ControllerConfig,
     model: &Vehicle,
-) -> Result<Controller, String> {
+) -> Result<(Controller, Vec<Declined>), SimulatorError> {
     let mut controller = Controller::new(design);
-    if config.compensate.contains(&Compensation::DeadZone) {
-        let linear = LinearModel::new(model).map_err(|e| e.to_string())?;
-        if !controller.compensate_dead_zones(&linear.dead_zones) {
-            return Err("a dead zone leaves an input no room within its limits, so that it cannot be jumped over; take \
-                        dead_zone out of `compensate`"
-                .into());
-        }
-    }
-    Ok(controller)
+    let declined = match config.compensate.is_empty() {
+        true => Vec::new(),
+        false => controller.compensate(design, &LinearModel::new(model)?, &config.compensate),
+    };
+    Ok((controller, declined))
+}
+
+/// What the vehicle has and this law does not know of, in its design or in what it takes back.
+///
+/// # Errors
+/// When an effect does not fit the vehicle.
+pub fn left_out(
+    design: &Design,
+    config: &ControllerConfig,
+    model: &Vehicle,
+) -> Result<Vec<LeftOut>, SimulatorError> {
+    let (_, declined) = controller_of(design, config, model)?;
+    let told = |(effect, why): (Effect, &'static str)| {
+        let is = |name: &str| effect.kind().name() == name;
+        let asked = config.compensate.iter().any(|c| is(c.name())) && effect.window().is_always();
+        let unsafe_ = declined.iter().find(|d| is(d.effect.name()) && d.place == effect.place());
+        let why = match unsafe_ {
+            Some(declined) => declined.why.clone(),
+            None if asked => return None,
+            None => why.to_owned(),
+        };
+        Some(LeftOut { effect: effect.kind().name().into(), place: effect.place().into(), why })
+    };
+    Ok(LinearModel::new(model)?.left_out.into_iter().filter_map(told).collect())
 }
 
 impl Law {
@@ -48,8 +70,11 @@ impl Law {
         let plant = setup.control_plant(config)?;
         let what = format!("a {} controller", options.name());
         let design = Design::new(&plant, &options).map_err(|e| setup.refuse(&what, &e))?;
-        let controller = controller_of(&design, &config.controller, &setup.model)
+        let (controller, declined) = controller_of(&design, &config.controller, &setup.model)
             .map_err(|reason| setup.refuse(&what, &reason))?;
+        for Declined { effect, place, why } in declined {
+            tracing::warn!("{} of {place} is not compensated: {why}", effect.name());
+        }
         Ok(Self::Designed {
             controller: Box::new(controller),
             states: plant.own_count(),
@@ -58,8 +83,14 @@ impl Law {
         })
     }
 
-    /// Computes the inputs for the next period from the estimated states; returns the command's flags.
-    pub(crate) fn step(&mut self, x: &[f64], setpoint: &Setpoint, u: &mut [f64; MAX_INPUTS]) -> u32 {
+    /// Computes the inputs for the next period from the estimated states of a step; returns the command's flags.
+    pub(crate) fn step(
+        &mut self,
+        step: u64,
+        x: &[f64],
+        setpoint: &Setpoint,
+        u: &mut [f64; MAX_INPUTS],
+    ) -> u32 {
         match self {
             Self::Manual => {
                 *u = setpoint.stick;
@@ -69,6 +100,7 @@ impl Law {
                 if *add_stick {
                     controller.set_test_input(&setpoint.stick[..*inputs]);
                 }
+                controller.set_step(step);
                 let outcome = controller.step(
                     &x[..*states],
                     &setpoint.x[..*states],

@@ -23,7 +23,7 @@ use crate::ports::receive;
 use crate::setup::Setup;
 use caution::Caution;
 pub(crate) use law::Law;
-pub use law::controller_of;
+pub use law::{controller_of, left_out};
 use outside::Outside;
 pub use outside::PILOT_TOPIC;
 pub(crate) use profile::Profile;
@@ -104,7 +104,7 @@ impl Controller {
         self.outside.take(estimate.head, &mut self.law)?;
         let setpoint = self.outside.setpoint(self.profile.at(estimate.head));
         let mut command = Command { head: estimate.head, count: self.inputs as u32, ..Command::zeroed() };
-        command.flags = self.law.step(&estimate.x, setpoint, &mut command.u);
+        command.flags = self.law.step(step, &estimate.x, setpoint, &mut command.u);
         if withholds {
             command = Command { head: estimate.head, flags: flags::WITHHELD, ..Command::zeroed() };
         }

@@ -1,8 +1,10 @@
 //! The Kalman filter, wired to the vehicle's sensors.
 
-use whirlstand_control::{Estimator, EstimatorError, EstimatorKind, EstimatorOptions, SampledPlant, Sensors};
+use whirlstand_control::{
+    Estimator, EstimatorError, EstimatorKind, EstimatorOptions, SampledPlant, Sensors, VibrationModel,
+};
 use whirlstand_msgs::{Estimate, Head, MAX_INPUTS, MAX_OUTPUTS, Message, flags};
-use whirlstand_vehicle::{Engine, LinearModel, Vehicle};
+use whirlstand_vehicle::{Engine, LinearModel, Output, Vehicle};
 
 use crate::config::NodeConfig;
 use crate::error::NodeError;
@@ -12,6 +14,14 @@ use crate::signals::{Measurement, OutputMap};
 /// Noise that the filter assumes of a sensor that declares none, in SI units: small against every sensor that
 /// flies, and large enough for the arithmetic.
 const LEAST_NOISE: f64 = 1e-6;
+
+/// Smallest tone in parts of its sensor's noise.
+const LEAST_TONE: f64 = 0.3;
+
+/// Sampled frequencies closer than this, in turns per sample, cannot be told from each other, and tones whose frequencies differ by
+/// no more than this share are one.
+const LEAST_TURNS: f64 = 0.004;
+const SAME_TONE: f64 = 0.01;
 
 /// Outputs whose bias travels in `Estimate`, in its order.
 const BIASES: [&str; 4] = ["roll", "pitch", "roll_rate", "pitch_rate"];
@@ -84,6 +94,7 @@ impl Filter {
         let (y, fresh) = (&mut y[..self.outputs], &mut fresh[..self.outputs]);
         let clean = self.map.read(measurement, y, fresh);
         let valid = fresh.iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
+        self.estimator.set_step(measurement.imu.head.step);
         self.estimator.step(y, valid, &u_before[..self.inputs], &u_now[..self.inputs]);
         clean
     }
@@ -118,13 +129,125 @@ pub fn filter_of(
     options: &EstimatorOptions,
     engine: Engine,
 ) -> Result<Estimator, EstimatorError> {
-    let linear = LinearModel::new(vehicle).map_err(|e| EstimatorError::Sensors(e.to_string()))?;
+    let mut linear = LinearModel::new(vehicle).map_err(|e| EstimatorError::Sensors(e.to_string()))?;
     let outputs = vehicle.outputs.iter().zip(&linear.variance);
+    let mut std: Vec<f64> = outputs.map(|(o, added)| o.sensor_std(engine, *added)).collect();
+    if options.vibration == VibrationModel::Oscillator {
+        let first = linear.tones.len();
+        for (i, output) in vehicle.outputs.iter().enumerate() {
+            for tone in tones(output, engine, plant.period_s()) {
+                linear.tones.push((i, tone.0));
+                std[i] = (std[i].powi(2) - 0.5 * tone.1.powi(2)).max(0.0).sqrt();
+            }
+        }
+        // What a record showed as a tone of its own is not declared twice.
+        let found: Vec<(usize, f64)> = linear.tones[..first].to_vec();
+        let same = |a: &(usize, f64), b: &(usize, f64)| a.0 == b.0 && (a.1 - b.1).abs() < SAME_TONE * a.1;
+        let mut at = 0;
+        linear.tones.retain(|tone| {
+            at += 1;
+            at <= first || !found.iter().any(|f| same(f, tone))
+        });
+    }
     let sensors = Sensors {
         c: linear.c.columns(0, linear.own).into_owned(),
         d: linear.d.clone(),
-        std: outputs.map(|(o, added)| o.sensor_std(engine, *added).max(LEAST_NOISE)).collect(),
+        std: std.into_iter().map(|s| s.max(LEAST_NOISE)).collect(),
         names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
     };
     Estimator::of(plant, &sensors, Some(&linear), options)
+}
+
+/// The tones of a sensor that are worth their states and that a filter can tell from everything else: not far below its noise, and, as they are sampled, neither
+/// at rest nor at half the rate nor upon each other. Frequency in Hz and amplitude.
+fn tones(output: &Output, engine: Engine, period_s: f64) -> Vec<(f64, f64)> {
+    let noise = (output.noise.powi(2) + output.quantization.powi(2) / 12.0).sqrt();
+    let every_s = period_s * f64::from(output.every.max(1));
+    let turns = |frequency_hz: f64| {
+        let turns = (frequency_hz * every_s).fract();
+        turns.min(1.0 - turns)
+    };
+    let mut kept: Vec<(f64, f64)> = Vec::new();
+    for (frequency_hz, amplitude) in output.vibration.iter().flat_map(|v| v.tones(engine)) {
+        let at = turns(frequency_hz);
+        let apart = |other: &(f64, f64)| (turns(other.0) - at).abs() > LEAST_TURNS;
+        if amplitude > LEAST_TONE * noise
+            && at > LEAST_TURNS
+            && at < 0.5 - LEAST_TURNS
+            && kept.iter().all(apart)
+        {
+            kept.push((frequency_hz, amplitude));
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use whirlstand_vehicle::Simulator;
+
+    use super::*;
+
+    const PERIOD_S: f64 = 0.005;
+
+    /// Root mean squares of the errors of both rates of the quadrotor in flight, its inputs moving and its rotors worn: they
+    /// shake so many times as much as in the file; rad/s.
+    fn errors(vibration: VibrationModel, times: f64) -> [f64; 2] {
+        let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
+        for declared in vehicle.outputs.iter_mut().filter_map(|o| o.vibration.as_mut()) {
+            declared.flying *= times;
+        }
+        let plant = Setup::plant_of(&vehicle, PERIOD_S).unwrap();
+        let options = EstimatorOptions { vibration, ..EstimatorOptions::default() };
+        let mut estimator = filter_of(&vehicle, &plant, &options, Engine::Flying).unwrap();
+        let mut simulator = Simulator::new(&vehicle, PERIOD_S, 1).unwrap();
+        simulator.set_engine(Engine::Flying);
+        let rates = ["roll_rate", "pitch_rate"].map(|name| vehicle.state_index(name).unwrap());
+        let (mut sums, mut before) = ([0.0; 2], [0.0; 2]);
+        for k in 0..4000u32 {
+            let now = [4.0 * f64::from(k / 200 % 2), -2.0 * f64::from(k / 300 % 2)];
+            simulator.apply(&now);
+            let y = simulator.measure().to_vec();
+            let fresh = simulator.fresh().iter().enumerate().fold(0, |b, (i, f)| b | u64::from(*f) << i);
+            estimator.step(&y, fresh, &before, &now);
+            if k >= 1000 {
+                for (sum, i) in sums.iter_mut().zip(rates) {
+                    *sum += (estimator.x()[i] - simulator.state()[i]).powi(2) / 3000.0;
+                }
+            }
+            before = now;
+            simulator.advance();
+        }
+        sums.map(f64::sqrt)
+    }
+
+    #[test]
+    fn rates_are_freed_of_declared_vibration() {
+        for (times, most) in [(1.0, 1.0), (5.0, 0.5), (20.0, 0.25)] {
+            let [noise, oscillator] =
+                [VibrationModel::Noise, VibrationModel::Oscillator].map(|model| errors(model, times));
+            println!("{times} times: rms errors of roll and pitch rate {noise:?} -> {oscillator:?} rad/s");
+            for (before, after) in noise.iter().zip(oscillator) {
+                assert!(after < most * before, "{times} times: {noise:?} -> {oscillator:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_tone_that_a_filter_cannot_tell_stays_noise() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let rate = &vehicle.outputs[vehicle.output_index("roll_rate").unwrap()];
+        let frequencies = |period_s: f64| -> Vec<f64> {
+            tones(rate, Engine::Flying, period_s).into_iter().map(|t| t.0).collect()
+        };
+        assert_eq!(frequencies(PERIOD_S), [33.0, 66.0]);
+        // Sampled at 66 Hz the first looks like half the rate and the second like rest; at 99 Hz both look alike.
+        assert_eq!(frequencies(1.0 / 66.0), [0.0; 0]);
+        assert_eq!(frequencies(1.0 / 99.0), [33.0]);
+        // Nor one that is far below the noise, or not there at all.
+        assert!(tones(rate, Engine::Off, PERIOD_S).is_empty());
+        let mut noisy = rate.clone();
+        noisy.noise *= 5.0;
+        assert!(tones(&noisy, Engine::Flying, PERIOD_S).is_empty());
+    }
 }

@@ -108,7 +108,7 @@ impl Pilot {
         let law = match &self.law {
             Law::Manual => LawLanes::Manual,
             Law::Designed { controller, add_stick, .. } => LawLanes::Designed {
-                controller: Box::new(ControllerLanes::new(controller)),
+                controller: Box::new(ControllerLanes::new(controller)?),
                 add_stick: *add_stick,
             },
         };

@@ -15,10 +15,12 @@ pub struct RateLimit {
 }
 
 impl RateLimit {
+    /// A signal that begins at `start` and is asked for anew every `period_s`.
     pub fn new(limit_per_s: f64, period_s: f64, start: f64) -> Self {
         Self { step: limit_per_s * period_s, position: start }
     }
 
+    /// What acts over the next period, on the mean, while `target` is asked for.
     pub fn next(&mut self, target: f64) -> f64 {
         let gap = target - self.position;
         if gap.abs() > self.step {
@@ -43,10 +45,12 @@ pub struct Backlash {
 }
 
 impl Backlash {
+    /// A play of this full width, its output at `start` and its input in the middle of it.
     pub fn new(width: f64, start: f64) -> Self {
         Self { half: 0.5 * width, position: start }
     }
 
+    /// The output for the input `u`.
     pub fn next(&mut self, u: f64) -> f64 {
         self.position = self.position.max(u - self.half).min(u + self.half);
         self.position

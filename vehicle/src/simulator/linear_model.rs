@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use super::beyond_linear::{Friction, InputEffects, frictions, input_effects};
 use super::compile::System;
 use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
@@ -34,8 +35,10 @@ pub struct LinearModel {
     pub output_delays_s: Vec<f64>,
     /// The command at which an input does nothing, by `input_bias`; zero elsewhere.
     pub trim: Vec<f64>,
-    /// Half-width of the dead zone of each input, counted from the trim in commands; the linear model is without it.
-    pub dead_zones: Vec<f64>,
+    /// Static effects on each input; the linear model is without them.
+    pub on_inputs: Vec<InputEffects>,
+    /// Coulomb friction; the linear model is without it.
+    pub friction: Vec<Friction>,
     /// What `sensor_bias` adds to each output.
     pub offsets: Vec<f64>,
     /// Density of the white noise on the derivative of each own state that does what `turbulence` does below its bandwidth.
@@ -56,15 +59,27 @@ fn obstacle(effect: &Effect) -> Option<&'static str> {
         return Some("it acts for a part of the time; the law is that of the rest");
     }
     Some(match effect.kind() {
-        Kind::GainDrift => "the gain at the start is used; it changes with time",
+        Kind::GainDrift => {
+            "it changes with time; the filter knows it, the law where [controller] compensate = [\"gain_drift\"] says so"
+        }
         Kind::DeadZone => {
             "it is not linear; the filter knows it, the law where [controller] compensate = [\"dead_zone\"] says so"
         }
-        Kind::Backlash => "it is not linear; the law sees the input without it",
-        Kind::InputSaturation | Kind::RateLimit => {
-            "limits of an input belong to [inputs], where a law keeps them"
+        Kind::Backlash => {
+            "it is not linear; the filter knows it, the law where [controller] compensate = [\"backlash\"] says so"
         }
-        Kind::QuadraticDrag | Kind::CoulombFriction | Kind::CubicStiffness => {
+        Kind::InputSaturation => {
+            "it is not linear; the filter knows it, the law keeps within it where [controller] compensate = \
+             [\"input_saturation\"] or limits in [inputs] say so"
+        }
+        Kind::RateLimit => {
+            "it is not linear; the filter knows it, the law keeps within it where [controller] compensate = \
+             [\"rate_limit\"] or a rate_limit in [inputs] says so"
+        }
+        Kind::CoulombFriction => {
+            "it is not linear; the law pushes against it where [controller] compensate = [\"coulomb_friction\"] says so"
+        }
+        Kind::QuadraticDrag | Kind::CubicStiffness => {
             "it is not linear; the law is designed about rest without it"
         }
         Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance => {
@@ -115,7 +130,8 @@ impl LinearModel {
             input_delays_s: vec![0.0; m],
             output_delays_s: vec![0.0; p],
             trim: vec![0.0; m],
-            dead_zones: vec![0.0; m],
+            on_inputs: input_effects(vehicle)?,
+            friction: frictions(vehicle)?,
             offsets: vec![0.0; p],
             turbulence: vec![0.0; n],
             variance: vec![0.0; p],
@@ -124,7 +140,6 @@ impl LinearModel {
             left_out,
         };
         model.take_inputs(&linear);
-        model.take_dead_zones(vehicle)?;
         model.take_outputs(vehicle, &linear);
         Ok(model)
     }
@@ -141,7 +156,7 @@ impl LinearModel {
             && self.a.nrows() == self.own
             && none(&self.output_delays_s)
             && none(&self.trim)
-            && none(&self.dead_zones)
+            && self.on_inputs.iter().all(|i| *i == InputEffects::NONE)
             && none(&self.offsets)
             && none(&self.turbulence)
             && self.tones.is_empty()
@@ -175,21 +190,6 @@ impl LinearModel {
                 self.trim[i] = -bias / gain;
             }
         }
-    }
-
-    /// Dead zones lie behind gain and bias. Those of one input in a row are one of their sum.
-    fn take_dead_zones(&mut self, vehicle: &Vehicle) -> Result<(), SimulatorError> {
-        let always = |e: &&Effect| e.window().is_always();
-        let at = |kind: Kind| vehicle.effects.iter().filter(always).filter(move |e| e.kind() == kind);
-        for effect in at(Kind::DeadZone) {
-            let Place::Input(i) = effect.resolve(vehicle)? else { continue };
-            let gains = at(Kind::InputGain).filter(|e| e.place() == effect.place());
-            let gain: f64 = gains.map(|e| e.get("factor")).product();
-            if gain != 0.0 {
-                self.dead_zones[i] += effect.get("width") / gain.abs();
-            }
-        }
-        Ok(())
     }
 
     /// Delays, misalignment, scale and what is added, in the order in which they act on an output.
@@ -304,7 +304,7 @@ mod tests {
             vehicle.add_effect(effect).unwrap();
         }
         let model = LinearModel::new(&vehicle).unwrap();
-        assert_eq!((&model.b, model.dead_zones.iter().sum::<f64>()), (&vehicle.b, 0.0));
+        assert_eq!((&model.b, model.on_inputs[0]), (&vehicle.b, InputEffects::NONE));
         assert!(
             model.left_out.iter().all(|(_, why)| why.contains("part of the time"))
                 && model.left_out.len() == 2

@@ -17,6 +17,7 @@
 //! Time t counts from the simulator's start. Before it, commands were neutral and filters at rest.
 //! A `parameter_change` is one of the vehicle itself, not of the one that a `mode_transition` leads to.
 
+mod beyond_linear;
 mod compile;
 mod disturbances;
 mod extended;
@@ -38,7 +39,9 @@ mod tests;
 
 use nalgebra::DMatrix;
 
+pub use self::beyond_linear::{Friction, InputEffects};
 pub use self::inputs::split as split_time;
+pub use self::inputs::{Backlash, RateLimit, dead_zone};
 pub use self::lanes::SimulatorLanes;
 pub use self::linear_model::LinearModel;
 pub use self::rows::Rows;
@@ -46,7 +49,6 @@ pub use self::rows::Rows;
 use self::compile::System;
 use self::disturbances::Disturbances;
 use self::extended::Extended;
-use self::inputs::RateLimit;
 use self::kernel::Kernel;
 use self::nonlinear::Work;
 use self::sensors::Sensors;
