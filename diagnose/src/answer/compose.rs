@@ -6,6 +6,7 @@ use whirlstand_logs::shown::parameter_unit;
 use whirlstand_vehicle::Vehicle;
 
 use super::causes::causes;
+use super::correlations::correlations;
 use super::schema::*;
 use super::{doubts, evidence, experiments, remainder};
 use crate::candidates::Candidate;
@@ -29,6 +30,7 @@ fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
         vehicle: loaded.vehicle.name.clone(),
         period_s: checked.data.period_s,
         causes: Vec::new(),
+        correlations: Vec::new(),
         rejected: Vec::new(),
         not_testable: Vec::new(),
         outputs: BTreeMap::new(),
@@ -77,6 +79,7 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer.heldout = findings.gains.heldout;
     answer.outputs = outputs(&findings);
     answer.causes = causes(&findings);
+    answer.correlations = correlations(&findings);
     answer.rejected = rejected(&findings, &answer.causes);
     answer.not_testable = experiments::not_testable(&findings, data, vehicle);
     answer.unexplained = remainder::unexplained(&findings, data, vehicle);

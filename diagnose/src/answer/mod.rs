@@ -2,6 +2,7 @@
 
 pub mod causes;
 pub mod compose;
+mod correlations;
 pub mod curves;
 pub mod doubts;
 pub mod evidence;

@@ -46,6 +46,9 @@ pub struct Diagnosis {
     pub period_s: f64,
     /// Causes, the one with the most evidence first.
     pub causes: Vec<Cause>,
+    /// How the errors of the causes' parameters hang together, each pair once; pairs that are not listed are independent.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub correlations: Vec<Correlation>,
     /// Effects that were weighed and not accepted, the nearest first.
     pub rejected: Vec<Rejected>,
     /// Effects that this record could not have shown.
@@ -92,6 +95,27 @@ pub struct Cause {
     /// What should be known about it: aliases of a tone, where it comes from.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub notes: Vec<String>,
+}
+
+/// The correlation of the errors of two parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Correlation {
+    /// The two.
+    pub between: [ParameterPlace; 2],
+    /// From -1 to 1.
+    pub coefficient: f64,
+}
+
+/// A parameter of a cause.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ParameterPlace {
+    /// Effect of the table.
+    pub effect: String,
+    /// Its place.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Name of the parameter.
+    pub parameter: String,
 }
 
 /// A value with its 95 % interval, SI.

@@ -37,6 +37,7 @@ pub(crate) use overrides::{ModeArg, OverrideArgs, TransportArg};
 use quantity::seconds;
 pub(crate) use records::{
     CompareArgs, DiagnoseArgs, ExciteArgs, ExciteKind, IdentifyArgs, IdentifyMethod, IdentifyNoise,
+    RecordArgs,
 };
 pub(crate) use relay::{RelayCommand, RelayRos2Args, RelayUdpArgs};
 pub(crate) use shell::{CompletionsArgs, ManArgs};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use whirlstand_nodes::config::LawKind;
 
-use super::JsonArg;
+use super::{JsonArg, RecordArgs};
 
 /// From a record to a better law: diagnosis, extended vehicle, new law, and the gain over many flights of both.
 #[derive(Debug, Args)]
@@ -34,9 +34,8 @@ pub(crate) struct TuneArgs {
     /// Peak of the sensitivity, filter included, that --retune may not pass.
     #[arg(long, default_value_t = 1.6, requires = "retune", value_name = "PEAK")]
     pub max_sensitivity: f64,
-    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
-    #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
-    pub map: Vec<String>,
+    #[command(flatten)]
+    pub part: RecordArgs,
     /// Vehicle file that is the truth, where that is known: the laws and one that is designed on it fly it as well.
     #[arg(long, value_name = "VEHICLE")]
     pub truth: Option<String>,

@@ -11,7 +11,7 @@ use super::early_end::EarlyEnd;
 use super::log::{check_delays, read_for};
 use super::vehicles::find;
 use super::{print, write, write_json};
-use crate::cli::DiagnoseArgs;
+use crate::cli::{DiagnoseArgs, RecordArgs};
 use crate::error::Failure;
 
 /// Runs the command. SIGINT and SIGTERM end the search: what is known by then is told, with exit code 130. A second one ends
@@ -21,7 +21,8 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
     let (search, watch) = EarlyEnd::new("diagnose", args.budget)?;
     let options = options(args, &vehicle, watch)?;
-    let records = args.logs.iter().map(|path| part(path, args, &vehicle)).collect::<Result<Vec<_>, _>>()?;
+    let records =
+        args.logs.iter().map(|path| part(path, &args.part, &vehicle)).collect::<Result<Vec<_>, _>>()?;
     let answer = run(&records, &vehicle, &options);
     let search = search.finish();
     let mut answer = answer.map_err(Failure::mend)?;
@@ -55,19 +56,25 @@ fn text(answer: &Diagnosis, report: Option<&Path>) -> String {
     text
 }
 
-fn options(args: &DiagnoseArgs, vehicle: &Vehicle, watch: Watch) -> Result<Options, Failure> {
-    if args.part.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
+/// Checks what part of a record is asked for.
+pub(crate) fn check_part(part: &RecordArgs) -> Result<(), Failure> {
+    if part.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
         return Err(Failure::Mend("--period: a time above 0 s is expected".into()));
     }
-    if args.horizon.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
-        return Err(Failure::Mend("--horizon: a time above 0 s is expected".into()));
-    }
-    if let (Some(from), Some(to)) = (args.part.from, args.part.to)
+    if let (Some(from), Some(to)) = (part.from, part.to)
         && from >= to
     {
         return Err(Failure::Mend(format!(
             "--from {from} lies behind --to {to}: nothing is left to diagnose"
         )));
+    }
+    Ok(())
+}
+
+fn options(args: &DiagnoseArgs, vehicle: &Vehicle, watch: Watch) -> Result<Options, Failure> {
+    check_part(&args.part)?;
+    if args.horizon.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
+        return Err(Failure::Mend("--horizon: a time above 0 s is expected".into()));
     }
     let ground =
         |path: &Option<PathBuf>| path.as_ref().map(|p| read_for(p, &args.part.map, vehicle)).transpose();
@@ -83,16 +90,15 @@ fn options(args: &DiagnoseArgs, vehicle: &Vehicle, watch: Watch) -> Result<Optio
 }
 
 /// Reads a log, on the wanted clock, and takes the wanted part of it.
-fn part(path: &Path, args: &DiagnoseArgs, vehicle: &Vehicle) -> Result<Record, Failure> {
-    let mut record = read_for(path, &args.part.map, vehicle)?;
-    if let Some(period) = args.part.period
+pub(crate) fn part(path: &Path, part: &RecordArgs, vehicle: &Vehicle) -> Result<Record, Failure> {
+    let mut record = read_for(path, &part.map, vehicle)?;
+    if let Some(period) = part.period
         && record.time_unit == "samples"
     {
         record = record.with_sample_period(period);
     }
-    if args.part.from.is_some() || args.part.to.is_some() {
-        record = record
-            .between(args.part.from.unwrap_or(f64::NEG_INFINITY), args.part.to.unwrap_or(f64::INFINITY));
+    if part.from.is_some() || part.to.is_some() {
+        record = record.between(part.from.unwrap_or(f64::NEG_INFINITY), part.to.unwrap_or(f64::INFINITY));
         check_delays(vehicle, &record)?;
     }
     Ok(record)

@@ -9,11 +9,13 @@ use whirlstand_control::design::LeftOut;
 use whirlstand_diagnose::{Diagnosis, Options, Verdict, Watch, diagnose};
 use whirlstand_ident::watch::Stage;
 use whirlstand_nodes::config::{ControllerConfig, LawKind, NodeConfig, VehicleSource};
+use whirlstand_nodes::controller;
 use whirlstand_nodes::setup::Setup;
 use whirlstand_vehicle::{Effect, LinearModel, Vehicle};
 
 use super::answer::{Tuning, WorstDraw};
 use super::draws::{Draws, is_disturbance};
+use super::joint::Joint;
 use super::judge::{Gain, Judged, LawFigures, compare, told_keys};
 use super::pilot::Pilot;
 use super::retune::{Retuned, Wanted, retune};
@@ -22,8 +24,9 @@ use super::tuned::Choice;
 use super::{text, truth, tuned};
 use crate::campaign::limits;
 use crate::cli::TuneArgs;
+use crate::command::diagnose::{check_part, part};
 use crate::command::stage_line::StageLine;
-use crate::command::{INTERRUPTED, log, tell, write};
+use crate::command::{INTERRUPTED, tell, write};
 use crate::error::Failure;
 use crate::file::{FoundFile, find, plan};
 
@@ -45,7 +48,8 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     let controller = ControllerConfig { law, ..config.controller.clone() };
     let old = Pilot::new(config, (believed, origin), config.controller.clone())?;
     let new = Pilot::new(config, (extended, origin), controller)?;
-    let draws = &Draws::new(config, origin, extended, &diagnosis.causes);
+    let joint = Joint::new(&diagnosis.causes, &diagnosis.correlations);
+    let draws = &Draws::new(config, origin, extended, joint);
     let plant = &Setup::plant_of(extended, Setup::period_s(config)).map_err(Failure::mend)?;
     let trials = Trials { draws, vehicle: extended, plant, limits: &limits(&plan) };
     let Some((new, retuned)) = chosen(args, new, config, (extended, origin), &trials)? else {
@@ -81,7 +85,7 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
         law_after: law,
         diagnosis: diagnosis.summary.clone(),
         causes: diagnosis.causes.clone(),
-        left_out: linear.left_out.iter().map(|(e, why)| left_out(e, why)).collect(),
+        left_out: left_out(&new, &linear, extended)?,
         draws: args.draws,
         before: LawFigures::of(&old_flights, extended),
         after: LawFigures::of(&new_flights, extended),
@@ -202,12 +206,14 @@ fn believed(config: &NodeConfig, folder: &Path) -> Result<(Vehicle, String), Fai
 }
 
 fn diagnosis(args: &TuneArgs, vehicle: &Vehicle) -> Result<Diagnosis, Failure> {
-    let records = args.logs.iter().map(|path| log::read_for(path, &args.map, vehicle));
+    check_part(&args.part)?;
+    let records = args.logs.iter().map(|path| part(path, &args.part, vehicle));
     let records = records.collect::<Result<Vec<_>, _>>()?;
     let line = StageLine::new("tune", None);
     let listener = line.listener();
     let watch = Watch::new(Arc::new(AtomicBool::new(false)), listener);
-    let answer = diagnose(&records, vehicle, &Options { watch, ..Options::default() });
+    let answer =
+        diagnose(&records, vehicle, &Options { watch, period_s: args.part.period, ..Options::default() });
     line.finish();
     answer.map_err(Failure::mend)
 }
@@ -220,8 +226,17 @@ fn extended(diagnosis: &Diagnosis, believed: &Vehicle) -> Vehicle {
     vehicle
 }
 
-fn left_out(effect: &Effect, why: &str) -> LeftOut {
-    LeftOut { effect: effect.kind().name().into(), place: effect.place().into(), why: why.into() }
+/// What the law does not know of the vehicle; for the stick alone, all that is not linear.
+fn left_out(pilot: &Pilot, linear: &LinearModel, vehicle: &Vehicle) -> Result<Vec<LeftOut>, Failure> {
+    if let Some(design) = &pilot.design {
+        return controller::left_out(design, &pilot.controller, vehicle).map_err(Failure::mend);
+    }
+    let told = |(effect, why): &(Effect, &'static str)| LeftOut {
+        effect: effect.kind().name().into(),
+        place: effect.place().into(),
+        why: (*why).into(),
+    };
+    Ok(linear.left_out.iter().map(told).collect())
 }
 
 /// Nothing was found that a new law could be designed for; why, as the diagnosis says.

@@ -6,6 +6,7 @@
 mod answer;
 mod circle;
 mod draws;
+mod joint;
 mod judge;
 mod pilot;
 mod retune;

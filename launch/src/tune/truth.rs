@@ -5,6 +5,7 @@ use whirlstand_nodes::config::LawKind;
 use whirlstand_nodes::setup::Setup;
 
 use super::draws::Draws;
+use super::joint::Joint;
 use super::judge::{Gain, Judged, LawFigures, compare};
 use super::pilot::Pilot;
 use super::trials::Trials;
@@ -72,7 +73,7 @@ pub(super) fn fly(
         LawKind::Manual => None,
         _ => Some(Pilot::new(config, (&vehicle, path), new.controller.clone())?),
     };
-    let draws = Draws::new(config, path, &vehicle, &[]);
+    let draws = Draws::new(config, path, &vehicle, Joint::new(&[], &[]));
     let plant = Setup::plant_of(&vehicle, Setup::period_s(config)).map_err(Failure::mend)?;
     let trials = Trials { draws: &draws, vehicle: &vehicle, plant: &plant, limits: &limits(plan) };
     let laws: Vec<&Pilot> = [Some(old), Some(new), designed.as_ref()].into_iter().flatten().collect();
