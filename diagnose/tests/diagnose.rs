@@ -5,7 +5,7 @@ mod support;
 use support::{changed, flight};
 use whirlstand_diagnose::{Diagnosis, Options, Verdict, diagnose};
 use whirlstand_logs::Record;
-use whirlstand_vehicle::{Effect, Kind, Vehicle};
+use whirlstand_vehicle::{Effect, Kind, Vehicle, Window};
 
 /// The quadrotor with white noise alone.
 fn quadrotor() -> Vehicle {
@@ -208,4 +208,35 @@ fn without_excitation_or_length_nothing_is_claimed() {
     let short = flight(&quadrotor(), 0.3, &[0.0; 4], 3.0, Some(16));
     let error = diagnose(&[short], &quadrotor(), &Options::default()).unwrap_err().to_string();
     assert!(error.contains("30") && error.contains("64"), "{error}");
+}
+
+/// A record without what lies between two times.
+fn with_gap(record: &Record, from_s: f64, until_s: f64) -> Record {
+    let kept: Vec<usize> =
+        (0..record.len()).filter(|k| !(from_s..until_s).contains(&record.time[*k])).collect();
+    let pick = |values: &[f64]| kept.iter().map(|k| values[*k]).collect::<Vec<f64>>();
+    let mut out = Record::new("gap.csv", pick(&record.time)).unwrap();
+    for signal in record.signals() {
+        out.push(&signal.name, &signal.unit, pick(&signal.values)).unwrap();
+    }
+    out
+}
+
+#[test]
+fn an_effect_of_the_file_acts_when_it_says_in_every_part_of_a_record() {
+    let mut known = quadrotor();
+    let half = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.5)]).unwrap();
+    known.add_effect(half.during(Window { from_s: Some(25.0), until_s: None }).unwrap()).unwrap();
+    let record = with_gap(&flight(&known, 50.0, &[0.0; 4], 3.0, Some(1)), 15.0, 22.0);
+    let answer = diagnose(&[record], &known, &Options::default()).unwrap();
+    assert_eq!(answer.verdict, Verdict::Consistent, "{}", answer.text());
+}
+
+#[test]
+fn the_time_of_a_push_counts_from_the_beginning_of_the_whole_record() {
+    let push = [("at_s", 32.0), ("duration_s", 1.0), ("magnitude", 8.0)];
+    let whole = flight(&with(Kind::PulseDisturbance, "roll_rate", &push), 50.0, &[0.0; 4], 3.0, Some(1));
+    let answer = diagnosis(whole.between(20.0, 50.0));
+    names(&answer, "pulse_disturbance", "roll_rate");
+    holds(&answer, "at_s", 32.0, 0.01);
 }

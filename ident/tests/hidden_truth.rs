@@ -52,6 +52,7 @@ fn hidden(seed: u64) -> (Vehicle, Segment) {
     let segment = Segment {
         origin: format!("seed {seed}"),
         start_s: 0.0,
+        first_step: 0,
         period_s: PERIOD_S,
         inputs,
         outputs,

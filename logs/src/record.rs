@@ -26,6 +26,9 @@ pub struct Record {
     pub time_unit: String,
     /// Strictly increasing.
     pub time: Vec<f64>,
+    /// Time of the first point of the whole record, for one that is a part of another.
+    #[serde(skip)]
+    whole_from: Option<f64>,
     signals: Vec<Signal>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     unreadable: Vec<Unreadable>,
@@ -98,9 +101,14 @@ impl Record {
         }
         match time.windows(2).position(|t| !(t[1] > t[0] && t[1].is_finite())) {
             Some(index) => Err(RecordError::Time { origin, index }),
-            None => {
-                Ok(Self { origin, time_unit: "s".into(), time, signals: Vec::new(), unreadable: Vec::new() })
-            }
+            None => Ok(Self {
+                origin,
+                time_unit: "s".into(),
+                time,
+                whole_from: None,
+                signals: Vec::new(),
+                unreadable: Vec::new(),
+            }),
         }
     }
 
@@ -225,6 +233,11 @@ impl Record {
         }
     }
 
+    /// Time of the first point of the whole record, of which this may be a part: what goes by time counts from there.
+    pub fn begins_at(&self) -> f64 {
+        self.whole_from.or(self.time.first().copied()).unwrap_or(0.0)
+    }
+
     /// The points with `from <= t <= to`, as a record of its own with the same time axis.
     pub fn between(&self, from: f64, to: f64) -> Self {
         let start = self.time.partition_point(|t| *t < from);
@@ -233,6 +246,7 @@ impl Record {
             origin: self.origin.clone(),
             time_unit: self.time_unit.clone(),
             time: self.time[start..end].to_vec(),
+            whole_from: Some(self.begins_at()),
             signals: self
                 .signals
                 .iter()
@@ -252,6 +266,7 @@ impl Record {
             signals,
             unreadable: Vec::new(),
             time: self.time.clone(),
+            whole_from: self.whole_from,
             origin: self.origin.clone(),
             time_unit: self.time_unit.clone(),
         })
@@ -285,7 +300,7 @@ impl Record {
     /// Gives a record that counts samples its clock: point n is at n times `period_s`.
     pub fn with_sample_period(mut self, period_s: f64) -> Self {
         if self.time_unit == "samples" {
-            self.time.iter_mut().for_each(|t| *t *= period_s);
+            self.time.iter_mut().chain(&mut self.whole_from).for_each(|t| *t *= period_s);
             self.time_unit = "s".into();
         }
         self

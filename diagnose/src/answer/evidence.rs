@@ -208,6 +208,7 @@ mod tests {
             inputs,
             m: 2,
             starts: vec![0],
+            clocks: vec![0],
             held: false,
             memory_s: None,
             channels: values.into_iter().enumerate().map(channel).collect(),

@@ -90,6 +90,8 @@ pub struct Sizes {
     pub noise: Vec<f64>,
     /// Length, s.
     pub duration_s: f64,
+    /// First and last time, s, as effects count it.
+    pub times_s: (f64, f64),
     /// Period, s.
     pub period_s: f64,
 }
@@ -106,6 +108,7 @@ impl Sizes {
             noise: outputs.clone(),
             outputs,
             duration_s,
+            times_s: (0.0, duration_s),
             period_s,
         }
     }

@@ -157,9 +157,14 @@ impl<'a> EventSearch<'a> {
         (steps * self.grid.every) as f64 * self.data.period_s
     }
 
+    /// When a time of the grid is, as effects count it.
+    fn time(&self, steps: usize) -> f64 {
+        self.data.time_s(0) + self.seconds(steps)
+    }
+
     fn step(&self, place: &str, sizes: &Sizes) -> Option<Candidate> {
         let Event { score, at, amplitude, .. } = self.best(0);
-        (score > 0.0).then(|| step(place, self.seconds(at), amplitude, sizes, self.grid.times as f64))
+        (score > 0.0).then(|| step(place, self.time(at), amplitude, sizes, self.grid.times as f64))
     }
 
     fn pulse(&self, place: &str, sizes: &Sizes) -> Option<Candidate> {
@@ -186,7 +191,7 @@ impl<'a> EventSearch<'a> {
             step /= 2;
         }
         let looks = (times * durations.len()) as f64;
-        Some(pulse(place, self.seconds(top.at), self.seconds(top.lasts), top.amplitude, sizes, looks))
+        Some(pulse(place, self.time(top.at), self.seconds(top.lasts), top.amplitude, sizes, looks))
     }
 }
 

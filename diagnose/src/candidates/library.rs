@@ -277,7 +277,7 @@ pub fn step(place: &str, at_s: f64, magnitude: f64, sizes: &Sizes, looks: f64) -
         kind: Kind::StepDisturbance,
         place: place.into(),
         tunables: vec![
-            free("at_s", 0.0, sizes.duration_s, 0.2 * sizes.period_s),
+            free("at_s", sizes.times_s.0, sizes.times_s.1, 0.2 * sizes.period_s),
             tunable("magnitude", -99.0 * scale, 99.0 * scale, 1e-2 * scale),
         ],
         fixed: Vec::new(),
@@ -336,7 +336,7 @@ pub fn transition(to: &str, starts: Vec<f64>, sizes: &Sizes, looks: f64) -> Cand
     Candidate {
         kind: Kind::ModeTransition,
         place: "vehicle".into(),
-        tunables: vec![free("at_s", 0.0, sizes.duration_s, 0.5 * sizes.period_s)],
+        tunables: vec![free("at_s", sizes.times_s.0, sizes.times_s.1, 0.5 * sizes.period_s)],
         fixed: Vec::new(),
         text: Some(to.into()),
         starts: starts.into_iter().map(|t| vec![t]).collect(),

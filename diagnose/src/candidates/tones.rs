@@ -30,11 +30,10 @@ pub fn tones(
         .into_par_iter()
         .flat_map_iter(|(channel, range)| {
             let place = &vehicle.outputs[channel.output].name;
-            let start_s = channel.first as f64 * data.period_s;
             lines(&rest[range], data.period_s * channel.stride as f64)
                 .into_iter()
                 .map(|(height, f)| {
-                    let (amplitude, phase) = sine(score_test, fit, channel.output, f, start_s, data);
+                    let (amplitude, phase) = sine(score_test, fit, channel.output, f, data);
                     (height, f, tone(Kind::Vibration, place, (f, amplitude, phase), sizes, looks))
                 })
                 .collect::<Vec<_>>()
@@ -139,15 +138,21 @@ fn sine(
     fit: &Fit,
     output: usize,
     f: f64,
-    start_s: f64,
     data: &crate::data::record::Data,
 ) -> (f64, f64) {
     let (mut s, mut c) = (vec![0.0; fit.residual.len()], vec![0.0; fit.residual.len()]);
     for (channel, range) in data.channels.iter().zip(data.ranges()) {
         if channel.output == output {
             let step_s = channel.stride as f64 * data.period_s;
-            let mut wave = Wave::new(f * start_s, f * step_s);
-            s[range.clone()].iter_mut().zip(&mut c[range]).for_each(|(s, c)| (*s, *c) = wave.advance());
+            let mut wave = Wave::new(f * data.time_s(channel.first), f * step_s);
+            let mut records = data.starts.iter().copied().skip(1).peekable();
+            for (k, (s, c)) in s[range.clone()].iter_mut().zip(&mut c[range]).enumerate() {
+                let now = channel.step(k);
+                while records.next_if(|start| *start <= now).is_some() {
+                    wave.begin(f * data.time_s(now));
+                }
+                (*s, *c) = wave.advance();
+            }
         }
     }
     pair(score_test, &s, &c).map_or((0.0, 0.0), |(s, c)| polar(s, c))

@@ -9,7 +9,9 @@ use crate::thresholds::TRANSITION_TIMES;
 /// Transitions to every built-in vehicle and to `modes` that has the same states, inputs and outputs.
 pub fn transitions(vehicle: &Vehicle, sizes: &Sizes, modes: &[String]) -> Vec<Candidate> {
     let count = TRANSITION_TIMES as f64;
-    let times: Vec<f64> = (0..TRANSITION_TIMES).map(|i| i as f64 / count * sizes.duration_s).collect();
+    let (from_s, until_s) = sizes.times_s;
+    let times = (0..TRANSITION_TIMES).map(|i| from_s + i as f64 / count * (until_s - from_s));
+    let times: Vec<f64> = times.collect();
     self::modes(vehicle, modes).map(|to| transition(&to, times.clone(), sizes, count)).collect()
 }
 

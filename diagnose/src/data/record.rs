@@ -60,6 +60,8 @@ pub struct Data {
     pub m: usize,
     /// First steps of the records, when there are several: each has an initial state of its own.
     pub starts: Vec<usize>,
+    /// The same steps on each whole record's own clock, from which effects count their time.
+    pub clocks: Vec<u64>,
     /// True when the first commands were there before the records began; else the inputs were at rest.
     pub held: bool,
     /// For how long a prediction remembers what it has missed, s: it is that of a filter with process noise. `None` for
@@ -102,6 +104,7 @@ impl Data {
             inputs: segment.inputs,
             m: vehicle.inputs.len(),
             starts: vec![0],
+            clocks: vec![segment.first_step],
             held: false,
             memory_s: None,
             channels,
@@ -146,6 +149,7 @@ impl Data {
         self.cut(self.steps - self.steps % round);
         other.cut(other.steps - other.steps % round);
         self.starts.push(self.steps);
+        self.clocks.extend(other.clocks);
         for (own, theirs) in self.channels.iter_mut().zip(other.channels) {
             let whole = self.steps / own.stride;
             own.values.resize(whole, f64::NAN);
@@ -175,7 +179,30 @@ impl Data {
     /// A simulator for the record that begins at a step. `None` when the vehicle has no finite step.
     pub fn begin(&self, vehicle: &Vehicle, step: usize) -> Option<Simulator> {
         let before = if self.held { self.commands(step) } else { &[] };
-        Simulator::expected_from(vehicle, self.period_s, before).ok()
+        let mut simulator = Simulator::expected_from(vehicle, self.period_s, before).ok()?;
+        simulator.begin_at(self.clock(step));
+        Some(simulator)
+    }
+
+    /// A step on the clock of the whole record that it belongs to.
+    pub fn clock(&self, step: usize) -> u64 {
+        let record = self.starts.partition_point(|start| *start <= step).saturating_sub(1);
+        let own = |(start, clock): (&usize, &u64)| clock + (step - start) as u64;
+        self.starts.get(record).zip(self.clocks.get(record)).map_or(step as u64, own)
+    }
+
+    /// When a step is, s, as effects count it: from the beginning of the whole record.
+    pub fn time_s(&self, step: usize) -> f64 {
+        self.clock(step) as f64 * self.period_s
+    }
+
+    /// The first and the last time that any of the records has, s, as effects count it.
+    pub fn times_s(&self) -> (f64, f64) {
+        let lengths =
+            self.starts.iter().skip(1).chain([&self.steps]).zip(&self.starts).map(|(end, start)| end - start);
+        let ends = self.clocks.iter().zip(lengths).map(|(clock, steps)| clock + steps as u64);
+        let first = self.clocks.iter().min().map_or(0.0, |first| *first as f64 * self.period_s);
+        (first, ends.max().map_or(0.0, |last| last as f64 * self.period_s))
     }
 
     /// The inputs of a step.

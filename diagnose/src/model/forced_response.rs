@@ -71,6 +71,7 @@ mod tests {
             inputs: (0..steps * m).map(|k| if k / m % 100 < 50 { 0.2 } else { -0.2 }).collect(),
             m,
             starts: vec![0, 400],
+            clocks: vec![0, 0],
             held: false,
             memory_s: None,
             channels: (0..4).map(channel).collect(),

@@ -51,12 +51,15 @@ impl Responses {
             let mut sum = (0.0, 0.0);
             // From one sample to the next: half the angle, its cosine and sine, and how much of a rise counts.
             let mut turn = (f64::NAN, 1.0, 0.0, 1.0);
+            // Phases count from the record's beginning, the response from that of the part that is seen.
+            let mut phase = (0.0, 1.0);
             let mut wave = Wave::new(0.0, channel.stride as f64 * data.period_s * frequency_hz);
             for (k, at) in range.enumerate() {
                 let now = channel.step(k);
                 while let Some(next) = records.next_if(|s| *s <= now) {
                     (start, last, sum) = (next, (0.0, 0.0), (0.0, 0.0));
                     wave.begin((now - start) as f64 * data.period_s * frequency_hz);
+                    phase = (TAU * data.time_s(start) * frequency_hz).sin_cos();
                 }
                 let t = (now - start) as f64 * data.period_s;
                 let half = 0.5 * TAU * frequency_hz * (t - last.0);
@@ -69,8 +72,9 @@ impl Responses {
                 let rise = (step[at] - last.1) * share;
                 // Half way between this sample and the last.
                 sum = (sum.0 + rise * (c * half_c + s * half_s), sum.1 - rise * (s * half_c - c * half_s));
-                sine[at] = s * sum.0 + c * sum.1;
-                cosine[at] = c * sum.0 - s * sum.1;
+                let (own_s, own_c) = (s * sum.0 + c * sum.1, c * sum.0 - s * sum.1);
+                sine[at] = own_s * phase.1 + own_c * phase.0;
+                cosine[at] = own_c * phase.1 - own_s * phase.0;
                 last = (t, step[at]);
             }
         }
@@ -107,6 +111,7 @@ mod tests {
             inputs: vec![0.0; steps * m],
             m,
             starts: vec![0],
+            clocks: vec![0],
             held: false,
             memory_s: None,
             channels,

@@ -80,11 +80,16 @@ fn run(
     let rest: Vec<f64> = vehicle.inputs.iter().map(|i| i.neutral()).collect();
     let (mut errors, mut change) = (vec![0.0; p], vec![0.0; vehicle.states.len()]);
     let mut out = vec![Vec::with_capacity(data.steps); p];
-    let mut simulator = Simulator::expected(vehicle, data.period_s).ok()?;
+    let begin = |step: usize| {
+        let mut simulator = Simulator::expected(vehicle, data.period_s).ok()?;
+        simulator.begin_at(data.clock(step));
+        Some(simulator)
+    };
+    let mut simulator = begin(0)?;
     let (mut command, mut since) = (rest.clone(), 0);
     for k in 0..data.steps {
         if data.starts.contains(&k) {
-            simulator = Simulator::expected(vehicle, data.period_s).ok()?;
+            simulator = begin(k)?;
             since = k;
         }
         if let Some(j) = source.and_then(|s| s.checked_sub(p)) {

@@ -143,6 +143,7 @@ fn sizes(free_run: &FreeRun<'_>, fit: &Fit, declared: &[f64]) -> Sizes {
         outputs,
         noise,
         duration_s: data.duration_s(),
+        times_s: data.times_s(),
         period_s: data.period_s,
     }
 }

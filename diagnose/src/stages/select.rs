@@ -42,7 +42,8 @@ pub(crate) fn rest_before(selection: &Selection<'_, '_>) -> f64 {
     let mut rest = selection.clone();
     rest.keep_terms(|_, candidate, values| {
         let at = candidate.tunables.iter().position(|t| t.name == "at_s");
-        !(candidate.kind == Kind::PulseDisturbance && at.is_some_and(|i| values[i] < BEGINNING_S))
+        !(candidate.kind == Kind::PulseDisturbance
+            && at.is_some_and(|i| values[i] < own.times_s().0 + BEGINNING_S))
     });
     let model = Model { free_run: &free_run, free: selection.model.free, terms: rest.model.terms.clone() };
     let other = model.fit(rest.fit.values, selection.fit.profile.noise.shared(), None);

@@ -20,6 +20,8 @@ const COARSER: f64 = 1.5;
 pub struct Grid {
     /// Time of the first point in the record, s.
     pub start_s: f64,
+    /// Steps from the beginning of the whole record, from which effects count their time, to the first point.
+    pub first_step: u64,
     /// Time between two points, s.
     pub period_s: f64,
     /// Time of every point, s of the record's clock.
@@ -79,6 +81,7 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
     });
     Ok(Grid {
         start_s: clock.start,
+        first_step: ((clock.start - record.begins_at()) / clock.period).round().max(0.0) as u64,
         period_s: clock.period,
         inputs: (0..clock.points).flat_map(|k| columns.iter().map(move |c| c[k])).collect(),
         measured: measured.collect(),

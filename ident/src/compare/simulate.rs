@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_linalg::symmetric_eigen;
-use whirlstand_vehicle::{Simulator, Vehicle};
+use whirlstand_vehicle::{Kind, Simulator, Vehicle};
 
 use super::comparison::CompareError;
 use super::grid::Grid;
@@ -63,7 +63,8 @@ fn free_run_from(
     before: &[f64],
 ) -> Result<FreeRun, CompareError> {
     let n = vehicle.states.len();
-    let nominal = Simulator::expected_from(vehicle, grid.period_s, before)?;
+    let mut nominal = Simulator::expected_from(vehicle, grid.period_s, before)?;
+    nominal.begin_at(grid.first_step);
     let mut initial = vec![0.0; n];
     for _ in 0..3 {
         let Some(change) = correction(grid, vehicle, &nominal, &initial, weights) else { break };
@@ -191,9 +192,14 @@ pub fn predictions(
         return Ok(errors);
     }
     let nominal = Simulator::expected(vehicle, grid.period_s)?;
-    let slopes = slopes(grid, &nominal, 2 * horizon, n, m);
     let weights = weights(grid, vehicle);
+    // Where nothing goes by time, one response serves all parts.
+    let timed = vehicle.effects.iter().any(|e| !e.window().is_always() || e.kind() == Kind::ModeTransition);
+    let mut slopes = slopes(grid, &nominal, (0, 2 * horizon), n, m);
     for start in (0..=grid.t.len() - 2 * horizon).step_by(horizon) {
+        if timed && start > 0 {
+            slopes = self::slopes(grid, &nominal, (start, 2 * horizon), n, m);
+        }
         let residual = residual(grid, run, &nominal, start, 2 * horizon, m);
         let (mut normal, mut right) = (DMatrix::zeros(n, n), DVector::zeros(n));
         for k in 0..horizon {
@@ -221,11 +227,13 @@ pub fn predictions(
     Ok(errors)
 }
 
-/// Effect of each state on each output, step by step: (steps x outputs) x states, row after row.
-fn slopes(grid: &Grid, nominal: &Simulator, steps: usize, n: usize, m: usize) -> Vec<f64> {
-    let mut simulators = nudged(nominal, &vec![0.0; n]);
+/// Effect of each state on each output, step by step from `start` on: (steps x outputs) x states, row after row.
+fn slopes(grid: &Grid, nominal: &Simulator, (start, steps): (usize, usize), n: usize, m: usize) -> Vec<f64> {
+    let mut nominal = nominal.clone();
+    nominal.begin_at(grid.first_step + start as u64);
+    let mut simulators = nudged(&nominal, &vec![0.0; n]);
     let mut slopes = Vec::with_capacity(steps * grid.outputs.len() * n);
-    for k in 0..steps {
+    for k in start..start + steps {
         for simulator in &mut simulators {
             simulator.apply(&grid.inputs[k * m..(k + 1) * m]);
             simulator.measure();
@@ -254,6 +262,9 @@ fn residual(
     let p = grid.outputs.len();
     let mut residual = Vec::with_capacity(steps * p);
     let mut fresh = run.diverged.then(|| nominal.clone());
+    if let Some(simulator) = &mut fresh {
+        simulator.begin_at(grid.first_step + start as u64);
+    }
     for k in start..start + steps {
         if let Some(simulator) = &mut fresh {
             simulator.apply(&grid.inputs[k * m..(k + 1) * m]);

@@ -27,6 +27,7 @@ pub fn errors(
     let pattern = Pattern::of(segment, 1);
     let gains = Gains::new(&problem, structure, &pattern, &[], noise, false)?;
     let mut simulator = Simulator::expected(&problem.vehicle, segment.period_s).ok()?;
+    simulator.begin_at(segment.first_step);
     let mut change = vec![0.0; problem.n()];
     let mut errors = Vec::with_capacity(starts.len());
     for k in 0..segment.steps {

@@ -112,6 +112,7 @@ fn part(segment: &Segment, from: usize, until: usize) -> Segment {
     Segment {
         origin: segment.origin.clone(),
         start_s: segment.time(from),
+        first_step: segment.first_step + from as u64,
         period_s: segment.period_s,
         inputs: segment.inputs[from..until].to_vec(),
         outputs: segment.outputs[from..until].to_vec(),

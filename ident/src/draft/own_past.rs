@@ -154,7 +154,7 @@ mod tests {
             inputs.push(u);
             y = 0.95 * y + gain * u + 0.05 * e[k];
         }
-        Segment { origin: "x".into(), start_s: 0.0, period_s: 0.01, inputs, outputs, steps }
+        Segment { origin: "x".into(), start_s: 0.0, first_step: 0, period_s: 0.01, inputs, outputs, steps }
     }
 
     fn compared(gain: f64) -> Comparison {

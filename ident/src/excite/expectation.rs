@@ -53,7 +53,15 @@ fn segment(vehicle: &Vehicle, period_s: f64, flown: FlightData) -> Segment {
             *value = f64::NAN;
         }
     }
-    Segment { origin: "designed flight".into(), start_s: 0.0, period_s, inputs: flown.inputs, outputs, steps }
+    Segment {
+        origin: "designed flight".into(),
+        start_s: 0.0,
+        first_step: 0,
+        period_s,
+        inputs: flown.inputs,
+        outputs,
+        steps,
+    }
 }
 
 /// What looks at a flight: the simulation that a fit of an open loop runs, or the predictor that one of a closed loop

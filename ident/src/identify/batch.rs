@@ -113,6 +113,7 @@ impl<'p> Batch<'p> {
         for (s, segment) in self.segments.iter().enumerate() {
             let (initial, offsets) = self.nuisance(point, s);
             let mut simulator = simulator.clone();
+            simulator.begin_at(segment.first_step);
             if !initial.is_empty() {
                 simulator.set_state(initial);
             }

@@ -14,6 +14,8 @@ pub struct Segment {
     pub origin: String,
     /// Time of the first step in the record, s.
     pub start_s: f64,
+    /// Steps from the beginning of the whole record, from which effects count their time, to the first step.
+    pub first_step: u64,
     /// Time between two steps, s.
     pub period_s: f64,
     /// Inputs within the vehicle's limits, SI: steps x inputs, row after row.
@@ -60,6 +62,7 @@ impl Segment {
         Ok(Self {
             origin: record.origin.clone(),
             start_s: grid.start_s,
+            first_step: grid.first_step,
             period_s: grid.period_s,
             inputs,
             outputs,
@@ -130,6 +133,7 @@ pub fn pieces(segments: &[Segment], steps: usize) -> Vec<Segment> {
             all.push(Segment {
                 origin: s.origin.clone(),
                 start_s: s.time(from),
+                first_step: s.first_step + from as u64,
                 period_s: s.period_s,
                 inputs: s.inputs[from * m..until * m].to_vec(),
                 outputs: s.outputs[from * p..until * p].to_vec(),

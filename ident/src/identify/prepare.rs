@@ -96,6 +96,7 @@ mod tests {
         Segment {
             origin: "test".into(),
             start_s: 0.0,
+            first_step: 0,
             period_s: 0.1,
             inputs: (0..steps).flat_map(|k| [wave(k, 5.0), wave(k, -2.0)]).collect(),
             outputs: (0..steps).flat_map(|k| [wave(k, 1.0), f64::NAN, wave(k, 3.0), wave(k, 4.0)]).collect(),

@@ -80,9 +80,10 @@ impl<'p> Simulated<'p> {
     }
 
     /// The perturbed simulators for all parameters and nuisances, at the start of a segment.
-    fn neighbours(&self, state: &[f64], states: usize, offsets: usize) -> Vec<Pair> {
+    fn neighbours(&self, first_step: u64, state: &[f64], states: usize, offsets: usize) -> Vec<Pair> {
         let ready = |simulator: &Simulator, state: &[f64]| {
             let mut simulator = simulator.clone();
+            simulator.begin_at(first_step);
             simulator.set_state(state);
             simulator
         };
@@ -129,10 +130,11 @@ impl Sweep for Simulated<'_> {
         let mut state = vec![0.0; n];
         state[..initial.len()].copy_from_slice(initial);
         let mut centre = self.centre.clone();
+        centre.begin_at(segment.first_step);
         centre.set_state(&state);
         // An offset moves a prediction's state, and that of a simulation not: there its slope is simply one.
         let tracked = if self.gains.is_some() { offsets.len() } else { 0 };
-        let mut perturbed = self.neighbours(&state, initial.len(), tracked);
+        let mut perturbed = self.neighbours(segment.first_step, &state, initial.len(), tracked);
         let mut predicted = vec![0.0; p];
         let mut slopes = vec![0.0; p * columns];
         let (mut above, mut below) = (vec![0.0; p], vec![0.0; p]);

@@ -39,7 +39,15 @@ pub fn record(vehicle: &Vehicle, inputs: &[f64], period_s: f64, seed: u64) -> Se
     }
     let steps = inputs.len() / m;
     assert_eq!(outputs.len(), steps * p);
-    Segment { origin: "test".into(), start_s: 0.0, period_s, inputs: inputs.to_vec(), outputs, steps }
+    Segment {
+        origin: "test".into(),
+        start_s: 0.0,
+        first_step: 0,
+        period_s,
+        inputs: inputs.to_vec(),
+        outputs,
+        steps,
+    }
 }
 
 fn truth(problem: &Problem, vehicle: &Vehicle) -> Vec<f64> {
@@ -122,7 +130,8 @@ fn a_free_effect_is_found_in_a_closed_loop() {
         simulator.disturb(&[0.0, 2.0 * gusts.normal()]);
         simulator.advance();
     }
-    let segments = [Segment { origin: "test".into(), start_s: 0.0, period_s, inputs, outputs, steps }];
+    let segments =
+        [Segment { origin: "test".into(), start_s: 0.0, first_step: 0, period_s, inputs, outputs, steps }];
     let problem = Problem::new(&vehicle, &segments, Nuisance::default()).unwrap();
     let truth = truth(&problem, &vehicle);
     // Not from the truth, which the file gives.
