@@ -23,6 +23,7 @@ mod disturbances;
 mod extended;
 mod inputs;
 mod kernel;
+mod known_steps;
 mod lanes;
 mod linear_model;
 mod motion;
@@ -52,7 +53,6 @@ use self::extended::Extended;
 use self::kernel::Kernel;
 use self::nonlinear::Work;
 use self::sensors::Sensors;
-use crate::discretise::discretise;
 use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
 use crate::model::{Engine, Input, Vehicle};
@@ -120,8 +120,7 @@ fn plain(vehicle: &Vehicle, period_s: f64) -> Option<Dynamics> {
     let mut inputs = DMatrix::zeros(n, m + n);
     inputs.view_mut((0, 0), (n, m)).copy_from(&vehicle.b);
     inputs.view_mut((0, m), (n, n)).fill_with_identity();
-    let (phi, gamma) = discretise(&vehicle.a, &inputs, period_s).ok()?;
-    Some(Dynamics::Plain(Kernel::new(&phi, &gamma)))
+    Some(Dynamics::Plain(known_steps::kernel(&vehicle.a, &inputs, period_s).ok()?))
 }
 
 impl Simulator {

@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 use super::compile::System;
 use super::inputs::{TIME_TOLERANCE, split};
 use super::kernel::Kernel;
-use crate::discretise::discretise;
+use super::known_steps;
 use crate::error::SimulatorError;
 
 /// A time as step and offset within the step.
@@ -129,9 +129,8 @@ fn substep(
     }
     let levels = (0..levels)
         .map(|level| {
-            let (phi, gamma) = discretise(a, &inputs, length_s * 0.5f64.powi(level as i32))
-                .map_err(|_| SimulatorError::NotFinite { vehicle: String::new(), period_s: length_s })?;
-            Ok(Kernel::new(&phi, &gamma))
+            known_steps::kernel(a, &inputs, length_s * 0.5f64.powi(level as i32))
+                .map_err(|_| SimulatorError::NotFinite { vehicle: String::new(), period_s: length_s })
         })
         .collect::<Result<_, SimulatorError>>()?;
     Ok(Substep { start_s, length_s, levels })
