@@ -25,9 +25,10 @@ impl OrSaySo {
 }
 
 /// What takes more than this is given back to the system as soon as it is free, bytes. A vector of all samples of ten
-/// minutes at 100 Hz of eight outputs is smaller: a search makes and drops such vectors by the thousand, and to have each
-/// mapped and zeroed anew took as long as a third of the search.
-const LARGE: libc::c_int = 8 << 20;
+/// minutes at 100 Hz of eight outputs is smaller (3.8 MB): a search makes and drops such vectors by the thousand, and to have
+/// each mapped and zeroed anew took as long as a third of the search. A signal of ten minutes at 1 kHz is larger (4.8 MB):
+/// of those a few are made before the search, and would lie between what it keeps.
+const LARGE: libc::c_int = 4 << 20;
 
 /// Of what is smaller, so much may lie free at an end of the heap before it is given back, bytes.
 const KEPT: libc::c_int = 32 << 20;

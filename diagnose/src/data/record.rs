@@ -282,20 +282,22 @@ impl Data {
 
 /// The parts of a record between the gaps that cannot be bridged; the record itself when it has none. A part counts when
 /// more than an initial state can be told from it.
-fn unbroken(record: &Record, vehicle: &Vehicle) -> Vec<Record> {
+fn unbroken<'r>(record: &'r Record, vehicle: &Vehicle) -> Vec<Cow<'r, Record>> {
     let steps: Vec<f64> = record.time.windows(2).map(|w| w[1] - w[0]).collect();
     let usual = whirlstand_logs::stats::median(&steps);
     if usual <= 0.0 {
-        return vec![record.clone()];
+        return vec![Cow::Borrowed(record)];
     }
     let longest = gaps::bridged_s(record, vehicle, usual);
     let gaps = steps.iter().enumerate().filter(|(_, d)| **d > longest).map(|(k, _)| k + 1);
     let mut cuts: Vec<usize> = std::iter::once(0).chain(gaps).collect();
     cuts.push(record.time.len());
-    let parts = cuts.windows(2).filter(|c| c[1] - c[0] >= MIN_PART_STEPS);
-    let parts: Vec<Record> =
-        parts.map(|c| record.between(record.time[c[0]], record.time[c[1] - 1])).collect();
-    if cuts.len() == 2 || parts.is_empty() { vec![record.clone()] } else { parts }
+    let long: Vec<&[usize]> = cuts.windows(2).filter(|c| c[1] - c[0] >= MIN_PART_STEPS).collect();
+    if cuts.len() == 2 || long.is_empty() {
+        return vec![Cow::Borrowed(record)];
+    }
+    let part = |c: &&[usize]| Cow::Owned(record.between(record.time[c[0]], record.time[c[1] - 1]));
+    long.iter().map(part).collect()
 }
 
 fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Channel> {

@@ -1,5 +1,7 @@
 //! A record on an even grid, with the names of the vehicle.
 
+use std::borrow::Cow;
+
 use whirlstand_logs::resample::{averaged, held, interpolated};
 use whirlstand_logs::{Clock, Record, SignalError, even_period, median_interval};
 use whirlstand_vehicle::Vehicle;
@@ -38,24 +40,25 @@ pub struct Grid {
 
 /// Brings `record` onto an even grid.
 pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Result<Grid, CompareError> {
-    let mut record = std::borrow::Cow::Borrowed(record);
+    let mut record = Cow::Borrowed(record);
     if record.time_unit == "samples" {
         let Some(period_s) = options.period_s else {
             return Err(CompareError::NoClock { origin: record.origin.clone() });
         };
-        record = std::borrow::Cow::Owned(record.into_owned().with_sample_period(period_s));
+        record = Cow::Owned(record.into_owned().with_sample_period(period_s));
     }
     let even = (record.time_unit == "s").then(|| even_period(&record.time)).flatten();
     let even = even.filter(|own| options.period_s.is_none_or(|wanted| (wanted / own - 1.0).abs() < 1e-4));
     if options.from_s.is_some() || options.until_s.is_some() {
         let (from, until) =
             (options.from_s.unwrap_or(f64::NEG_INFINITY), options.until_s.unwrap_or(f64::INFINITY));
-        record = std::borrow::Cow::Owned(record.between(from, until));
+        record = Cow::Owned(record.between(from, until));
     }
-    if let Some(period_s) = even {
-        // On an even clock the samples are taken as they are: stamps that were rounded must not smear them.
-        straighten(record.to_mut(), period_s);
-    }
+    // On an even clock the samples are taken as they are: stamps that were rounded must not smear them.
+    let time = match even {
+        Some(period_s) => Cow::Owned(straightened(&record.time, period_s)),
+        None => Cow::Borrowed(&record.time[..]),
+    };
     let inputs =
         vehicle.inputs.iter().map(|i| record.signal(&i.name)).collect::<Result<Vec<_>, SignalError>>()?;
     let mut found = Vec::new();
@@ -70,14 +73,14 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
             available: record.names(),
         });
     }
-    let own = median_interval(&record.time).unwrap_or(0.0);
-    let clock = clock(&record, even.or(options.period_s).unwrap_or(own), own)?;
-    let columns: Vec<Vec<f64>> = inputs.iter().map(|s| held(&record.time, &s.values, &clock, 0.0)).collect();
+    let own = median_interval(&time).unwrap_or(0.0);
+    let clock = clock((&record.origin, &time), even.or(options.period_s).unwrap_or(own), own)?;
+    let columns: Vec<Vec<f64>> = inputs.iter().map(|s| held(&time, &s.values, &clock, 0.0)).collect();
     let brought = if clock.period > COARSER * own { averaged } else { interpolated };
     let measured = found.iter().map(|&i| {
         // The filter above found the signal.
         let values = record.get(&vehicle.outputs[i].name).map_or(&[][..], |s| &s.values);
-        brought(&record.time, values, &clock)
+        brought(&time, values, &clock)
     });
     Ok(Grid {
         start_s: clock.start,
@@ -87,24 +90,24 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
         measured: measured.collect(),
         outputs: found,
         t: clock.times(),
-        uneven: uneven(&record.time, own),
+        uneven: uneven(&time, own),
     })
 }
 
 /// The points from the first of the record to its last.
-fn clock(record: &Record, period_s: f64, own: f64) -> Result<Clock, CompareError> {
-    let duration_s = record.duration();
+fn clock((origin, time): (&str, &[f64]), period_s: f64, own: f64) -> Result<Clock, CompareError> {
+    let duration_s = time.first().zip(time.last()).map_or(0.0, |(first, last)| last - first);
     // A record without two different times has no interval of its own.
     let steps = if own > 0.0 { duration_s / period_s } else { 0.0 };
     if steps > MOST_STEPS {
         return Err(CompareError::TooFine { duration_s, period_s });
     }
-    let start_s = record.time.first().copied().unwrap_or(0.0);
+    let start_s = time.first().copied().unwrap_or(0.0);
     match Clock::over(start_s, start_s + duration_s, period_s) {
         Ok(clock) if steps > 0.0 && clock.points >= LEAST_POINTS => Ok(clock),
         other => {
             let points = if steps > 0.0 { other.map_or(0, |clock| clock.points) } else { 0 };
-            Err(CompareError::TooShort { origin: record.origin.clone(), points, period_s })
+            Err(CompareError::TooShort { origin: origin.into(), points, period_s })
         }
     }
 }
@@ -115,11 +118,10 @@ fn uneven(time: &[f64], own: f64) -> f64 {
     steps().filter(|s| (s - own).abs() > 0.5 * own).count() as f64 / steps().count().max(1) as f64
 }
 
-/// Puts a record on an exactly even clock.
-fn straighten(record: &mut Record, period_s: f64) {
-    if let Some(first) = record.time.first().copied() {
-        record.time.iter_mut().enumerate().for_each(|(k, t)| *t = first + k as f64 * period_s);
-    }
+/// As many times on an exactly even clock.
+fn straightened(time: &[f64], period_s: f64) -> Vec<f64> {
+    let first = time.first().copied().unwrap_or(0.0);
+    (0..time.len()).map(|k| first + k as f64 * period_s).collect()
 }
 
 #[cfg(test)]
