@@ -4,7 +4,7 @@ use crate::thresholds::{AXIS_PARTS, CLOUD_POINTS, STEP_RESPONSE_LAGS, STEP_RESPO
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::answer::schema::Points;
-use crate::model::fit::dot;
+use crate::model::columns::dot;
 
 /// Every so many points, so that a cloud stays small.
 pub fn thinned(x: &[f64], y: &[f64]) -> Points {

@@ -6,7 +6,7 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 use crate::answer::schema::{Diagnosis, NotTestable, Verdict};
 use crate::data::record::Data;
-use crate::model::fit::dot;
+use crate::model::columns::dot;
 use crate::model::score_test::ScoreTest;
 use crate::stages::findings::Findings;
 use crate::thresholds::MIN_DETECTABILITY;

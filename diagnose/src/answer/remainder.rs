@@ -5,7 +5,7 @@ use whirlstand_vehicle::Vehicle;
 
 use crate::answer::schema::Unexplained;
 use crate::data::record::Data;
-use crate::model::fit::dot;
+use crate::model::columns::dot;
 use crate::stages::findings::Findings;
 use whirlstand_logs::spectrum::welch;
 use whirlstand_logs::stats::{correlation, rms};

@@ -123,7 +123,7 @@ fn polar(sine: f64, cosine: f64) -> (f64, f64) {
 
 /// Two signatures together: the amplitudes that fit best.
 fn pair(score_test: &ScoreTest<'_>, a: &[f64], b: &[f64]) -> Option<(f64, f64)> {
-    use crate::model::fit::dot;
+    use crate::model::columns::dot;
     let (a, b, e) = (score_test.signature(a), score_test.signature(b), score_test.residual());
     let (aa, ab, bb) = (dot(&a, &a), dot(&a, &b), dot(&b, &b));
     let determinant = aa * bb - ab * ab;

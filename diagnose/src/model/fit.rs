@@ -1,7 +1,6 @@
 //! A hypothesis about a record: the vehicle, effects with open values, and the fit of all of them together.
 
 use crate::thresholds::{FIT_TOLERANCE, MAX_DAMPED_STEPS};
-use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -9,6 +8,7 @@ use whirlstand_vehicle::{Effect, Free, Target, Vehicle};
 
 use crate::candidates::library::Candidate;
 use crate::data::record::Data;
+use crate::model::columns::{blocks, dot, dots, products};
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
 use whirlstand_ident::identify::normal::pseudo_inverse;
@@ -225,6 +225,9 @@ impl<'r, 'd> Model<'r, 'd> {
         let mut profile = again(&residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
         let mut columns = Vec::new();
+        // Own sensitivities, from which the values have not moved by more than the fit's tolerance: another noise model
+        // does not change them.
+        let mut kept: Option<Vec<Vec<f64>>> = None;
         let mut damping = 1e-4;
         for _ in 0..outer {
             let mut white = used.whiten(data, &residual);
@@ -238,8 +241,13 @@ impl<'r, 'd> Model<'r, 'd> {
             for _ in 0..inner {
                 let (information, right) = match &known {
                     Some((known, products)) => {
-                        let own = self.own_columns(&values, &predicted, &slots)?;
-                        bordered(known, products, &whitened(&used, data, &own), &white)
+                        let own = match kept.take() {
+                            Some(own) => own,
+                            None => self.own_columns(&values, &predicted, &slots)?,
+                        };
+                        let normal = bordered(known, products, &whitened(&used, data, &own), &white);
+                        kept = Some(own);
+                        normal
                     }
                     None => {
                         columns = self.columns(&values, &predicted, &slots, None)?;
@@ -259,6 +267,7 @@ impl<'r, 'd> Model<'r, 'd> {
                 if gain < FIT_TOLERANCE {
                     break;
                 }
+                kept = None;
             }
             let next = again(&residual);
             let gain = next.log_likelihood - profile.log_likelihood;
@@ -317,23 +326,9 @@ fn whitened<C: AsRef<Vec<f64>> + Sync>(noise: &Noise, data: &Data, columns: &[C]
     columns.par_iter().map(|c| noise.whiten(data, &data.filled(c.as_ref()))).collect()
 }
 
-/// Products of all columns with each other.
-fn products(columns: &[Vec<f64>]) -> DMatrix<f64> {
-    let n = columns.len();
-    let mut products = DMatrix::zeros(n, n);
-    for i in 0..n {
-        for j in 0..=i {
-            let v = dot(&columns[i], &columns[j]);
-            (products[(i, j)], products[(j, i)]) = (v, v);
-        }
-    }
-    products
-}
-
 /// Information matrix and gradient from whitened columns and residual.
 fn normal(columns: &[Vec<f64>], white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
-    let gradient = DVector::from_iterator(columns.len(), columns.iter().map(|c| dot(c, white)));
-    (products(columns), gradient)
+    (products(columns), DVector::from_vec(dots(columns, white)))
 }
 
 /// The same when the products of the first columns are known.
@@ -347,13 +342,15 @@ fn bordered(
     let mut information = DMatrix::zeros(n, n);
     information.view_mut((0, 0), (k, k)).copy_from(known_products);
     information.view_mut((k, k), (n - k, n - k)).copy_from(&products(own));
-    for (i, a) in own.iter().enumerate() {
-        for (j, b) in known.iter().enumerate() {
-            let v = dot(a, b);
-            (information[(k + i, j)], information[(j, k + i)]) = (v, v);
+    for rows in blocks(white.len()) {
+        for (i, a) in own.iter().enumerate() {
+            for (j, b) in known.iter().enumerate() {
+                information[(k + i, j)] += dot(&a[rows.clone()], &b[rows.clone()]);
+            }
         }
     }
-    let gradient = known.iter().chain(own).map(|c| dot(c, white));
+    information.fill_upper_triangle_with_lower_triangle();
+    let gradient = dots(known, white).into_iter().chain(dots(own, white));
     (information, DVector::from_iterator(n, gradient))
 }
 
@@ -364,18 +361,4 @@ fn damped(information: &DMatrix<f64>, right: &DVector<f64>, damping: f64) -> Opt
         damped[(i, i)] *= 1.0 + damping;
     }
     Some(pseudo_inverse(&damped)? * right)
-}
-
-/// Sum of products, in sixteen independent sums.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 16];
-    let ((a16, a_rest), (b16, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
-    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
-    for (x, y) in a16.iter().zip(b16) {
-        for i in 0..16 {
-            sums[i] += x[i] * y[i];
-        }
-    }
-    rest + sums.iter().sum::<f64>()
 }

@@ -39,6 +39,17 @@ impl Place {
     /// beyond all bounds.
     fn take<'a>(&mut self, first: usize, of: impl Fn(usize) -> &'a [f64], samples: &mut [f64]) -> bool {
         let values = of(self.output);
+        if self.at == self.end {
+            return true;
+        }
+        if self.stride == 1 {
+            let there = values.get(self.next - first..).unwrap_or_default();
+            let there = &there[..there.len().min(self.end - self.at)];
+            samples[self.at..self.at + there.len()].copy_from_slice(there);
+            self.next += there.len();
+            self.at += there.len();
+            return there.iter().fold(true, |within, y| within & (y.abs() <= self.reach));
+        }
         while self.at < self.end
             && let Some(y) = values.get(self.next - first)
         {

@@ -1,6 +1,7 @@
 //! Hypotheses about a record: free runs, noise, likelihood, and what effects would do to the samples.
 
 pub mod climb;
+pub mod columns;
 pub mod fit;
 pub mod forced_response;
 pub mod free_run;

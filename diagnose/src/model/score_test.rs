@@ -1,7 +1,10 @@
 //! The score test: how much of a residual a signature could explain once all nuisances had their share.
 
+use std::sync::Arc;
+
 use crate::data::record::Data;
-use crate::model::fit::dot;
+use crate::model::columns::{dot, dots, subtract_all};
+use crate::model::fit::Column;
 use crate::model::noise::Noise;
 
 /// A residual under one noise model, with what nuisances explain projected out.
@@ -11,8 +14,9 @@ pub struct ScoreTest<'d> {
     noise: Noise,
     /// Orthonormal basis of the whitened nuisances.
     basis: Vec<Vec<f64>>,
-    /// The raw samples that whiten to that basis.
-    raw: Vec<Vec<f64>>,
+    /// The nuisances that the basis is made of, and by how much of each: one row a function of the basis.
+    nuisances: Vec<Column>,
+    shares: Vec<Vec<f64>>,
     /// Whitened residual without its part in that basis.
     residual: Vec<f64>,
 }
@@ -30,30 +34,32 @@ pub struct Score {
 
 impl<'d> ScoreTest<'d> {
     /// `residual` is filled; `nuisances` are raw columns.
-    pub fn new(data: &'d Data, noise: &Noise, residual: &[f64], nuisances: &[impl AsRef<Vec<f64>>]) -> Self {
-        let (mut basis, mut raw): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
-        for column in nuisances {
-            let mut filled = column.as_ref().clone();
-            data.fill(&mut filled);
-            let mut w = noise.whiten(data, &filled);
+    pub fn new(data: &'d Data, noise: &Noise, residual: &[f64], nuisances: &[Column]) -> Self {
+        let (mut basis, mut shares): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
+        for (i, column) in nuisances.iter().enumerate() {
+            let mut w = noise.whiten(data, &data.filled(column));
+            let mut share = vec![0.0; nuisances.len()];
+            share[i] = 1.0;
             let before = dot(&w, &w);
-            // Twice is enough (Kahan and Parlett).
+            // Twice is enough (Giraud, Langou and Rozloznik 2005).
             for _ in 0..2 {
-                for (b, r) in basis.iter().zip(&raw) {
-                    let c = dot(b, &w);
-                    subtract(&mut w, c, b);
-                    subtract(&mut filled, c, r);
+                let by = dots(&basis, &w);
+                subtract_all(&mut w, &by, &basis);
+                for (c, other) in by.iter().zip(&shares) {
+                    share.iter_mut().zip(other).for_each(|(s, o)| *s -= c * o);
                 }
             }
             let after = dot(&w, &w);
             if after > 1e-10 * before && after > 0.0 {
                 let scale = 1.0 / after.sqrt();
-                w.iter_mut().chain(&mut filled).for_each(|w| *w *= scale);
+                w.iter_mut().chain(&mut share).for_each(|w| *w *= scale);
                 basis.push(w);
-                raw.push(filled);
+                shares.push(share);
             }
         }
-        let mut score_test = Self { data, noise: noise.clone(), basis, raw, residual: Vec::new() };
+        let nuisances = nuisances.iter().map(Arc::clone).collect();
+        let mut score_test =
+            Self { data, noise: noise.clone(), basis, nuisances, shares, residual: Vec::new() };
         score_test.residual = score_test.project(residual);
         score_test
     }
@@ -61,20 +67,22 @@ impl<'d> ScoreTest<'d> {
     /// Whitens (raw samples, filled) and projects.
     pub fn project(&self, samples: &[f64]) -> Vec<f64> {
         let mut w = self.noise.whiten(self.data, samples);
-        for b in &self.basis {
-            let c = dot(b, &w);
-            subtract(&mut w, c, b);
-        }
+        let by = dots(&self.basis, &w);
+        subtract_all(&mut w, &by, &self.basis);
         w
     }
 
     /// Raw samples (filled) without what the nuisances explain of them in this score test.
     pub fn without_nuisances(&self, samples: &[f64]) -> Vec<f64> {
         let w = self.noise.whiten(self.data, samples);
-        let mut rest = samples.to_vec();
-        for (b, r) in self.basis.iter().zip(&self.raw) {
-            subtract(&mut rest, dot(b, &w), r);
+        let mut by = vec![0.0; self.nuisances.len()];
+        for (c, share) in dots(&self.basis, &w).iter().zip(&self.shares) {
+            by.iter_mut().zip(share).for_each(|(b, s)| *b += c * s);
         }
+        let mut rest = samples.to_vec();
+        subtract_all(&mut rest, &by, &self.nuisances);
+        // Filling is linear: what the nuisances have where nothing counts goes with it.
+        self.data.fill(&mut rest);
         rest
     }
 
@@ -103,7 +111,7 @@ impl<'d> ScoreTest<'d> {
     fn product(&self, samples: &[f64]) -> (f64, f64) {
         let w = self.noise.whiten(self.data, &self.data.filled(samples));
         let whole = dot(&w, &w);
-        let nuisances: f64 = self.basis.iter().map(|b| dot(b, &w).powi(2)).sum();
+        let nuisances: f64 = dots(&self.basis, &w).iter().map(|c| c * c).sum();
         let energy = whole - nuisances;
         // Less than rounding leaves is nothing.
         (dot(&w, &self.residual), if energy > 1e-9 * whole { energy } else { 0.0 })
@@ -128,11 +136,6 @@ impl<'d> ScoreTest<'d> {
     pub fn residual(&self) -> &[f64] {
         &self.residual
     }
-}
-
-/// a - c b, in place.
-fn subtract(a: &mut [f64], c: f64, b: &[f64]) {
-    a.iter_mut().zip(b).for_each(|(a, b)| *a -= c * b);
 }
 
 /// Cosine of the angle between two projected signatures.

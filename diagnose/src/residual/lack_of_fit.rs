@@ -16,7 +16,8 @@ use whirlstand_vehicle::Vehicle;
 
 use super::basis::{SHAPES, Signal, Signals, product, scale, slowly, smooth, switched};
 use crate::candidates::library::Sizes;
-use crate::model::fit::{Fit, Model, dot};
+use crate::model::columns::dot;
+use crate::model::fit::{Fit, Model};
 use crate::model::forced_response::Forces;
 use crate::model::score_test::ScoreTest;
 use whirlstand_logs::stats::chi_square_tail;

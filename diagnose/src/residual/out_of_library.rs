@@ -10,7 +10,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
-use crate::model::fit::{Fit, Model, dot};
+use crate::model::columns::dot;
+use crate::model::fit::{Fit, Model};
 use crate::model::forced_response::Forces;
 use crate::model::input_reconstruction::Entry;
 use crate::model::noise::{Noise, Profile};

@@ -151,7 +151,7 @@ fn correlation_in_sigmas(a: &[f64], b: &[f64]) -> f64 {
     let (a, b) = (centred(a), centred(b));
     let at = |shift: usize| -> f64 {
         let (head, tail) = b.split_at(shift);
-        crate::model::fit::dot(&a[..n - shift], tail) + crate::model::fit::dot(&a[n - shift..], head)
+        crate::model::columns::dot(&a[..n - shift], tail) + crate::model::columns::dot(&a[n - shift..], head)
     };
     let shifted: Vec<f64> = (1..=CIRCULAR_SHIFTS).map(|i| at(i * (n - 1) / (CIRCULAR_SHIFTS + 1))).collect();
     let spread = rms(&shifted);

@@ -8,7 +8,7 @@ use whirlstand_ident::identify::ar::Ar;
 use whirlstand_logs::stats::mean;
 
 use super::responses::Responses;
-use crate::model::fit::dot;
+use crate::model::columns::dot;
 use crate::model::noise::filtered;
 use crate::thresholds::{DECLARED_NOISE_LOG_STD, FACTOR_SIGMAS, GREATEST_FACTOR, SCREENED_AR_ORDER};
 

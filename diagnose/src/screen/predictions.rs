@@ -5,7 +5,7 @@ use whirlstand_logs::stats::mean;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::{Channel, Data};
-use crate::model::fit::dot;
+use crate::model::columns::dot;
 use crate::model::free_run::FreeRun;
 use crate::thresholds::{LEAST_COMPARED_BLOCKS, MAX_P_VALUE};
 

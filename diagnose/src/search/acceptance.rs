@@ -1,7 +1,8 @@
 //! Whether a candidate is a cause: all conditions, its detectability, and the rivals that explain as much.
 
 use crate::candidates::library::Candidate;
-use crate::model::fit::{Fit, Model, dot};
+use crate::model::columns::dot;
+use crate::model::fit::{Fit, Model};
 use crate::model::score_test::{ScoreTest, cosine};
 use crate::search::alternative::Alternative;
 use crate::search::cross_validation::held_out_gain;

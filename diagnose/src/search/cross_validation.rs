@@ -4,7 +4,8 @@ use crate::thresholds::{BLOCKS, MAX_BLOCK_SHARE, MIN_REMAINING_INFORMATION};
 use nalgebra::DVector;
 
 use crate::data::record::Data;
-use crate::model::fit::{Fit, Model, dot};
+use crate::model::columns::dot;
+use crate::model::fit::{Fit, Model};
 use crate::model::noise::Noise;
 use whirlstand_ident::identify::normal::pseudo_inverse;
 
