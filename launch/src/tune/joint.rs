@@ -53,7 +53,7 @@ impl<'a> Joint<'a> {
             .zip(normal)
             .filter_map(|((cause, (name, estimate)), normal)| {
                 let deviation = (estimate.high - estimate.low) / (2.0 * NINETY_FIVE);
-                deviation.is_finite().then(|| (cause, name.as_str(), estimate.value + deviation * normal))
+                deviation.is_finite().then_some((cause, name.as_str(), estimate.value + deviation * normal))
             })
             .collect()
     }
