@@ -51,6 +51,39 @@ fn filter_with(
     Estimator::of(plant, &sensors, Some(linear), options).expect("observable")
 }
 
+/// The model of a built-in vehicle with the delays and lags of a case.
+fn with_delays_and_lags(case: &serde_json::Value) -> LinearModel {
+    let name = case["name"].as_str().expect("name");
+    let numbers = |key: &str| -> Vec<f64> { serde_json::from_value(case[key].clone()).expect("numbers") };
+    let (a, b) = vehicle(name);
+    let (n, m) = b.shape();
+    let lags: Vec<usize> = (0..m).filter(|i| numbers("lags")[*i] > 0.0).collect();
+    let (mut az, mut bz) =
+        (a.clone().resize(n + lags.len(), n + lags.len(), 0.0), DMatrix::zeros(n + lags.len(), m));
+    bz.rows_mut(0, n).copy_from(&b);
+    for (k, &i) in lags.iter().enumerate() {
+        let rate = 1.0 / numbers("lags")[i];
+        az.view_mut((0, n + k), (n, 1)).copy_from(&b.column(i));
+        bz.column_mut(i).fill(0.0);
+        (az[(n + k, n + k)], bz[(n + k, i)]) = (-rate, rate);
+    }
+    LinearModel {
+        actuators: lags.len(),
+        names: lags.iter().map(|i| format!("u{i} lag")).collect(),
+        a: az,
+        b: bz,
+        c: DMatrix::zeros(0, n + lags.len()),
+        d: DMatrix::zeros(0, m),
+        mix: DMatrix::zeros(0, 0),
+        input_delays_s: numbers("delays"),
+        output_delays_s: Vec::new(),
+        offsets: Vec::new(),
+        variance: Vec::new(),
+        turbulence: vec![0.0; n],
+        ..LinearModel::new(&Vehicle::builtin(name).expect("built in")).expect("plain")
+    }
+}
+
 #[test]
 fn plants_gains_and_margins_are_those_of_scipy_and_python_control() {
     let table: serde_json::Value =
@@ -58,34 +91,7 @@ fn plants_gains_and_margins_are_those_of_scipy_and_python_control() {
     for case in table["cases"].as_array().expect("cases") {
         let name = case["name"].as_str().expect("name");
         let numbers = |key: &str| -> Vec<f64> { serde_json::from_value(case[key].clone()).expect("numbers") };
-        let (a, b) = vehicle(name);
-        let (n, m) = b.shape();
-        // The vehicle's own model with the delays and lags of the case.
-        let lags: Vec<usize> = (0..m).filter(|i| numbers("lags")[*i] > 0.0).collect();
-        let (mut az, mut bz) =
-            (a.clone().resize(n + lags.len(), n + lags.len(), 0.0), DMatrix::zeros(n + lags.len(), m));
-        bz.rows_mut(0, n).copy_from(&b);
-        for (k, &i) in lags.iter().enumerate() {
-            let rate = 1.0 / numbers("lags")[i];
-            az.view_mut((0, n + k), (n, 1)).copy_from(&b.column(i));
-            bz.column_mut(i).fill(0.0);
-            (az[(n + k, n + k)], bz[(n + k, i)]) = (-rate, rate);
-        }
-        let linear = LinearModel {
-            actuators: lags.len(),
-            names: lags.iter().map(|i| format!("u{i} lag")).collect(),
-            a: az,
-            b: bz,
-            c: DMatrix::zeros(0, n + lags.len()),
-            d: DMatrix::zeros(0, m),
-            mix: DMatrix::zeros(0, 0),
-            input_delays_s: numbers("delays"),
-            output_delays_s: Vec::new(),
-            offsets: Vec::new(),
-            variance: Vec::new(),
-            turbulence: vec![0.0; n],
-            ..LinearModel::new(&Vehicle::builtin(name).expect("built in")).expect("plain")
-        };
+        let linear = with_delays_and_lags(case);
         let plant = SampledPlant::of(&linear, PERIOD).expect("sound");
         let near = |what: &str, found: &DMatrix<f64>, key: &str, tolerance: f64| {
             let wanted = matrix(&case[key]);

@@ -101,3 +101,38 @@ fn a_record_with_the_commands_of_another_flight_is_refused() {
     assert_eq!(answer.verdict, Verdict::Inconclusive, "{}", answer.text());
     assert!(answer.data.iter().any(|f| f.kind == "vehicle" && f.blocking), "{}", answer.text());
 }
+
+/// A body that turns freely, its motors late by a lag of 50 ms, under a load that swings and that a controller of attitude
+/// answers: most of what the commands do is to cancel what disturbs the vehicle.
+fn under_a_swinging_load() -> Record {
+    let (period_s, steps) = (0.005, 6000);
+    let (pushes, sensor, hand) = (noise(steps, 11), noise(steps, 12), noise(steps, 13));
+    let (mut commands, mut rates) = (Vec::new(), Vec::new());
+    let (mut angle, mut rate, mut torque) = (0.0, 0.0, 0.0);
+    let (mut load, mut swing) = (0.0, 0.0);
+    for k in 0..steps {
+        let measured = rate + 0.005 * sensor[k];
+        let wanted = if k % 200 < 100 { 0.02 * hand[k / 100 * 100] } else { 0.0 };
+        let command = 0.6 * (wanted - angle) - 0.08 * measured;
+        commands.push(command);
+        rates.push(measured);
+        swing += period_s * (-100.0 * load - 1.0 * swing + 400.0 * pushes[k]);
+        load += period_s * swing;
+        rate += period_s * (60.0 * torque + 0.5 * load);
+        angle += period_s * rate;
+        torque += period_s / 0.05 * (command - torque);
+    }
+    let mut record = Record::new("load", (0..steps).map(|k| k as f64 * period_s).collect()).unwrap();
+    record.push("u_roll", "", commands).unwrap();
+    record.push("roll_rate", "rad/s", rates).unwrap();
+    record
+}
+
+#[test]
+fn commands_that_mostly_cancel_a_disturbance_are_those_of_the_vehicle() {
+    let text = "A = [[0.0]]\nB = [[60.0]]\nstates = [{ name = 'roll_rate', unit = 'rad/s' }]\n\
+                inputs = [{ name = 'u_roll' }]\noutputs = [{ name = 'roll_rate', unit = 'rad/s', noise = 0.005 }]";
+    let vehicle = Vehicle::parse(text, "body.toml").unwrap();
+    let stranger = screen::stranger(&[under_a_swinging_load()], &vehicle, &[], None).unwrap();
+    assert!(stranger.is_none(), "{stranger:?}");
+}

@@ -29,7 +29,7 @@ const ROOMS: [(&str, &[&str]); 18] = [
         "launch",
         &[
             "blind", "bridge", "bus", "campaign", "control", "diagnose", "evaluate", "fmu", "ident", "live",
-            "logs", "msgs", "nodes", "report", "vehicle",
+            "logs", "mirror", "msgs", "nodes", "report", "vehicle",
         ],
     ),
 ];

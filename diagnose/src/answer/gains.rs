@@ -8,6 +8,7 @@ use whirlstand_vehicle::Vehicle;
 
 use crate::answer::schema::HeldOut;
 use crate::data::record::{Channel, Data};
+use crate::model::commands::Commands;
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::FreeRun;
 use crate::model::noise::Noise;
@@ -169,7 +170,7 @@ fn share(score: Score) -> f64 {
 fn ahead(free_run: &FreeRun<'_>, model: &Model<'_, '_>, values: &[f64], horizon_s: f64) -> Option<Vec<f64>> {
     let steps = ((horizon_s / free_run.data.period_s).round() as usize).max(1);
     let vehicle = model.vehicle(values).ok()?;
-    free_run.ahead(&vehicle, &values[..model.states()], steps).ok()
+    free_run.ahead(&vehicle, &values[..model.states()], steps, Commands::Recorded).ok()
 }
 
 /// The same structure fitted for the free run: where a noise model takes slow residuals for colour, parameters that are

@@ -233,18 +233,12 @@ impl<'r, 'd> Model<'r, 'd> {
             let mut white = used.whiten(data, &residual);
             let mut cost = dot(&white, &white);
             // Given sensitivities are the same in every step: they are whitened once.
-            let known = initial.map(|columns| {
-                let white = whitened(&used, data, columns);
-                let products = products(&white);
-                (white, products)
-            });
+            let known = initial.map(|columns| whitened(&used, data, columns)).map(|w| (products(&w), w));
             for _ in 0..inner {
                 let (information, right) = match &known {
-                    Some((known, products)) => {
-                        let own = match kept.take() {
-                            Some(own) => own,
-                            None => self.own_columns(&values, &predicted, &slots)?,
-                        };
+                    Some((products, known)) => {
+                        let own =
+                            kept.take().map_or_else(|| self.own_columns(&values, &predicted, &slots), Ok)?;
                         let normal = bordered(known, products, &whitened(&used, data, &own), &white);
                         kept = Some(own);
                         normal

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use whirlstand_vehicle::{Effect, Rows, Simulator, Vehicle};
 
 use crate::data::record::{Channel, Data};
+use crate::model::commands::Commands;
 use crate::model::observer::Observer;
 use crate::thresholds::{DIVERGED_RATIO, INITIAL_STATE_STEP};
 
@@ -339,12 +340,18 @@ impl<'d> FreeRun<'d> {
         Ok(columns)
     }
 
-    /// Predictions of all samples over a horizon of so many steps: each from what the record predicted_from until then, and within
+    /// Predictions of all samples over a horizon of so many steps: each from what the record shows until then, and within
     /// a quarter of the horizon of it. Before the first horizon has passed they come from the initial state.
     ///
     /// # Errors
     /// When a run leaves all bounds.
-    pub fn ahead(&self, vehicle: &Vehicle, initial: &[f64], horizon: usize) -> Result<Vec<f64>, ModelError> {
+    pub fn ahead(
+        &self,
+        vehicle: &Vehicle,
+        initial: &[f64],
+        horizon: usize,
+        commands: Commands,
+    ) -> Result<Vec<f64>, ModelError> {
         let data = self.data;
         let every = (horizon / 4).max(1);
         let mut samples = vec![f64::NAN; data.samples()];
@@ -362,7 +369,7 @@ impl<'d> FreeRun<'d> {
             let predicted_from = if first { k } else { k + horizon - every };
             let end = data.starts.iter().copied().find(|s| *s > k).unwrap_or(data.steps).min(k + horizon);
             for j in k..end {
-                runner.apply(data.commands(j));
+                runner.apply(data.commands(commands.step(j, k, since)));
                 let y = runner.measure();
                 for (channel, range) in data.channels.iter().zip(&ranges).filter(|_| j >= predicted_from) {
                     let from = j.checked_sub(channel.first).filter(|s| s.is_multiple_of(channel.stride));

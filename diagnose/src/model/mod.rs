@@ -2,6 +2,7 @@
 
 pub mod climb;
 pub mod columns;
+pub mod commands;
 pub mod fit;
 pub mod forced_response;
 pub mod free_run;

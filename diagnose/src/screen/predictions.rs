@@ -6,6 +6,7 @@ use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::{Channel, Data};
 use crate::model::columns::dot;
+use crate::model::commands::Commands;
 use crate::model::free_run::FreeRun;
 use crate::thresholds::{LEAST_COMPARED_BLOCKS, MAX_P_VALUE};
 
@@ -14,6 +15,8 @@ use crate::thresholds::{LEAST_COMPARED_BLOCKS, MAX_P_VALUE};
 pub(super) struct Span {
     /// Over so many steps; `None` for a free run.
     pub horizon: Option<usize>,
+    /// What is known of the commands until then.
+    commands: Commands,
     /// Steps of a block: twice as long as errors are alike.
     block: usize,
 }
@@ -29,9 +32,17 @@ pub(super) struct Sample {
 }
 
 impl Span {
-    /// `longest` is the longest horizon, steps.
-    pub fn new(horizon: Option<usize>, longest: usize) -> Self {
-        Self { horizon, block: 2 * horizon.unwrap_or(longest) }
+    /// A free run, and predictions over these horizons, steps, the longest last. In a closed loop the commands ahead answer
+    /// what is to be predicted: where they cancel what disturbs the vehicle, a model that knows them and not the disturbance
+    /// predicts worse than none. So predictions are made without them, too (Dufour and Renault, Econometrica 66, 1998).
+    pub fn all(horizons: &[usize]) -> Vec<Self> {
+        let longest = horizons.last().copied().unwrap_or(1);
+        let free = Self { horizon: None, commands: Commands::Recorded, block: 2 * longest };
+        let ahead = |horizon: &usize| {
+            let of = |commands| Self { horizon: Some(*horizon), commands, block: 2 * horizon };
+            [Commands::Recorded, Commands::Held].map(of)
+        };
+        horizons.iter().flat_map(ahead).chain([free]).collect()
     }
 
     /// Predictions of all samples, from states at rest; `None` where the vehicle has none.
@@ -41,7 +52,7 @@ impl Span {
         let run = FreeRun::new(vehicle, &data);
         let rest = vec![0.0; run.initials()];
         match self.horizon {
-            Some(horizon) => run.ahead(vehicle, &rest, horizon).ok(),
+            Some(horizon) => run.ahead(vehicle, &rest, horizon, self.commands).ok(),
             None => run.run_vehicle(vehicle, &rest).ok(),
         }
     }

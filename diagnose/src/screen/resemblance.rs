@@ -33,8 +33,7 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
     let horizons =
         std::iter::successors(Some(LEAST_HORIZON_STEPS as usize), |h| Some(MEMORY_GROWTH as usize * h));
     let horizons: Vec<usize> = horizons.take_while(|h| *h < longest).chain([longest]).collect();
-    let spans: Vec<Span> =
-        horizons.iter().map(|h| Some(*h)).chain([None]).map(|h| Span::new(h, longest)).collect();
+    let spans = Span::all(&horizons);
     let mut worse = vec![false; data.channels.len()];
     for span in &spans {
         let Some(predicted) = span.predicted(vehicle, data) else { continue };

@@ -3,6 +3,7 @@
 use whirlstand_bus::Transport;
 use whirlstand_nodes::config::Role;
 
+use super::amount::Seconds;
 use super::document::{LaunchError, at};
 use super::plan::{PlannedNode, Planner};
 use super::schema::{LaunchFile, NodeSection};
@@ -95,7 +96,7 @@ impl Planner<'_> {
         for (key, time) in [
             ("ready_timeout_s", section.ready_timeout_s),
             ("hang_timeout_s", section.hang_timeout_s),
-            ("stop_timeout_s", section.stop_timeout_s),
+            ("stop_timeout_s", Seconds(section.stop_timeout_s(role(name)))),
         ] {
             self.check_time(at!["nodes", name, key], time.0)?;
         }

@@ -7,7 +7,9 @@ use serde::{Deserialize, Deserializer};
 use whirlstand_bridge::config::{BridgeKind, BridgeOptions};
 use whirlstand_bus::Transport;
 use whirlstand_control::{Selector, VibrationModel, Weights};
-use whirlstand_nodes::config::{ControllerConfig, Engine, EstimatorKind, Mode, PlantConfig, RealtimeOptions};
+use whirlstand_nodes::config::{
+    ControllerConfig, Engine, EstimatorKind, Mode, PlantConfig, RealtimeOptions, Role,
+};
 
 use super::amount::{Amount, Bytes, Seconds, hertz};
 
@@ -210,8 +212,8 @@ pub(crate) struct NodeSection {
     pub ready_timeout_s: Seconds,
     /// Longest silence of a node that publishes `Health`; then it is killed and counts as failed.
     pub hang_timeout_s: Seconds,
-    /// Time between asking it to end (SIGTERM) and killing it (SIGKILL).
-    pub stop_timeout_s: Seconds,
+    /// Time between asking it to end (SIGTERM) and killing it (SIGKILL); see [`Self::stop_timeout_s`].
+    pub stop_timeout_s: Option<Seconds>,
     /// Priority under SCHED_FIFO, 1 to 99.
     #[serde(deserialize_with = "priority")]
     pub priority: Option<u8>,
@@ -228,6 +230,13 @@ impl NodeSection {
             Restart::Never => 1,
             Restart::OnFailure => self.max_restarts.saturating_add(1),
         }
+    }
+
+    /// Time between asking the node to end and killing it, s: 3 s unless stated, and half a minute for a recorder, which has
+    /// to bring a log to a disk that may be busy. Killing it would lose what it holds.
+    pub fn stop_timeout_s(&self, role: Option<Role>) -> f64 {
+        let usual = if role == Some(Role::Recorder) { 30.0 } else { 3.0 };
+        self.stop_timeout_s.map_or(usual, |stated| stated.0)
     }
 
     /// What the node asks of the operating system.
@@ -259,7 +268,7 @@ impl Default for NodeSection {
             max_restarts: 3,
             ready_timeout_s: Seconds(15.0),
             hang_timeout_s: Seconds(5.0),
-            stop_timeout_s: Seconds(3.0),
+            stop_timeout_s: None,
             priority: None,
             cpus: Vec::new(),
             lock_memory: false,

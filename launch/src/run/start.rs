@@ -217,7 +217,7 @@ impl Start<'_> {
             max_restarts: section.starts() - 1,
             hang_timeout: Duration::from_secs_f64(section.hang_timeout_s.0),
             publishes_health: section.exec.is_none(),
-            stop_timeout: Duration::from_secs_f64(section.stop_timeout_s.0),
+            stop_timeout: Duration::from_secs_f64(section.stop_timeout_s(node.role)),
             stop_stage: match node.role {
                 Some(Role::Plant) => StopStage::First,
                 Some(Role::Recorder) => StopStage::Last,
