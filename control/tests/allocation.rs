@@ -4,10 +4,9 @@ mod support;
 
 use allocation_counter::measure;
 use nalgebra::DMatrix;
-use support::plant;
+use support::{ALL, plant};
 use whirlstand_control::{
-    Compensation, Controller, Design, Estimator, EstimatorKind, EstimatorOptions, LawOptions, SampledPlant,
-    Sensors,
+    Controller, Design, Estimator, EstimatorKind, EstimatorOptions, LawOptions, SampledPlant, Sensors,
 };
 use whirlstand_vehicle::{Effect, Kind, LinearModel, Vehicle};
 
@@ -55,16 +54,8 @@ fn controller_and_estimator_steps_allocate_nothing() {
                 let design = Design::new(&plant, &LawOptions::named(law).expect("known")).expect("ok");
                 let mut controller = Controller::new(&design);
                 if let Some(linear) = &linear {
-                    let all = [
-                        Compensation::DeadZone,
-                        Compensation::Backlash,
-                        Compensation::CoulombFriction,
-                        Compensation::InputSaturation,
-                        Compensation::RateLimit,
-                        Compensation::GainDrift,
-                    ];
                     // What a law had better leave alone it leaves alone: a step of what remains is looked at.
-                    controller.compensate(&design, linear, &all);
+                    controller.compensate(&design, linear, &ALL);
                 }
                 controller
             })

@@ -1,6 +1,9 @@
 //! What is taken back of effects that are not linear: the gain in the loop, the bounds, and what is declined.
 
+mod support;
+
 use nalgebra::DVector;
+use support::ALL;
 use whirlstand_control::{
     Compensation, Controller, Declined, Design, Estimator, EstimatorOptions, InputLimits, LawOptions,
     LqrOptions, SampledPlant, Selector, Sensors,
@@ -9,14 +12,6 @@ use whirlstand_vehicle::{Effect, Kind, LinearModel, Simulator, Vehicle};
 
 const PERIOD: f64 = 0.005;
 const REACH: f64 = 20.0;
-const ALL: [Compensation; 6] = [
-    Compensation::DeadZone,
-    Compensation::Backlash,
-    Compensation::CoulombFriction,
-    Compensation::InputSaturation,
-    Compensation::RateLimit,
-    Compensation::GainDrift,
-];
 
 /// Effect, place and parameters.
 type Given<'a> = (Kind, &'a str, &'a [(&'a str, f64)]);

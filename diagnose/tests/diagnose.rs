@@ -2,7 +2,7 @@
 
 mod support;
 
-use support::{changed, flight};
+use support::{changed, flight, with_gap};
 use whirlstand_diagnose::{Diagnosis, Options, Verdict, diagnose};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Kind, Vehicle, Window};
@@ -208,18 +208,6 @@ fn without_excitation_or_length_nothing_is_claimed() {
     let short = flight(&quadrotor(), 0.3, &[0.0; 4], 3.0, Some(16));
     let error = diagnose(&[short], &quadrotor(), &Options::default()).unwrap_err().to_string();
     assert!(error.contains("30") && error.contains("64"), "{error}");
-}
-
-/// A record without what lies between two times.
-fn with_gap(record: &Record, from_s: f64, until_s: f64) -> Record {
-    let kept: Vec<usize> =
-        (0..record.len()).filter(|k| !(from_s..until_s).contains(&record.time[*k])).collect();
-    let pick = |values: &[f64]| kept.iter().map(|k| values[*k]).collect::<Vec<f64>>();
-    let mut out = Record::new("gap.csv", pick(&record.time)).unwrap();
-    for signal in record.signals() {
-        out.push(&signal.name, &signal.unit, pick(&signal.values)).unwrap();
-    }
-    out
 }
 
 #[test]

@@ -2,11 +2,10 @@
 
 mod support;
 
-use support::flight;
+use support::{flight, with_gap};
 use whirlstand_ident::identify::{Log, Noise, Options, Segment, Source, identify};
 use whirlstand_ident::watch::Watch;
 use whirlstand_ident::{CompareOptions, compare};
-use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
 /// A cart whose input has half of its effect from 40 s on, and whose sensor reads too much until then.
@@ -20,18 +19,6 @@ const CART: &str = "A = [[0.0, 1.0], [-4.0, -0.5]]\nB = [[0.0], [2.0]]\n\
 
 fn cart() -> Vehicle {
     Vehicle::parse(CART, "cart.toml").unwrap()
-}
-
-/// A record without what lies between two times.
-fn with_gap(record: &Record, from_s: f64, until_s: f64) -> Record {
-    let kept: Vec<usize> =
-        (0..record.len()).filter(|k| !(from_s..until_s).contains(&record.time[*k])).collect();
-    let pick = |values: &[f64]| kept.iter().map(|k| values[*k]).collect::<Vec<f64>>();
-    let mut out = Record::new("gap.csv", pick(&record.time)).unwrap();
-    for signal in record.signals() {
-        out.push(&signal.name, &signal.unit, pick(&signal.values)).unwrap();
-    }
-    out
 }
 
 #[test]

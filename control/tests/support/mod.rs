@@ -2,7 +2,7 @@
 #![allow(dead_code, missing_docs)]
 
 use nalgebra::{Complex, DMatrix};
-use whirlstand_control::{InputLimits, SampledPlant};
+use whirlstand_control::{Compensation, InputLimits, SampledPlant};
 
 /// SplitMix64 (Steele, Lea and Flood 2014), as in `reference/systems.py`.
 #[derive(Debug, Clone)]
@@ -140,3 +140,13 @@ pub fn distance(found: &[Complex<f64>], wanted: &[Complex<f64>]) -> f64 {
     }
     worst
 }
+
+/// All that a law can take back.
+pub const ALL: [Compensation; 6] = [
+    Compensation::DeadZone,
+    Compensation::Backlash,
+    Compensation::CoulombFriction,
+    Compensation::InputSaturation,
+    Compensation::RateLimit,
+    Compensation::GainDrift,
+];

@@ -76,3 +76,15 @@ pub fn changed(record: &Record, channel: &str, f: impl Fn(usize, f64) -> f64) ->
     }
     out
 }
+
+/// A record without what lies between two times.
+pub fn with_gap(record: &Record, from_s: f64, until_s: f64) -> Record {
+    let kept: Vec<usize> =
+        (0..record.len()).filter(|k| !(from_s..until_s).contains(&record.time[*k])).collect();
+    let pick = |values: &[f64]| kept.iter().map(|k| values[*k]).collect::<Vec<f64>>();
+    let mut out = Record::new("gap.csv", pick(&record.time)).unwrap();
+    for signal in record.signals() {
+        out.push(&signal.name, &signal.unit, pick(&signal.values)).unwrap();
+    }
+    out
+}

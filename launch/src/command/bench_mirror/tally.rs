@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use whirlstand_campaign::Proportion;
+use whirlstand_logs::stats;
 
 use super::trial::{Clean, NAMED_S, Trial};
 
@@ -93,10 +94,10 @@ pub(super) struct Goal {
     pub met: bool,
 }
 
+/// None where there are no values.
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
+    let values: Vec<f64> = values.collect();
+    (!values.is_empty()).then(|| stats::median(&values))
 }
 
 impl Row {
