@@ -25,14 +25,11 @@ pub fn from_step(effect: &Effect, step: u64, period_s: f64) -> Option<Effect> {
             Some(moved)
         }
         Kind::ModeTransition => Effect::mode_transition(at_s, effect.text()?).ok(),
-        kind if kind.can_be_switched() => {
-            // The middle of a rounding error before the step, so that it acts at the step itself.
-            effect
-                .clone()
-                .during(Window { from_s: Some((at_s - 1e-9 * period_s).max(0.0)), until_s: None })
-                .ok()
+        // The middle of a rounding error before the step, so that it acts at the step itself.
+        _ => {
+            let from_s = Some((at_s - 1e-9 * period_s).max(0.0));
+            effect.clone().during(Window { from_s, until_s: None }).ok()
         }
-        _ => Some(effect.clone()),
     }
 }
 

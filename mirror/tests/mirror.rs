@@ -26,20 +26,10 @@ fn fly(vehicle: &Vehicle, seed: u64, seconds: f64, effect: Option<(&Effect, u64)
 }
 
 #[test]
-fn clean_flight_has_no_finding() {
+fn an_hour_of_clean_flight_has_no_finding() {
     for name in builtin_names() {
-        let findings = fly(&Vehicle::builtin(name).unwrap(), 7, 600.0, None);
+        let findings = fly(&Vehicle::builtin(name).unwrap(), 1, 3600.0, None);
         assert!(findings.is_empty(), "{name}: {findings:?}");
-    }
-}
-
-#[test]
-#[ignore = "ten hours of flight on each vehicle take a minute"]
-fn ten_hours_of_clean_flight_have_at_most_one_finding() {
-    for name in builtin_names() {
-        let findings = fly(&Vehicle::builtin(name).unwrap(), 1, 36_000.0, None);
-        println!("{name}: {} findings in 10 h", findings.len());
-        assert!(findings.len() <= 1, "{name}: {findings:?}");
     }
 }
 

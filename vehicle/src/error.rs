@@ -105,6 +105,17 @@ pub enum SimulatorError {
     /// The poles of the vehicle with its filters, which say how fine a step has to be, cannot be computed.
     #[error("the vehicle cannot be simulated, as its poles cannot be computed: {0}")]
     Poles(#[from] DecompositionError),
+    /// Too many effects that take other matrices have a window.
+    #[error(
+        "{found} delays, lags, modes, couplings, parameter changes and mode transitions have from_s or until_s, but at most \
+         {most} can, as a step is solved beforehand for every combination of them; take the window off some"
+    )]
+    Windows {
+        /// How many have one.
+        found: usize,
+        /// How many can.
+        most: usize,
+    },
     /// An effect does not fit the vehicle.
     #[error(transparent)]
     Effect(#[from] EffectError),

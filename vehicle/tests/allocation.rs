@@ -4,7 +4,7 @@ mod support;
 
 use allocation_counter::measure;
 use support::{EFFECTS, effect};
-use whirlstand_vehicle::{Effect, Simulator, Vehicle, builtin_names};
+use whirlstand_vehicle::{Effect, Simulator, Vehicle, Window, builtin_names};
 
 fn allocations(vehicle: &Vehicle) -> u64 {
     let mut simulator = Simulator::new(vehicle, 0.005, 1).unwrap();
@@ -44,4 +44,26 @@ fn steps_with_every_effect_allocate_nothing() {
     let used: std::collections::BTreeSet<_> = vehicle.effects.iter().map(Effect::kind).collect();
     assert_eq!(used.len(), whirlstand_vehicle::SPECS.len(), "every effect is used");
     assert_eq!(allocations(&vehicle), 0);
+}
+
+#[test]
+fn effects_that_begin_and_end_allocate_nothing() {
+    for text in EFFECTS {
+        let mut vehicle = Vehicle::builtin("helicopter-hover").unwrap();
+        let window = Window { from_s: Some(1.0), until_s: Some(4.0) };
+        vehicle.add_effect(effect(text).during(window).unwrap()).unwrap();
+        // One beside it that is switched by hand.
+        vehicle.add_effect(effect(EFFECTS[1]).during(window).unwrap()).unwrap();
+        let mut simulator = Simulator::new(&vehicle, 0.005, 1).unwrap().clone();
+        let counted = measure(|| {
+            for k in 0..1000 {
+                if k == 500 {
+                    assert!(simulator.switch(1, false));
+                }
+                simulator.measure();
+                simulator.step(&[0.3, 0.3]);
+            }
+        });
+        assert_eq!(counted.count_total, 0, "{text}");
+    }
 }

@@ -8,9 +8,7 @@ use whirlstand_vehicle::{Effect, Engine, LinearModel, Simulator, Stream, Vehicle
 
 /// A flight under LQR with a setpoint that moves at random, as the bench flies it: command k acts from step k + 1 on.
 pub struct Flight {
-    before: Simulator,
-    /// The vehicle with the effect, which goes along until it takes over.
-    after: Option<(u64, Simulator)>,
+    simulator: Simulator,
     controller: Controller,
     estimator: Estimator,
     stream: Stream,
@@ -27,8 +25,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// `effect` begins at a step. What the plant can switch has a window; everything else changes at the boundary of that step,
-    /// with the states carried over and delays that hold what they would.
+    /// `effect` begins at a step.
     pub fn new(vehicle: &Vehicle, period_s: f64, seed: u64, effect: Option<(&Effect, u64)>) -> Self {
         let simulator = |vehicle: &Vehicle| {
             let mut simulator = Simulator::new(vehicle, period_s, seed).unwrap();
@@ -54,25 +51,16 @@ impl Flight {
             names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
         };
         let estimator = Estimator::of(&plant, &sensors, Some(&linear), &EstimatorOptions::default()).unwrap();
-        let mut before = vehicle.clone();
-        let mut after = None;
+        let mut flown = vehicle.clone();
         if let Some((effect, step)) = effect {
             let window = Window { from_s: Some((step as f64 - 1e-6) * period_s), until_s: None };
-            match effect.clone().during(window) {
-                Ok(switched) => before.add_effect(switched).unwrap(),
-                Err(_) => {
-                    let mut other = vehicle.clone();
-                    other.add_effect(effect.clone()).unwrap();
-                    after = Some((step, simulator(&other)));
-                }
-            }
+            flown.add_effect(effect.clone().during(window).unwrap()).unwrap();
         }
         // Attitudes are asked for; a vehicle with positions is asked for these.
         let angles = ["roll", "pitch"].iter().filter_map(|name| vehicle.state_index(name));
         let neutral: Vec<f64> = vehicle.inputs.iter().map(|i| i.neutral()).collect();
         Self {
-            before: simulator(&before),
-            after,
+            simulator: simulator(&flown),
             controller: Controller::new(&design),
             estimator,
             stream: Stream::new(seed, "setpoint"),
@@ -91,36 +79,22 @@ impl Flight {
 
     /// The next step.
     pub fn fly(&mut self) {
-        if let Some((step, mut after)) = self.after.take() {
-            let change: Vec<f64> =
-                self.before.state().iter().zip(after.state()).map(|(a, b)| a - b).collect();
-            if self.step < step {
-                after.correct(&change);
-                after.apply(&self.command);
-                after.measure();
-                after.advance();
-                self.after = Some((step, after));
-            } else {
-                after.correct(&change);
-                self.before = after;
-            }
-        }
         if self.step == self.next_setpoint {
             for &(state, size) in &self.tracked {
                 self.reference[state] = size * (2.0 * self.stream.uniform() - 1.0);
             }
             self.next_setpoint += ((1.0 + 2.0 * self.stream.uniform()) / self.period_s) as u64;
         }
-        self.before.apply(&self.command);
-        self.u.copy_from_slice(self.before.applied());
-        self.y.copy_from_slice(self.before.measure());
-        let fresh = self.before.fresh().iter().enumerate();
+        self.simulator.apply(&self.command);
+        self.u.copy_from_slice(self.simulator.applied());
+        self.y.copy_from_slice(self.simulator.measure());
+        let fresh = self.simulator.fresh().iter().enumerate();
         self.fresh = fresh.fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
         self.estimator.step(&self.y, self.fresh, &self.acted, &self.command);
         self.acted.copy_from_slice(&self.u);
         let tracked = self.tracked.iter().fold(0u64, |bits, (i, _)| bits | 1 << i);
         self.controller.step(self.estimator.x(), &self.reference, tracked, &mut self.command);
-        self.before.advance();
+        self.simulator.advance();
         self.step += 1;
     }
 

@@ -37,28 +37,3 @@ pub enum Kind {
     Dropouts,
     Outliers,
 }
-
-impl Kind {
-    /// Whether it acts sample by sample on an input or a sensor, so that it can act for a part of the time.
-    pub fn can_be_switched(self) -> bool {
-        matches!(
-            self,
-            Self::InputGain
-                | Self::GainDrift
-                | Self::InputBias
-                | Self::DeadZone
-                | Self::InputSaturation
-                | Self::RateLimit
-                | Self::Backlash
-                | Self::SensorBias
-                | Self::SensorDrift
-                | Self::SensorScale
-                | Self::Vibration
-                | Self::Noise
-                | Self::Quantization
-                | Self::OutputSaturation
-                | Self::Dropouts
-                | Self::Outliers
-        )
-    }
-}

@@ -114,7 +114,7 @@ impl Effect {
     /// The same effect for a part of the time.
     ///
     /// # Errors
-    /// When this effect cannot be switched, or the window is none.
+    /// When the window is none.
     pub fn during(mut self, window: Window) -> Result<Self, EffectError> {
         self.window = window;
         self.check_ranges()?;
@@ -139,7 +139,7 @@ impl Effect {
                 .into_iter()
                 .chain(spec.parameters.iter().map(|p| p.name))
                 .chain(spec.text.map(|(name, _)| name))
-                .chain(window::KEYS.into_iter().filter(|_| self.kind.can_be_switched()))
+                .chain(window::KEYS)
         };
         format!(
             "'{name}' is not a key of {}{}; keys are {}",
@@ -159,7 +159,7 @@ impl Effect {
     }
 
     fn check_ranges(&self) -> Result<(), EffectError> {
-        if let Some((key, reason)) = self.window.fault(self.kind) {
+        if let Some((key, reason)) = self.window.fault() {
             return Err(self.error(Some(key), reason));
         }
         let spec = self.kind.spec();

@@ -177,9 +177,9 @@ mod tests {
         let effect: Effect = toml::from_str(text).unwrap();
         assert_eq!((effect.window().from_s, effect.window().until_s), (Some(0.5), Some(2.0)));
         assert_eq!(toml::from_str::<Effect>(&toml::to_string(&effect).unwrap()).unwrap(), effect);
-        let text = "effect = \"input_delay\"\nwhere = \"u\"\ndelay_s = 0.1\nfrom_s = 1.0";
+        let text = "effect = \"input_delay\"\nwhere = \"u\"\ndelay_s = 0.1\nfrom_s = 2\nuntil_s = 1";
         let error = toml::from_str::<Effect>(text).unwrap_err().to_string();
-        assert!(error.contains("input_delay cannot be switched"), "{error}");
+        assert!(error.contains("until_s is 1 s, not after from_s = 2 s"), "{error}");
     }
 
     #[test]

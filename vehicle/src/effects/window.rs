@@ -1,7 +1,5 @@
 //! When an effect acts.
 
-use super::kind::Kind;
-
 /// Keys of a window.
 pub(super) const KEYS: [&str; 2] = ["from_s", "until_s"];
 
@@ -31,14 +29,7 @@ impl Window {
     }
 
     /// What is wrong with it, if anything, and at which key.
-    pub(super) fn fault(&self, kind: Kind) -> Option<(&'static str, String)> {
-        let (first, _) = self.ends().next()?;
-        if !kind.can_be_switched() {
-            let reason = format!(
-                "{kind} cannot be switched: only what acts sample by sample on inputs and sensors can"
-            );
-            return Some((first, reason));
-        }
+    pub(super) fn fault(&self) -> Option<(&'static str, String)> {
         if let Some((key, end)) = self.ends().find(|(_, end)| !(end.is_finite() && *end >= 0.0)) {
             return Some((key, format!("must be at least 0 s, but is {end} s")));
         }
@@ -56,11 +47,10 @@ mod tests {
         let window = Window { from_s: Some(1.0), until_s: Some(2.0) };
         assert_eq!([0.99, 1.0, 1.99, 2.0].map(|t| window.holds(t)), [false, true, true, false]);
         assert!(Window::default().holds(7.0) && Window::default().is_always());
-        assert_eq!(window.fault(Kind::SensorBias), None);
-        assert_eq!(window.fault(Kind::InputDelay).unwrap().0, "from_s");
+        assert_eq!(window.fault(), None);
         let turned = Window { from_s: Some(2.0), until_s: Some(2.0) };
-        assert_eq!(turned.fault(Kind::Noise).unwrap().0, "until_s");
+        assert_eq!(turned.fault().unwrap().0, "until_s");
         let negative = Window { from_s: Some(-1.0), until_s: None };
-        assert!(negative.fault(Kind::Noise).is_some());
+        assert!(negative.fault().is_some());
     }
 }

@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, RowDVector};
 
+use super::switch::Switch;
 use crate::effects::{Effect, Kind, Matrix, Place};
 use crate::error::SimulatorError;
 use crate::model::Vehicle;
@@ -71,6 +72,8 @@ pub struct Rest {
     pub state: usize,
     pub gain: f64,
     pub signal: Row,
+    /// The filter is off: its state stays where the signal is.
+    pub follows: bool,
 }
 
 /// A sine on a state's derivative: z[sine] = amplitude sin(omega t + phase), z[sine + 1] the cosine.
@@ -81,6 +84,7 @@ pub struct Oscillator {
     pub frequency_hz: f64,
     pub phase_rad: f64,
     pub amplitude: f64,
+    pub switch: Switch,
 }
 
 /// The augmented system.
@@ -105,7 +109,7 @@ struct Builder {
     m: usize,
     /// dz/dt of the filter states, by state.
     filters: Vec<(usize, Form)>,
-    rests: Vec<(usize, f64, Form)>,
+    rests: Vec<(usize, f64, Form, bool)>,
 }
 
 impl Builder {
@@ -124,28 +128,37 @@ impl Builder {
         self.nz - 1
     }
 
-    /// The signal behind a first-order lag.
-    fn lag(&mut self, signal: Form, time_constant_s: f64) -> Form {
+    /// The signal behind a first-order lag, or as it is where that does not act.
+    fn lag(&mut self, signal: Form, time_constant_s: f64, acts: bool) -> Form {
         if time_constant_s == 0.0 {
             return signal;
         }
         let s = self.add_state();
+        if !acts {
+            self.rests.push((s, 1.0, signal.clone(), true));
+            return signal;
+        }
         let mut derivative = self.grown(&signal);
         derivative.z[s] -= 1.0;
         derivative.z /= time_constant_s;
         derivative.v /= time_constant_s;
         self.filters.push((s, derivative));
-        self.rests.push((s, 1.0, signal));
+        self.rests.push((s, 1.0, signal, false));
         self.state(s)
     }
 
-    /// The signal behind gain w^2 / (s^2 + 2 z w s + w^2).
-    fn mode(&mut self, signal: Form, effect: &Effect) -> Form {
+    /// The signal behind gain w^2 / (s^2 + 2 z w s + w^2), or as it is where that does not act.
+    fn mode(&mut self, signal: Form, effect: &Effect, acts: bool) -> Form {
         let w = TAU * effect.get("frequency_hz");
         let (damping, gain) = (effect.get("damping_ratio"), effect.get("gain"));
         // The second state is the velocity over w, which keeps the entries of one size.
         let position = self.add_state();
         let velocity = self.add_state();
+        if !acts {
+            self.rests.push((position, 1.0, signal.clone(), true));
+            self.rests.push((velocity, 0.0, self.zero(), true));
+            return signal;
+        }
         let mut velocity_form = self.state(velocity);
         velocity_form.z *= w;
         let mut acceleration = self.grown(&signal);
@@ -155,8 +168,8 @@ impl Builder {
         acceleration.z[velocity] -= 2.0 * damping * w;
         self.filters.push((position, velocity_form));
         self.filters.push((velocity, acceleration));
-        self.rests.push((position, gain, signal));
-        self.rests.push((velocity, 0.0, self.zero()));
+        self.rests.push((position, gain, signal, false));
+        self.rests.push((velocity, 0.0, self.zero(), false));
         self.state(position)
     }
 
@@ -177,11 +190,16 @@ impl Builder {
 }
 
 impl System {
-    /// Compiles `vehicle` with its effects, whose places are given beside them.
-    pub fn new(vehicle: &Vehicle, effects: &[(Effect, Place)]) -> Result<Self, SimulatorError> {
+    /// Compiles `vehicle` with its effects, whose places are given beside them, and of which those with a window act where
+    /// `acts` says so.
+    pub fn new(
+        vehicle: &Vehicle,
+        effects: &[(Effect, Place)],
+        acts: &[bool],
+    ) -> Result<Self, SimulatorError> {
         let (n, m) = vehicle.b.shape();
         let mut changed = vehicle.clone();
-        for (effect, place) in effects {
+        for ((effect, place), _) in effects.iter().zip(acts).filter(|(_, acts)| **acts) {
             if let Place::Entry(matrix, i, j) = *place {
                 let matrix = match matrix {
                     Matrix::A => &mut changed.a,
@@ -196,8 +214,9 @@ impl System {
         }
 
         let mut builder = Builder { nz: n, m, filters: Vec::new(), rests: Vec::new() };
-        let signals = actuators(&mut builder, effects);
-        let of = |kind: Kind| effects.iter().filter(move |(e, _)| e.kind() == kind);
+        let signals = actuators(&mut builder, effects, acts);
+        let all = || effects.iter().zip(acts).enumerate();
+        let of = |kind: Kind| all().filter(move |(_, ((e, _), _))| e.kind() == kind);
         let mut outputs = Vec::new();
         for i in 0..vehicle.outputs.len() {
             let mut ideal = builder.combine((0..m).map(|j| (changed.d[(i, j)], &signals[j])));
@@ -205,13 +224,15 @@ impl System {
                 ideal.z[k] += changed.c[(i, k)];
             }
             let mut lagged = ideal.clone();
-            for (effect, _) in of(Kind::SensorLag).filter(|(_, p)| *p == Place::Output(i)) {
-                lagged = builder.lag(lagged, effect.get("time_constant_s"));
+            for (_, ((effect, place), acts)) in of(Kind::SensorLag) {
+                if *place == Place::Output(i) {
+                    lagged = builder.lag(lagged, effect.get("time_constant_s"), *acts);
+                }
             }
             outputs.push((ideal, lagged));
         }
         let mut oscillators = Vec::new();
-        for (effect, place) in of(Kind::PeriodicDisturbance) {
+        for (index, ((effect, place), _)) in of(Kind::PeriodicDisturbance) {
             let Place::State(state) = *place else { continue };
             let sine = builder.add_state();
             builder.add_state();
@@ -221,14 +242,26 @@ impl System {
                 frequency_hz: effect.get("frequency_hz"),
                 phase_rad: effect.get("phase_rad"),
                 amplitude: effect.get("amplitude"),
+                switch: Switch::new(index, effect),
             });
         }
 
-        let mut transitions: Vec<&Effect> = of(Kind::ModeTransition).map(|(e, _)| e).collect();
+        // One with a window is there from the beginning of a combination, or not at all.
+        let (mut transitions, mut chosen) = (Vec::new(), None);
+        for (_, ((effect, _), acts)) in of(Kind::ModeTransition) {
+            match effect.window().is_always() {
+                true => transitions.push(effect),
+                false if *acts => chosen = Some(effect),
+                false => {}
+            }
+        }
         transitions.sort_by(|a, b| a.get("at_s").total_cmp(&b.get("at_s")));
         let mut models = vec![(changed.a.clone(), changed.b.clone())];
         for effect in &transitions {
             models.push(vehicle.successor(effect)?);
+        }
+        if let Some(effect) = chosen {
+            models.fill(vehicle.successor(effect)?);
         }
         let stages = models.iter().map(|(a, b)| stage(&builder, &oscillators, &signals, a, b)).collect();
         let row = |form: &Form| Row::new(&builder.grown(form));
@@ -240,7 +273,12 @@ impl System {
             rests: builder
                 .rests
                 .iter()
-                .map(|(state, gain, signal)| Rest { state: *state, gain: *gain, signal: row(signal) })
+                .map(|(state, gain, signal, follows)| Rest {
+                    state: *state,
+                    gain: *gain,
+                    signal: row(signal),
+                    follows: *follows,
+                })
                 .collect(),
             oscillators,
         })
@@ -253,7 +291,7 @@ impl System {
 }
 
 /// The signals that drive B: v coupled, then through lags and modes.
-fn actuators(builder: &mut Builder, effects: &[(Effect, Place)]) -> Vec<Form> {
+fn actuators(builder: &mut Builder, effects: &[(Effect, Place)], acts: &[bool]) -> Vec<Form> {
     let m = builder.m;
     let mut signals: Vec<Form> = (0..m)
         .map(|i| {
@@ -262,18 +300,19 @@ fn actuators(builder: &mut Builder, effects: &[(Effect, Place)]) -> Vec<Form> {
             form
         })
         .collect();
-    for (effect, place) in effects {
-        if let Place::InputPair(from, onto) = *place {
+    for ((effect, place), acts) in effects.iter().zip(acts) {
+        if let (Place::InputPair(from, onto), true) = (*place, *acts) {
             signals[onto].v[from] += effect.get("coefficient");
         }
     }
     for kind in [Kind::ActuatorLag, Kind::UnmodelledMode] {
         for (i, signal) in signals.iter_mut().enumerate() {
-            for (effect, _) in effects.iter().filter(|(e, p)| e.kind() == kind && *p == Place::Input(i)) {
+            let here = |(e, p): &(Effect, Place)| e.kind() == kind && *p == Place::Input(i);
+            for ((effect, _), acts) in effects.iter().zip(acts).filter(|(e, _)| here(e)) {
                 let before = std::mem::replace(signal, builder.zero());
                 *signal = match kind {
-                    Kind::ActuatorLag => builder.lag(before, effect.get("time_constant_s")),
-                    _ => builder.mode(before, effect),
+                    Kind::ActuatorLag => builder.lag(before, effect.get("time_constant_s"), *acts),
+                    _ => builder.mode(before, effect, *acts),
                 };
             }
         }

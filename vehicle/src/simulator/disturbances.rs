@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use super::compile::Oscillator;
 use super::inputs::split;
 use super::schedule::{Moment, reached};
+use super::switch::Switch;
 use crate::effects::{Effect, Kind, Place};
 use crate::normals::Normals;
 use crate::random::Stream;
@@ -16,6 +17,7 @@ struct Pulse {
     magnitude: f64,
     from: Moment,
     until: Moment,
+    switch: Switch,
 }
 
 /// First-order shaped noise: d' = -w d + std sqrt(2 w) white, w = 2 pi bandwidth, begun in its stationary state.
@@ -52,7 +54,7 @@ impl Turbulence {
 pub struct Disturbances {
     period_s: f64,
     pulses: Vec<Pulse>,
-    pub(super) turbulence: Vec<(usize, Turbulence)>,
+    pub(super) turbulence: Vec<(usize, Turbulence, Switch)>,
     pub(super) oscillators: Vec<Oscillator>,
     external: Vec<f64>,
     /// Nothing comes from outside.
@@ -83,12 +85,14 @@ impl Disturbances {
                         magnitude: effect.get("magnitude"),
                         from: split(at_s, period_s),
                         until: until.unwrap_or((u64::MAX, 0.0)),
+                        switch: Switch::new(index, effect),
                     });
                 }
                 (Kind::Turbulence, Some(seed)) => {
                     let stream = Stream::new(seed, &consumer(effects, index));
                     let (std, bandwidth) = (effect.get("std"), effect.get("bandwidth_hz"));
-                    turbulence.push((state, Turbulence::new(std, bandwidth, period_s, stream)));
+                    let turbulent = Turbulence::new(std, bandwidth, period_s, stream);
+                    turbulence.push((state, turbulent, Switch::new(index, effect)));
                 }
                 _ => {}
             }
@@ -120,7 +124,8 @@ impl Disturbances {
     /// The constant part over the substep that begins at this offset.
     pub fn held(&self, step: u64, start_s: f64, out: &mut [f64]) {
         self.held_without_turbulence(step, start_s, out);
-        for (state, turbulence) in &self.turbulence {
+        let t = self.middle(step);
+        for (state, turbulence, _) in self.turbulence.iter().filter(|(.., switch)| switch.is_on(t)) {
             out[*state] += turbulence.value();
         }
     }
@@ -128,7 +133,8 @@ impl Disturbances {
     /// The same without turbulence: what changes only at [`Self::events`].
     pub fn held_without_turbulence(&self, step: u64, start_s: f64, out: &mut [f64]) {
         out.copy_from_slice(&self.external);
-        for pulse in &self.pulses {
+        let t = self.middle(step);
+        for pulse in self.pulses.iter().filter(|pulse| pulse.switch.is_on(t)) {
             let reached = |moment| reached(moment, step, start_s, self.period_s);
             if reached(pulse.from) && !reached(pulse.until) {
                 out[pulse.state] += pulse.magnitude;
@@ -140,9 +146,42 @@ impl Disturbances {
     pub fn set_oscillators(&self, step: u64, z: &mut [f64]) {
         for o in &self.oscillators {
             let (sine, cosine) = self.phase(o, step);
-            z[o.sine] = o.amplitude * sine;
-            z[o.sine + 1] = o.amplitude * cosine;
+            let amplitude = self.amplitude(o, step);
+            z[o.sine] = amplitude * sine;
+            z[o.sine + 1] = amplitude * cosine;
         }
+    }
+
+    fn amplitude(&self, o: &Oscillator, step: u64) -> f64 {
+        if o.switch.is_on(self.middle(step)) { o.amplitude } else { 0.0 }
+    }
+
+    /// The middle of a step, so that an effect with a window begins and ends at the boundary next to its moment.
+    fn middle(&self, step: u64) -> f64 {
+        (step as f64 + 0.5) * self.period_s
+    }
+
+    /// Switches an effect, if it is one of these; whether it is.
+    pub fn switch(&mut self, step: u64, effect: usize, on: bool) -> bool {
+        let is_one = self.switches().any(|switch| switch.set(effect, on));
+        if is_one {
+            self.refresh(step);
+        }
+        is_one
+    }
+
+    fn switches(&mut self) -> impl Iterator<Item = &mut Switch> {
+        let pulses = self.pulses.iter_mut().map(|p| &mut p.switch);
+        let turbulence = self.turbulence.iter_mut().map(|(.., switch)| switch);
+        pulses.chain(turbulence).chain(self.oscillators.iter_mut().map(|o| &mut o.switch))
+    }
+
+    /// Whether one acts for a part of the time.
+    pub fn have_windows(&self) -> bool {
+        let pulses = self.pulses.iter().map(|p| &p.switch);
+        let turbulence = self.turbulence.iter().map(|(.., switch)| switch);
+        let mut all = pulses.chain(turbulence).chain(self.oscillators.iter().map(|o| &o.switch));
+        all.any(|switch| !switch.is_always())
     }
 
     fn phase(&self, o: &Oscillator, step: u64) -> (f64, f64) {
@@ -152,7 +191,7 @@ impl Disturbances {
 
     /// Goes on to the next step.
     pub fn advance(&mut self, next: u64) {
-        for (_, turbulence) in &mut self.turbulence {
+        for (_, turbulence, _) in &mut self.turbulence {
             turbulence.advance();
         }
         if !(self.pulses.is_empty() && self.turbulence.is_empty() && self.oscillators.is_empty()) {
@@ -183,7 +222,7 @@ impl Disturbances {
         let mut acting = std::mem::take(&mut self.acting);
         self.held(step, 0.0, &mut acting);
         for o in &self.oscillators {
-            acting[o.state] += o.amplitude * self.phase(o, step).0;
+            acting[o.state] += self.amplitude(o, step) * self.phase(o, step).0;
         }
         self.acting = acting;
     }

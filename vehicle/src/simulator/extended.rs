@@ -2,13 +2,14 @@
 
 use whirlstand_linalg::spectral_radius;
 
-use super::compile::{Rest, System};
+use super::combinations::Combinations;
 use super::disturbances::Disturbances;
 use super::inputs::{Chain, Delay};
 use super::kernel::{Kernel, State};
 use super::nonlinear::{Nonlinear, Work};
-use super::schedule::{self, Schedule};
+use super::schedule;
 use super::sensors::Sensors;
+use super::settings::Settings;
 use crate::effects::{Effect, Place};
 use crate::error::SimulatorError;
 
@@ -18,16 +19,15 @@ pub struct Extended {
     period_s: f64,
     chains: Vec<Chain>,
     delays: Vec<Delay>,
-    schedule: Schedule,
+    settings: Settings,
     nonlinear: Option<Nonlinear>,
-    rests: Vec<Rest>,
 }
 
 impl Extended {
     /// `neutral`: the commands until now.
     pub fn new(
         effects: &[(Effect, Place)],
-        system: &System,
+        combinations: &Combinations,
         neutral: &[f64],
         period_s: f64,
         sensors: &Sensors,
@@ -38,31 +38,51 @@ impl Extended {
             let own = effects.iter().enumerate().filter(move |(_, (_, p))| *p == Place::Input(i));
             let own = own.map(|(index, (e, _))| (index, e));
             let mut chain = Chain::new(own.clone(), neutral, period_s);
-            let delay_s = own
+            let longest_s = own
                 .filter(|(_, e)| e.kind() == crate::effects::Kind::InputDelay)
                 .map(|(_, e)| e.get("delay_s"))
                 .sum::<f64>();
-            delays.push(Delay::new(delay_s, period_s, chain.clone().next(neutral, 0.0)));
+            delays.push(Delay::new(longest_s, period_s, chain.clone().next(neutral, 0.0)));
             chains.push(std::mem::take(&mut chain));
         }
-        let cuts: Vec<f64> =
-            delays.iter().map(|d| d.fraction_s).filter(|f| *f > 0.0).chain(sensors.cuts_s()).collect();
-        let mut nonlinear = Nonlinear::new(effects, system.n, neutral.len());
+        let mut nonlinear = Nonlinear::new(effects, combinations.all[0].system.n, neutral.len());
         if let Some(nonlinear) = &mut nonlinear {
-            for (a, _) in &system.stages {
+            for (a, _) in combinations.all.iter().flat_map(|one| &one.system.stages) {
                 nonlinear.fastest = nonlinear.fastest.max(spectral_radius(a)?);
             }
         }
         let levels = nonlinear.as_ref().map_or(1, Nonlinear::levels);
-        let schedule = Schedule::new(system, period_s, &cuts, &disturbances.events(), levels)?;
-        Ok(Self { period_s, chains, delays, schedule, nonlinear, rests: system.rests.clone() })
+        let cuts = (&disturbances.events()[..], levels);
+        let settings = Settings::new(combinations, effects, period_s, sensors, cuts, neutral.len())?;
+        Ok(Self { period_s, chains, delays, settings, nonlinear })
+    }
+
+    /// Whether an effect that acts in the step itself, not on commands or outputs alone, can be switched.
+    pub fn has_windows(&self) -> bool {
+        !self.settings.is_one() || self.nonlinear.as_ref().is_some_and(Nonlinear::has_windows)
+    }
+
+    /// Lets act in a step what does. To be called at its beginning, and when something was switched by hand.
+    pub fn choose(&mut self, step: u64, sensors: &mut Sensors) {
+        if let Some(nonlinear) = &mut self.nonlinear {
+            nonlinear.choose((step as f64 + 0.5) * self.period_s);
+        }
+        if self.settings.is_one() {
+            return;
+        }
+        self.settings.choose(step);
+        sensors.choose(self.settings.index());
+        for (delay, chosen) in self.delays.iter_mut().zip(&self.settings.now().delays) {
+            delay.choose(*chosen);
+        }
     }
 
     /// The kernel of all periods but some, and those; `None` where more than a matrix product happens in each: chains or delays
     /// on inputs, cuts, nonlinear parts, mode transitions.
     pub fn one_kernel(&self) -> Option<(&Kernel, impl Iterator<Item = u64>)> {
         let direct = self.chains.iter().all(Chain::is_empty) && self.delays.iter().all(Delay::is_none);
-        if direct && self.nonlinear.is_none() { self.schedule.one_kernel() } else { None }
+        let one = direct && self.nonlinear.is_none() && self.settings.is_one();
+        if one { self.settings.now().schedule.one_kernel() } else { None }
     }
 
     /// Sets the resting inputs, and filters to where those lead.
@@ -70,14 +90,14 @@ impl Extended {
         for (value, delay) in drive.iter_mut().zip(&self.delays) {
             *value = delay.newer();
         }
-        for rest in &self.rests {
+        for rest in &self.settings.now().rests {
             z[rest.state] = rest.gain * rest.signal.value(z, drive);
         }
     }
 
     /// Sets the sensors' lags to where the vehicle's states lead. Actuator filters depend on none of these states.
     pub fn settle_sensors(&self, z: &mut [f64], drive: &[f64]) {
-        for rest in self.rests.iter().filter(|r| r.gain != 0.0) {
+        for rest in self.settings.now().rests.iter().filter(|r| r.gain != 0.0) {
             z[rest.state] = rest.gain * rest.signal.value(z, drive);
         }
     }
@@ -92,9 +112,18 @@ impl Extended {
         }
     }
 
-    /// Switches an effect on an input; whether there is such a one.
+    /// Switches an effect; whether there is such a one. What it changes is told by [`Self::choose`].
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
-        self.chains.iter_mut().any(|chain| chain.switch(effect, on))
+        self.settings.switch(effect, on)
+            || self.nonlinear.as_mut().is_some_and(|nonlinear| nonlinear.switch(effect, on))
+            || self.chains.iter_mut().any(|chain| chain.switch(effect, on))
+    }
+
+    /// Keeps the states of filters that are off where the signals are, so that nothing jumps when they begin.
+    fn follow(&self, z: &mut [f64], drive: &[f64]) {
+        for rest in self.settings.now().rests.iter().filter(|rest| rest.follows) {
+            z[rest.state] = rest.gain * rest.signal.value(z, drive);
+        }
     }
 
     /// Moves z over one period, substep by substep; `drive` holds the inputs, then what is added to the derivatives.
@@ -111,7 +140,7 @@ impl Extended {
         let inputs = self.chains.len();
         // Where nothing is added to the derivatives, only the inputs act.
         let acting = if disturbances.are_none() { inputs } else { drive.len() };
-        for substep in self.schedule.substeps(step) {
+        for substep in self.settings.schedule().substeps(step) {
             let (v, held) = drive.split_at_mut(inputs);
             for (value, delay) in v.iter_mut().zip(&self.delays) {
                 let changed = schedule::reached((0, delay.fraction_s), 0, substep.start_s, self.period_s);
@@ -125,6 +154,10 @@ impl Extended {
                 Some(nonlinear) => nonlinear.advance(substep, z, &drive[..acting], work),
                 None => z.flow(&substep.levels[0], &drive[..acting], &mut work.scratch),
             }
+        }
+        if self.has_windows() {
+            self.follow(z.as_mut(), drive);
+            self.choose(step + 1, sensors);
         }
     }
 }

@@ -165,15 +165,23 @@ impl Link {
 pub struct Delay {
     /// Offset in the period at which the signal changes.
     pub fraction_s: f64,
+    whole: usize,
     ring: Vec<f64>,
     newest: usize,
 }
 
 impl Delay {
-    pub fn new(delay_s: f64, period_s: f64, rest: f64) -> Self {
-        let (whole, fraction_s) = split(delay_s, period_s);
+    /// Remembers for as long as this, which is the delay until another is chosen.
+    pub fn new(longest_s: f64, period_s: f64, rest: f64) -> Self {
+        let (whole, fraction_s) = split(longest_s, period_s);
         // Bounded by the table: 60 s.
-        Self { fraction_s, ring: vec![rest; whole as usize + 2], newest: 0 }
+        let whole = whole as usize;
+        Self { fraction_s, whole, ring: vec![rest; whole + 2], newest: 0 }
+    }
+
+    /// Chooses another delay, whole periods and a rest in s, no longer than the longest.
+    pub fn choose(&mut self, (whole, fraction_s): (u64, f64)) {
+        (self.whole, self.fraction_s) = ((whole as usize).min(self.ring.len() - 2), fraction_s);
     }
 
     /// Whether what was pushed acts at once.
@@ -189,18 +197,17 @@ impl Delay {
 
     /// What acts from `fraction_s` on.
     pub fn newer(&self) -> f64 {
-        // The oldest entry but one: the ring holds two more than the whole periods of delay.
-        self.after_newest(2)
+        self.before_newest(self.whole)
     }
 
     /// What acts before `fraction_s`.
     pub fn older(&self) -> f64 {
-        self.after_newest(1)
+        self.before_newest(self.whole + 1)
     }
 
-    fn after_newest(&self, by: usize) -> f64 {
-        let (at, length) = (self.newest + by, self.ring.len());
-        self.ring[if at < length { at } else { at - length }]
+    fn before_newest(&self, by: usize) -> f64 {
+        let at = if by <= self.newest { self.newest - by } else { self.newest + self.ring.len() - by };
+        self.ring[at]
     }
 }
 
@@ -262,6 +269,16 @@ mod tests {
             }
         }
         assert_eq!(Delay::new(0.3, 0.1, 0.0).fraction_s, 0.0);
+    }
+
+    #[test]
+    fn another_delay_is_taken_out_of_what_is_remembered() {
+        let mut delay = Delay::new(0.4, 0.1, 0.0);
+        (1..10).for_each(|k| delay.push(f64::from(k)));
+        for (whole, newer) in [(4, 5.0), (0, 9.0), (2, 7.0)] {
+            delay.choose((whole, 0.0));
+            assert_eq!((delay.newer(), delay.older()), (newer, newer - 1.0));
+        }
     }
 
     #[test]

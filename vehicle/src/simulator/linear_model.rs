@@ -109,7 +109,7 @@ impl LinearModel {
                 None => linear.push((effect.clone(), place)),
             }
         }
-        let system = System::new(vehicle, &linear)?;
+        let system = System::new(vehicle, &linear, &vec![true; linear.len()])?;
         let (n, m) = vehicle.b.shape();
         let p = vehicle.outputs.len();
         let (a, b) = system.stages[0].clone();

@@ -13,11 +13,14 @@
 //!    (declared and `sensor_bias`), `sensor_drift`, vibration (declared and effect), noise (declared and effect),
 //!    rounding (declared, then `quantization`), `output_saturation`, `dropouts`, `outliers`.
 //!
-//! An effect with a window acts in it only; a drift then grows from the window's beginning.
+//! An effect with a window acts in it only; a drift then grows from the window's beginning. No state jumps there: a delay runs
+//! all the time and its output is taken from then on, a lag or mode follows its input until it acts, and matrices change at the
+//! boundary of steps.
 //! Time t counts from the simulator's start. Before it, commands were neutral and filters at rest.
 //! A `parameter_change` is one of the vehicle itself, not of the one that a `mode_transition` leads to.
 
 mod beyond_linear;
+mod combinations;
 mod compile;
 mod disturbances;
 mod extended;
@@ -33,10 +36,12 @@ mod rows;
 mod schedule;
 mod sensor;
 mod sensors;
+mod settings;
 mod switch;
 mod tap;
 #[cfg(test)]
 mod tests;
+mod windows;
 
 use nalgebra::DMatrix;
 
@@ -47,7 +52,7 @@ pub use self::lanes::SimulatorLanes;
 pub use self::linear_model::LinearModel;
 pub use self::rows::Rows;
 
-use self::compile::System;
+use self::combinations::Combinations;
 use self::disturbances::Disturbances;
 use self::extended::Extended;
 use self::kernel::Kernel;
@@ -167,10 +172,11 @@ impl Simulator {
             .map(|e| Ok((e.clone(), e.resolve(vehicle)?)))
             .collect::<Result<Vec<(Effect, Place)>, SimulatorError>>()?;
         let not_finite = || SimulatorError::NotFinite { vehicle: vehicle.name.clone(), period_s };
-        let system = System::new(vehicle, &effects)?;
+        let combinations = Combinations::new(vehicle, &effects)?;
         let (n, m) = vehicle.b.shape();
+        let system = &combinations.all[0].system;
         let padded = Kernel::padded(system.size());
-        let sensors = Sensors::new(vehicle, &system, &effects, period_s, seed);
+        let sensors = Sensors::new(vehicle, &combinations, &effects, period_s, seed);
         let disturbances = Disturbances::new(&effects, system.oscillators.clone(), n, period_s, seed);
 
         let resting = |(i, input): (usize, &crate::model::Input)| {
@@ -179,7 +185,8 @@ impl Simulator {
         };
         let resting: Vec<f64> = vehicle.inputs.iter().enumerate().map(resting).collect();
         let dynamics = if effects.iter().any(acts_on_motion) || sensors.has_delay() {
-            let extended = Extended::new(&effects, &system, &resting, period_s, &sensors, &disturbances);
+            let extended =
+                Extended::new(&effects, &combinations, &resting, period_s, &sensors, &disturbances);
             Dynamics::Extended(Box::new(extended.map_err(|e| match e {
                 SimulatorError::NotFinite { .. } => not_finite(),
                 other => other,
@@ -206,6 +213,7 @@ impl Simulator {
             engine: if seed.is_some() { Engine::default() } else { Engine::Off },
             lost: None,
         };
+        simulator.choose();
         simulator.rest();
         Ok(simulator)
     }
@@ -244,6 +252,7 @@ impl Simulator {
     pub fn begin_at(&mut self, step: u64) {
         self.step = step;
         self.disturbances.begin_at(step);
+        self.choose();
     }
 
     /// Moves the state by `change`, as an observer corrects it; filters and sensors keep their own.
@@ -329,16 +338,6 @@ impl Simulator {
     /// What is added to each state's derivative at the present step, by effects and from outside.
     pub fn disturbance(&self) -> &[f64] {
         self.disturbances.acting()
-    }
-
-    /// Switches the effect of that index in the vehicle, from now on whatever its window says; false for one that has no
-    /// window.
-    pub fn switch(&mut self, effect: usize, on: bool) -> bool {
-        let on_input = match &mut self.dynamics {
-            Dynamics::Plain(_) => false,
-            Dynamics::Extended(extended) => extended.switch(effect, on),
-        };
-        on_input || self.sensors.switch(effect, on)
     }
 
     /// What the engine does.

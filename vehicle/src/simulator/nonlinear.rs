@@ -8,6 +8,7 @@
 
 use super::kernel::{Kernel, State};
 use super::schedule::Substep;
+use super::switch::Switch;
 use crate::effects::{Effect, Kind, Place};
 
 /// Deepest halving of a substep.
@@ -15,7 +16,7 @@ const DEEPEST: usize = 12;
 /// Deepest halving for the sake of smooth nonlinearities.
 const DEEPEST_SMOOTH: usize = 6;
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 enum Smooth {
     /// state, coefficient
     Drag(usize, f64),
@@ -32,13 +33,27 @@ struct Friction {
     force: f64,
 }
 
+/// An effect that is a part of the friction on a state, or the whole.
+#[derive(Debug, Clone)]
+struct Part {
+    switch: Switch,
+    state: usize,
+    against: (f64, f64),
+}
+
 /// The nonlinear part of a vehicle.
 #[derive(Debug, Clone)]
 pub struct Nonlinear {
     n: usize,
     m: usize,
+    smooths: Vec<(Switch, Smooth)>,
+    parts: Vec<Part>,
+    /// Those that act come first, and so many do.
     smooth: Vec<Smooth>,
+    smooth_acting: usize,
+    /// Several frictions on one state are one; those that act come first, and so many do.
     friction: Vec<Friction>,
+    friction_acting: usize,
     /// Largest magnitude of a pole of the linear part, 1/s.
     pub fastest: f64,
     /// Inputs with the friction's forces.
@@ -68,45 +83,88 @@ impl<V: State> Work<V> {
 impl Nonlinear {
     /// `None` when no effect is a nonlinear one.
     pub fn new(effects: &[(Effect, Place)], n: usize, m: usize) -> Option<Self> {
-        let mut smooth = Vec::new();
-        let mut friction = Vec::new();
-        for (effect, place) in effects {
+        let (mut smooths, mut parts) = (Vec::new(), Vec::new());
+        for (index, (effect, place)) in effects.iter().enumerate() {
+            let switch = Switch::new(index, effect);
             match (effect.kind(), *place) {
                 (Kind::QuadraticDrag, Place::State(i)) => {
-                    smooth.push(Smooth::Drag(i, effect.get("coefficient")))
+                    smooths.push((switch, Smooth::Drag(i, effect.get("coefficient"))));
                 }
                 (Kind::CubicStiffness, Place::StatePair(from, onto)) => {
-                    smooth.push(Smooth::Cubic(from, onto, effect.get("coefficient")));
+                    smooths.push((switch, Smooth::Cubic(from, onto, effect.get("coefficient"))));
                 }
                 (Kind::CoulombFriction, Place::State(state)) => {
                     let (level, asymmetry) = (effect.get("level"), effect.get("asymmetry"));
-                    friction.push(Friction {
-                        state,
-                        against: (level + asymmetry, level - asymmetry),
-                        force: 0.0,
-                    });
+                    parts.push(Part { switch, state, against: (level + asymmetry, level - asymmetry) });
                 }
                 _ => {}
             }
         }
-        // Several frictions on one state are one friction: their limits add.
-        friction.sort_by_key(|f| f.state);
-        friction.dedup_by(|b, a| {
-            let same = a.state == b.state;
-            if same {
-                a.against = (a.against.0 + b.against.0, a.against.1 + b.against.1);
-            }
-            same
-        });
-        if smooth.is_empty() && friction.is_empty() {
+        if smooths.is_empty() && parts.is_empty() {
             return None;
         }
-        Some(Self { n, m, smooth, friction, fastest: 0.0, inputs: vec![0.0; m + n] })
+        parts.sort_by_key(|part| part.state);
+        let none = |part: &Part| Friction { state: part.state, against: (0.0, 0.0), force: 0.0 };
+        let mut all = Self {
+            n,
+            m,
+            smooth: smooths.iter().map(|(_, smooth)| *smooth).collect(),
+            smooth_acting: 0,
+            friction: parts.iter().map(none).collect(),
+            friction_acting: 0,
+            smooths,
+            parts,
+            fastest: 0.0,
+            inputs: vec![0.0; m + n],
+        };
+        all.choose(0.0);
+        Some(all)
+    }
+
+    /// Whether something acts for a part of the time.
+    pub fn has_windows(&self) -> bool {
+        let parts = self.parts.iter().map(|part| &part.switch);
+        self.smooths.iter().map(|(switch, _)| switch).chain(parts).any(|switch| !switch.is_always())
+    }
+
+    /// Lets act what does at `t`.
+    pub fn choose(&mut self, t: f64) {
+        self.smooth_acting = 0;
+        for (_, smooth) in self.smooths.iter().filter(|(switch, _)| switch.is_on(t)) {
+            self.smooth[self.smooth_acting] = *smooth;
+            self.smooth_acting += 1;
+        }
+        self.friction_acting = 0;
+        for part in self.parts.iter().filter(|part| part.switch.is_on(t)) {
+            let (positive, negative) = part.against;
+            match self.friction[..self.friction_acting].last_mut().filter(|f| f.state == part.state) {
+                Some(f) => f.against = (f.against.0 + positive, f.against.1 + negative),
+                None => {
+                    let one = Friction { state: part.state, against: part.against, force: 0.0 };
+                    self.friction[self.friction_acting] = one;
+                    self.friction_acting += 1;
+                }
+            }
+        }
+    }
+
+    /// Switches an effect, if it is one of these; whether it is.
+    pub fn switch(&mut self, effect: usize, on: bool) -> bool {
+        let parts = self.parts.iter_mut().map(|part| &mut part.switch);
+        self.smooths.iter_mut().map(|(switch, _)| switch).chain(parts).any(|switch| switch.set(effect, on))
+    }
+
+    fn smooth(&self) -> &[Smooth] {
+        &self.smooth[..self.smooth_acting]
+    }
+
+    fn friction(&self) -> &[Friction] {
+        &self.friction[..self.friction_acting]
     }
 
     /// Halvings that a substep must offer: Lawson's method looks at half a step of the deepest.
     pub fn levels(&self) -> usize {
-        if self.friction.is_empty() { DEEPEST_SMOOTH + 2 } else { DEEPEST + 2 }
+        if self.parts.is_empty() { DEEPEST_SMOOTH + 2 } else { DEEPEST + 2 }
     }
 
     /// Advances z over a substep under constant inputs (v, then the derivatives' own).
@@ -127,7 +185,7 @@ impl Nonlinear {
     /// How often the substep must be halved for its smooth part.
     #[inline(always)]
     fn level(&self, length_s: f64, z: &[f64]) -> usize {
-        let slope = self.smooth.iter().map(|s| match *s {
+        let slope = self.smooth().iter().map(|s| match *s {
             Smooth::Drag(i, c) => 2.0 * (c * z[i]).abs(),
             Smooth::Cubic(from, onto, c) if from == onto => (3.0 * c * z[from] * z[from]).abs(),
             // Across two states it is a stiffness, whose root is a frequency.
@@ -135,10 +193,10 @@ impl Nonlinear {
         });
         // The method's error is of fourth order in both; at these shares it is about 1e-7 of the signal. Drag has a kink, about
         // which the order is lower (see `attempt`): its steps are shorter against the linear part.
-        let drag = self.smooth.iter().any(|s| matches!(s, Smooth::Drag(..)));
+        let drag = self.smooth().iter().any(|s| matches!(s, Smooth::Drag(..)));
         let share = if drag { 0.0625 } else { 0.25 };
         let needed = (slope.sum::<f64>() / 0.05).max(self.fastest / share) * length_s;
-        if needed <= 1.0 || self.smooth.is_empty() {
+        if needed <= 1.0 || self.smooth().is_empty() {
             return 0;
         }
         let mut level = 1;
@@ -160,19 +218,19 @@ impl Nonlinear {
     ) -> bool {
         let levels = &substep.levels[level..];
         let h = substep.length_s * 0.5f64.powi(level as i32);
-        if self.friction.is_empty() {
-            lawson(&self.smooth, levels, h, z, inputs, work);
+        if self.friction().is_empty() {
+            lawson(self.smooth(), levels, h, z, inputs, work);
         } else {
             self.rub(z.as_ref(), inputs);
-            lawson(&self.smooth, levels, h, z, &self.inputs, work);
+            lawson(self.smooth(), levels, h, z, &self.inputs, work);
         }
         // The second derivative of x abs(x) jumps at zero: the step that crosses it is made short.
         let (result, z) = (work.result.as_mut(), z.as_ref());
         let kinked = |s: &Smooth| matches!(*s, Smooth::Drag(i, _) if result[i] * z[i] < 0.0);
-        if level < DEEPEST_SMOOTH && self.smooth.iter().any(kinked) {
+        if level < DEEPEST_SMOOTH && self.smooth().iter().any(kinked) {
             return false;
         }
-        self.friction.is_empty() || self.settle(&levels[0], z, result, level == DEEPEST)
+        self.friction().is_empty() || self.settle(&levels[0], z, result, level == DEEPEST)
     }
 
     /// Adds the forces of friction, against each state's motion, to the inputs.
@@ -180,7 +238,7 @@ impl Nonlinear {
         let (given, rest) = self.inputs.split_at_mut(inputs.len());
         given.copy_from_slice(inputs);
         rest.fill(0.0);
-        for f in &mut self.friction {
+        for f in &mut self.friction[..self.friction_acting] {
             let (positive, negative) = f.against;
             f.force = match z[f.state] {
                 x if x > 0.0 => -positive,
@@ -194,15 +252,15 @@ impl Nonlinear {
     /// Gives the friction of states at rest, or about to cross zero, the force that ends the step at rest.
     fn settle(&mut self, kernel: &Kernel, z: &[f64], result: &mut [f64], deepest: bool) -> bool {
         let crosses = |result: &[f64], i: usize| z[i] != 0.0 && result[i] * z[i] <= 0.0;
-        if !deepest && self.friction.iter().any(|f| crosses(result, f.state)) {
+        if !deepest && self.friction().iter().any(|f| crosses(result, f.state)) {
             return false;
         }
         // The forces couple weakly through the other states within so short a time: a few sweeps suffice.
-        let free = Set::of(self.friction.iter().map(|f| z[f.state] == 0.0 || crosses(result, f.state)));
+        let free = Set::of(self.friction().iter().map(|f| z[f.state] == 0.0 || crosses(result, f.state)));
         let mut breaks_away = false;
         for sweep in 0..4 {
             let last = sweep == 3;
-            for (index, f) in self.friction.iter_mut().enumerate() {
+            for (index, f) in self.friction[..self.friction_acting].iter_mut().enumerate() {
                 if !free.contains(index) {
                     continue;
                 }

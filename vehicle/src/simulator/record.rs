@@ -48,7 +48,7 @@ impl Simulator {
     pub fn run_forced_block(&mut self, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
         rows.length = inputs.len() / self.m.max(1);
         assert!(rows.length <= BLOCK, "at most {BLOCK} steps");
-        let plain = self.sensors.are_expected() && self.engine == Engine::Off;
+        let plain = self.sensors.are_expected() && self.engine == Engine::Off && !self.has_windows();
         match (self.z.len(), plain) {
             (4, true) => run_4(self, inputs, force, rows),
             (8, true) => run_8(self, inputs, force, rows),

@@ -57,7 +57,9 @@ pub(super) struct Sensor {
     /// The motion, without and with the sensor's own lag.
     pub(super) ideal: Row,
     pub(super) lagged: Row,
-    pub(super) tap: Option<Tap>,
+    /// The past that delays look at, and where among them the delay in force looks.
+    pub(super) taps: Vec<Tap>,
+    pub(super) tap: Option<usize>,
     pub(super) every: u64,
     /// The step from which on a new value is due.
     pub(super) due: u64,
@@ -106,6 +108,7 @@ pub(super) fn declared(
     Sensor {
         ideal: ideal.clone(),
         lagged: lagged.clone(),
+        taps: Vec::new(),
         tap: None,
         every: if seed.is_some() { u64::from(output.every) } else { 1 },
         due: 0,
@@ -156,6 +159,22 @@ impl Sensor {
             }
             _ => {}
         }
+    }
+
+    /// What the motion was a delay ago, where there is one.
+    #[inline(always)]
+    pub(super) fn late(&self) -> Option<f64> {
+        self.tap.map(|at| self.taps[at].value())
+    }
+
+    /// Where to look for an output of this delay, which is kept from now on.
+    pub(super) fn keep(&mut self, delay_s: f64, period_s: f64) -> Option<usize> {
+        let tap = Tap::new(delay_s, period_s)?;
+        let known = self.taps.iter().position(|t| t.looks_like(&tap));
+        Some(known.unwrap_or_else(|| {
+            self.taps.push(tap);
+            self.taps.len() - 1
+        }))
     }
 
     /// Switches an effect, if it is one of these that can be; whether it is.

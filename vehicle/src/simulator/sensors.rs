@@ -1,14 +1,21 @@
 //! From the motion to what the sensors report.
 
-use super::compile::System;
+use super::combinations::Combinations;
+use super::compile::Row;
 use super::disturbances::consumer;
 use super::rows::{BLOCK, Rows};
 use super::sensor::{Sensor, declared, phase};
 use super::switch::Switch;
-use super::tap::Tap;
 use crate::effects::{Effect, Kind, Place};
 use crate::model::{Engine, Vehicle};
 use crate::random::Stream;
+
+/// What a combination of switched effects makes of a sensor.
+#[derive(Debug, Clone)]
+struct Chosen {
+    rows: (Row, Row),
+    tap: Option<usize>,
+}
 
 /// All sensors of a vehicle.
 #[derive(Debug, Clone)]
@@ -22,7 +29,11 @@ pub struct Sensors {
     /// True for expected values.
     expected: bool,
     /// Pairs of outputs that turn into each other: indices, cosine, sine.
-    pub(super) turned: Vec<(usize, usize, f64, f64)>,
+    pub(super) turned: Vec<(usize, usize, f64, f64, Switch)>,
+    /// What is different in each combination of switched effects, and which of them is in force; of that one the rows are
+    /// with the sensors.
+    combinations: Vec<Vec<Chosen>>,
+    combination: usize,
     motion: Vec<f64>,
     values: Vec<f64>,
     fresh: Vec<bool>,
@@ -34,28 +45,27 @@ impl Sensors {
     /// `seed` is `None` for expected values: no randomness, no rounding, every output fresh at every step.
     pub fn new(
         vehicle: &Vehicle,
-        system: &System,
+        combinations: &Combinations,
         effects: &[(Effect, Place)],
         period_s: f64,
         seed: Option<u64>,
     ) -> Self {
         let mut frequencies: Vec<(f64, f64, f64)> = Vec::new();
-        let rows = vehicle.outputs.iter().zip(&system.outputs);
+        let rows = vehicle.outputs.iter().zip(&combinations.all[0].system.outputs);
         let mut sensors: Vec<Sensor> =
             rows.map(|(output, rows)| declared(output, rows, &mut frequencies, seed)).collect();
         let mut turned = Vec::new();
-        let mut delays = vec![0.0; sensors.len()];
         for (index, (effect, place)) in effects.iter().enumerate() {
             match *place {
                 Place::OutputPair(i, j) => {
                     let (sine, cosine) = libm::sincos(effect.get("angle_rad"));
-                    turned.push((i, j, cosine, sine));
+                    let switch = Switch::new(index, effect);
+                    turned.push((i, j, cosine, sine, switch.clone()));
                     let rate = |i: usize| vehicle.output_index(&format!("{}_rate", vehicle.outputs[i].name));
                     if let (Some(i), Some(j)) = (rate(i), rate(j)) {
-                        turned.push((i, j, cosine, sine));
+                        turned.push((i, j, cosine, sine, switch));
                     }
                 }
-                Place::Output(i) if effect.kind() == Kind::SensorDelay => delays[i] += effect.get("delay_s"),
                 Place::Output(i) => {
                     let stream = seed.map(|seed| Stream::new(seed, &consumer(effects, index)));
                     sensors[i].add(effect, Switch::new(index, effect), stream);
@@ -63,8 +73,14 @@ impl Sensors {
                 _ => {}
             }
         }
-        for (sensor, delay_s) in sensors.iter_mut().zip(delays) {
-            sensor.tap = Tap::new(delay_s, period_s);
+        let mut chosen: Vec<Vec<Chosen>> = vec![Vec::new(); combinations.all.len()];
+        for (i, sensor) in sensors.iter_mut().enumerate() {
+            let delays_s = combinations.delays_s(effects, Kind::SensorDelay, Place::Output(i));
+            let rows = combinations.rows(i);
+            for ((all, delay_s), rows) in chosen.iter_mut().zip(delays_s).zip(rows) {
+                all.push(Chosen { rows, tap: sensor.keep(delay_s, period_s) });
+            }
+            sensor.tap = chosen[0][i].tap;
         }
         let p = sensors.len();
         for sensor in &mut sensors {
@@ -72,11 +88,13 @@ impl Sensors {
         }
         Self {
             period_s,
-            delayed: sensors.iter().any(|s| s.tap.is_some()),
+            delayed: sensors.iter().any(|s| !s.taps.is_empty()),
             expected: seed.is_none(),
             sensors,
             frequencies,
             turned,
+            combinations: chosen,
+            combination: 0,
             motion: vec![0.0; p],
             values: vec![0.0; p],
             fresh: vec![false; p],
@@ -86,7 +104,7 @@ impl Sensors {
 
     /// Offsets inside every step at which a delayed output must be looked at.
     pub fn cuts_s(&self) -> impl Iterator<Item = f64> + '_ {
-        self.sensors.iter().filter_map(|s| Some(s.tap.as_ref()?.offset_s)).filter(|o| *o > 0.0)
+        self.sensors.iter().flat_map(|s| &s.taps).map(|tap| tap.offset_s).filter(|o| *o > 0.0)
     }
 
     /// True for expected values: no randomness, and every output fresh at every step.
@@ -98,13 +116,27 @@ impl Sensors {
         self.delayed
     }
 
+    /// Looks at the motion as it is in a combination of switched effects.
+    pub fn choose(&mut self, combination: usize) {
+        let before = std::mem::replace(&mut self.combination, combination);
+        if before == combination {
+            return;
+        }
+        for (i, sensor) in self.sensors.iter_mut().enumerate() {
+            for (index, is_new) in [(before, false), (combination, true)] {
+                let chosen = &mut self.combinations[index][i];
+                std::mem::swap(&mut sensor.ideal, &mut chosen.rows.0);
+                std::mem::swap(&mut sensor.lagged, &mut chosen.rows.1);
+                sensor.tap = if is_new { chosen.tap } else { sensor.tap };
+            }
+        }
+    }
+
     /// The past becomes what the outputs are now.
     pub fn fill_past(&mut self, z: &[f64], v: &[f64]) {
         for sensor in &mut self.sensors {
             let value = sensor.lagged.value(z, v);
-            if let Some(tap) = &mut sensor.tap {
-                tap.fill(value);
-            }
+            sensor.taps.iter_mut().for_each(|tap| tap.fill(value));
         }
         self.measured = None;
     }
@@ -116,11 +148,8 @@ impl Sensors {
         }
         let tolerance = 2.0 * super::inputs::TIME_TOLERANCE * self.period_s;
         for sensor in &mut self.sensors {
-            if let Some(tap) = &mut sensor.tap
-                && (tap.offset_s - offset_s).abs() <= tolerance
-            {
-                let value = sensor.lagged.value(z, v);
-                tap.push(value);
+            for tap in sensor.taps.iter_mut().filter(|tap| (tap.offset_s - offset_s).abs() <= tolerance) {
+                tap.push(sensor.lagged.value(z, v));
             }
         }
     }
@@ -139,14 +168,18 @@ impl Sensors {
         }
         self.measured = Some(step);
         for (motion, sensor) in self.motion.iter_mut().zip(&self.sensors) {
-            *motion = sensor.tap.as_ref().map_or_else(|| sensor.lagged.value(z, v), Tap::value);
+            *motion = sensor.late().unwrap_or_else(|| sensor.lagged.value(z, v));
         }
-        for &(i, j, cosine, sine) in &self.turned {
+        let t = step as f64 * self.period_s;
+        for (i, j, cosine, sine, switch) in &self.turned {
+            if !switch.is_on(t) {
+                continue;
+            }
+            let (i, j) = (*i, *j);
             let (first, second) = (self.motion[i], self.motion[j]);
             self.motion[i] = cosine * first + sine * second;
             self.motion[j] = cosine * second - sine * first;
         }
-        let t = step as f64 * self.period_s;
         if engine != Engine::Off {
             for (frequency_hz, sine, cosine) in &mut self.frequencies {
                 (*sine, *cosine) = phase(*frequency_hz, t);
@@ -173,8 +206,8 @@ impl Sensors {
     pub fn recall(&self, rows: &mut Rows, row: usize) {
         if self.delayed {
             for (index, sensor) in self.sensors.iter().enumerate() {
-                if let Some(tap) = &sensor.tap {
-                    rows.outputs[index * BLOCK + row] = tap.value();
+                if let Some(late) = sensor.late() {
+                    rows.outputs[index * BLOCK + row] = late;
                 }
             }
         }
@@ -190,14 +223,15 @@ impl Sensors {
                 sensor.lagged.values(BLOCK, states, inputs, &mut motion[..*length]);
             }
         }
-        for &(i, j, cosine, sine) in &self.turned {
-            for row in 0..*length {
+        let t = |row: usize| (step + row as u64) as f64 * self.period_s;
+        for (i, j, cosine, sine, switch) in &self.turned {
+            let (i, j) = (*i, *j);
+            for row in (0..*length).filter(|row| switch.is_on(t(*row))) {
                 let (first, second) = (outputs[i * BLOCK + row], outputs[j * BLOCK + row]);
                 outputs[i * BLOCK + row] = cosine * first + sine * second;
                 outputs[j * BLOCK + row] = cosine * second - sine * first;
             }
         }
-        let t = |row: usize| (step + row as u64) as f64 * self.period_s;
         for (sensor, values) in self.sensors.iter_mut().zip(outputs.chunks_exact_mut(BLOCK)) {
             let rows = values[..*length].iter_mut().enumerate();
             if sensor.plain {
@@ -211,7 +245,10 @@ impl Sensors {
 
     /// Switches an effect on a sensor; whether there is such a one.
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
-        self.sensors.iter_mut().any(|sensor| sensor.switch(effect, on))
+        // A misalignment turns up to two pairs.
+        let turned =
+            self.turned.iter_mut().filter_map(|(.., switch)| switch.set(effect, on).then_some(())).count();
+        turned > 0 || self.sensors.iter_mut().any(|sensor| sensor.switch(effect, on))
     }
 
     pub fn fresh(&self) -> &[bool] {

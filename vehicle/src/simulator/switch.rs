@@ -1,6 +1,6 @@
 //! Whether an effect acts at a moment.
 
-use crate::effects::{Effect, Window};
+use crate::effects::{Effect, Kind, Window};
 
 /// The window of an effect, until somebody switches it by hand.
 #[derive(Debug, Clone)]
@@ -13,7 +13,17 @@ pub struct Switch {
 
 impl Switch {
     pub fn new(effect: usize, described: &Effect) -> Self {
-        Self { effect, window: described.window(), by_hand: None }
+        let mut window = described.window();
+        if described.kind() == Kind::ModeTransition && !window.is_always() {
+            let at_s = described.get("at_s");
+            window.from_s = Some(window.from_s.map_or(at_s, |from| from.max(at_s)));
+        }
+        Self { effect, window, by_hand: None }
+    }
+
+    /// Whether it never has anything to do.
+    pub fn is_always(&self) -> bool {
+        self.window.is_always()
     }
 
     /// Whether the effect acts at `t`.

@@ -23,6 +23,11 @@ impl Tap {
         (back > 0).then(|| Self { offset_s, back, ring: vec![0.0; back], newest: 0 })
     }
 
+    /// Whether it is of the same delay.
+    pub fn looks_like(&self, other: &Self) -> bool {
+        (self.offset_s, self.back) == (other.offset_s, other.back)
+    }
+
     /// Takes the output at the tap's offset.
     pub fn push(&mut self, value: f64) {
         self.newest = if self.newest + 1 == self.back { 0 } else { self.newest + 1 };

@@ -31,12 +31,13 @@ struct TurbulenceLanes<const K: usize> {
 }
 
 impl<const K: usize> DisturbanceLanes<K> {
-    /// Those of K vehicles; `None` where turbulence acts on other states in one than in another, and for periodic ones.
+    /// Those of K vehicles; `None` where turbulence acts on other states in one than in another, for periodic ones
+    /// and for those that act for a part of the time.
     pub fn new(singles: &[Simulator]) -> Option<Self> {
         let all = || singles.iter().map(|single| &single.disturbances);
-        let of = |d: &Disturbances| d.turbulence.iter().map(|(state, _)| *state).collect::<Vec<_>>();
+        let of = |d: &Disturbances| d.turbulence.iter().map(|(state, ..)| *state).collect::<Vec<_>>();
         let states = of(all().next()?);
-        if all().any(|d| of(d) != states || !d.oscillators.is_empty()) {
+        if all().any(|d| of(d) != states || !d.oscillators.is_empty() || d.have_windows()) {
             return None;
         }
         let turbulence = states.iter().enumerate().map(|(i, state)| {
@@ -112,7 +113,7 @@ impl<const K: usize> DisturbanceLanes<K> {
 
     /// Tells one vehicle's own disturbances what its turbulence is now.
     pub fn tell(&self, single: &mut Simulator, lane: usize) {
-        for ((_, own), t) in single.disturbances.turbulence.iter_mut().zip(&self.turbulence) {
+        for ((_, own, _), t) in single.disturbances.turbulence.iter_mut().zip(&self.turbulence) {
             own.value = t.value[lane];
         }
     }
