@@ -198,6 +198,30 @@ fn the_closed_loop_has_the_poles_that_were_asked_for_whatever_the_delay() {
     }
 }
 
+/// A filter in flight, step by step: `answer` gives the command that acts one period later, `look` sees every step with the input
+/// that acts in it.
+fn fly(
+    truth: &Vehicle,
+    seed: u64,
+    steps: u32,
+    estimator: &mut Estimator,
+    mut answer: impl FnMut(u32, &Estimator, &mut [f64; 2]),
+    mut look: impl FnMut(u32, &Simulator, &Estimator, [f64; 2]),
+) {
+    let mut simulator = Simulator::new(truth, PERIOD, seed).expect("slow enough");
+    let (mut now, mut next) = ([0.0; 2], [0.0; 2]);
+    for k in 0..steps {
+        let before = now;
+        now = next;
+        simulator.apply(&now);
+        let y = simulator.measure().to_vec();
+        estimator.step(&y, u64::MAX, &before, &now);
+        answer(k, estimator, &mut next);
+        look(k, &simulator, estimator, now);
+        simulator.advance();
+    }
+}
+
 /// A gust on the extended vehicle, with the law and the filter of `model`: largest roll in deg, and the mean square of roll and
 /// of the input that turns it, in units of their sizes.
 fn gust(vehicle: &Vehicle, model: &Vehicle, law: &str) -> (f64, f64) {
@@ -208,21 +232,21 @@ fn gust(vehicle: &Vehicle, model: &Vehicle, law: &str) -> (f64, f64) {
     let mut flown = vehicle.clone();
     let gust = [("at_s", 1.0), ("duration_s", 0.2), ("magnitude", 1.05)];
     flown.add_effect(Effect::new(Kind::PulseDisturbance, "roll_rate", &gust).expect("fits")).expect("fits");
-    let mut simulator = Simulator::new(&flown, PERIOD, 1).expect("slow enough");
-    let (mut now, mut next, mut peak, mut cost) = ([0.0; 2], [0.0; 2], 0f64, 0.0);
-    for _ in 0..1600 {
-        let before = now;
-        now = next;
-        simulator.apply(&now);
-        let y = simulator.measure().to_vec();
-        estimator.step(&y, u64::MAX, &before, &now);
-        let x = estimator.x().to_vec();
-        controller.step(&x, &[0.0; 4], 0, &mut next);
-        simulator.advance();
-        let roll = simulator.state()[0];
-        peak = peak.max(roll.abs());
-        cost += (roll / plant.scales()[0]).powi(2) + (now[0] / 20.0).powi(2);
-    }
+    let (mut peak, mut cost) = (0f64, 0.0);
+    fly(
+        &flown,
+        1,
+        1600,
+        &mut estimator,
+        |_, estimator, next| {
+            controller.step(estimator.x(), &[0.0; 4], 0, next);
+        },
+        |_, simulator, _, now| {
+            let roll = simulator.state()[0];
+            peak = peak.max(roll.abs());
+            cost += (roll / plant.scales()[0]).powi(2) + (now[0] / 20.0).powi(2);
+        },
+    );
     (peak.to_degrees(), cost / 1600.0)
 }
 
@@ -261,19 +285,19 @@ fn the_filter_sees_through_a_late_sensor_and_the_loop_with_it_is_told() {
     let error = |model: &Vehicle| {
         let (linear, plant) = plant_of(model);
         let mut estimator = filter(model, &linear, &plant);
-        let mut simulator = Simulator::new(&late, PERIOD, 3).expect("slow enough");
-        let (mut sum, mut before) = (0.0, [0.0; 2]);
-        for k in 0..2000u32 {
-            let u = [5.0 * f64::from(k / 100 % 2), 0.0];
-            simulator.apply(&u);
-            let y = simulator.measure().to_vec();
-            estimator.step(&y, u64::MAX, &before, &u);
-            if k > 400 {
-                sum += (estimator.x()[0] - simulator.state()[0]).powi(2);
-            }
-            before = u;
-            simulator.advance();
-        }
+        let mut sum = 0.0;
+        fly(
+            &late,
+            3,
+            2000,
+            &mut estimator,
+            |k, _, next| *next = [5.0 * f64::from((k + 1) / 100 % 2), 0.0],
+            |k, simulator, estimator, _| {
+                if k > 400 {
+                    sum += (estimator.x()[0] - simulator.state()[0]).powi(2);
+                }
+            },
+        );
         (sum / 1600.0f64).sqrt()
     };
     let (old, new) = (error(&plain), error(&late));
@@ -311,26 +335,25 @@ fn the_offset_of_a_late_input_is_found_as_a_state() {
         .expect("fits");
     let options = LqrOptions { integral: vec![Selector::Index(0)], ..LqrOptions::default() };
     let design = Design::new(&plant, &LawOptions::Lqr(options)).expect("controllable");
-    let fly = |input_bias: &[Selector]| {
+    let flown = |input_bias: &[Selector]| {
         let options = EstimatorOptions { input_bias: input_bias.to_vec(), ..EstimatorOptions::default() };
         let mut estimator = filter_with(&known, &linear, &plant, &options);
         let mut controller = Controller::new(&design);
-        let mut simulator = Simulator::new(&truth, PERIOD, 1).expect("slow enough");
-        let (mut now, mut next, mut sum) = ([0.0; 2], [0.0; 2], 0.0);
-        for k in 0..6000 {
-            let before = now;
-            now = next;
-            simulator.apply(&now);
-            let y = simulator.measure().to_vec();
-            estimator.step(&y, u64::MAX, &before, &now);
-            controller.step(estimator.x(), &[0.0; 4], 1, &mut next);
-            simulator.advance();
+        let mut sum = 0.0;
+        fly(
+            &truth,
+            1,
+            6000,
+            &mut estimator,
+            |_, estimator, next| {
+                controller.step(estimator.x(), &[0.0; 4], 1, next);
+            },
             // Over the last half the noise averages out.
-            sum += if k >= 3000 { simulator.state()[0] / 3000.0 } else { 0.0 };
-        }
+            |k, simulator, _, _| sum += if k >= 3000 { simulator.state()[0] / 3000.0 } else { 0.0 },
+        );
         (sum.abs().to_degrees(), estimator.input_bias()[0])
     };
-    let ((without, none), (with, found)) = (fly(&[]), fly(&[Selector::Index(0)]));
+    let ((without, none), (with, found)) = (flown(&[]), flown(&[Selector::Index(0)]));
     println!("roll at rest {without:.4} -> {with:.4} deg, offset {found:.3} of 2");
     assert_eq!(none, 0.0);
     assert!((found - 2.0).abs() < 0.1, "{found}");

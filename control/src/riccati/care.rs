@@ -1,9 +1,9 @@
 //! The continuous-time algebraic Riccati equation.
 
 use nalgebra::DMatrix;
-use whirlstand_linalg::{eigenvalues, solve_lyapunov, symmetric_part};
+use whirlstand_linalg::{C64, solve_lyapunov, symmetric_part};
 
-use super::pencil::{Scaled, compress, refine, stable_graph};
+use super::solve::{Data, Equation, relative_residual, solve};
 use super::{Riccati, RiccatiError, checked};
 
 /// Solves `A'X + XA - (XB + S) R^-1 (B'X + S') + Q = 0` for the stabilising X.
@@ -32,70 +32,57 @@ pub fn care(
     r: &DMatrix<f64>,
     s: Option<&DMatrix<f64>>,
 ) -> Result<Riccati, RiccatiError> {
-    let s = checked(a, b, q, r, s)?;
-    let r_inverse = r.clone().cholesky().ok_or(RiccatiError::SingularInputWeight)?;
-    let scaled = Scaled::new([a, b, q, r, &s], &extended(a, b, q, r, &s).abs());
-    let (n, m) = b.shape();
-    let h = extended(&scaled.a, &scaled.b, &scaled.q, &scaled.r, &scaled.s);
-    let mut j = DMatrix::identity(2 * n + m, 2 * n + m);
-    j.view_mut((2 * n, 2 * n), (m, m)).fill(0.0);
-    let (h, j) = compress(&h, &j, m);
-    let graph = stable_graph(&h, &j, |alpha, beta| {
+    let s = &checked(a, b, q, r, s)?;
+    if r.clone().cholesky().is_none() {
+        return Err(RiccatiError::SingularInputWeight);
+    }
+    solve::<Continuous>(Data { a, b, q, r, s })
+}
+
+struct Continuous;
+
+impl Equation for Continuous {
+    const MEASURE: (&'static str, f64) = ("real part", 0.0);
+
+    /// The extended Hamiltonian matrix.
+    fn pencil(Data { a, b, q, r, s }: Data<'_>) -> (DMatrix<f64>, DMatrix<f64>) {
+        let (n, m) = b.shape();
+        let mut h = DMatrix::zeros(2 * n + m, 2 * n + m);
+        h.view_mut((0, 0), (n, n)).copy_from(a);
+        h.view_mut((0, 2 * n), (n, m)).copy_from(b);
+        h.view_mut((n, 0), (n, n)).copy_from(&-q);
+        h.view_mut((n, n), (n, n)).copy_from(&-a.transpose());
+        h.view_mut((n, 2 * n), (n, m)).copy_from(&-s);
+        h.view_mut((2 * n, 0), (m, n)).copy_from(&s.transpose());
+        h.view_mut((2 * n, n), (m, n)).copy_from(&b.transpose());
+        h.view_mut((2 * n, 2 * n), (m, m)).copy_from(r);
+        let mut j = DMatrix::identity(2 * n + m, 2 * n + m);
+        j.view_mut((2 * n, 2 * n), (m, m)).fill(0.0);
+        (h, j)
+    }
+
+    fn rank(alpha: C64, beta: C64) -> f64 {
         let size = beta.norm_sqr();
         let real = (alpha * beta.conj()).re;
         if size == 0.0 { f64::INFINITY.copysign(real) } else { real / size }
-    })?;
-    let x = symmetric_part(&scaled.unscale(&graph));
-    let gain = |x: &DMatrix<f64>| r_inverse.solve(&(b.transpose() * x + s.transpose()));
-    let (x, residual) = refine(
-        x,
-        |x| care_residual(a, b, q, r, Some(&s), x),
-        |x| {
-            let gain = gain(x);
-            solve_lyapunov(&(a - b * &gain), &equation(a, b, q, &gain, &s, x)).ok()
-        },
-    );
-    let gain = gain(&x);
-    let poles = eigenvalues(&(a - b * &gain))?;
-    let abscissa = poles.iter().map(|p| p.re).fold(f64::NEG_INFINITY, f64::max);
-    if abscissa.is_nan() || abscissa >= 0.0 || !residual.is_finite() {
-        return Err(RiccatiError::NoStabilisingSolution { measure: "real part", value: abscissa });
     }
-    Ok(Riccati { x, gain, poles, relative_residual: residual })
-}
 
-/// The extended Hamiltonian matrix.
-fn extended(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    s: &DMatrix<f64>,
-) -> DMatrix<f64> {
-    let (n, m) = b.shape();
-    let mut h = DMatrix::zeros(2 * n + m, 2 * n + m);
-    h.view_mut((0, 0), (n, n)).copy_from(a);
-    h.view_mut((0, 2 * n), (n, m)).copy_from(b);
-    h.view_mut((n, 0), (n, n)).copy_from(&-q);
-    h.view_mut((n, n), (n, n)).copy_from(&-a.transpose());
-    h.view_mut((n, 2 * n), (n, m)).copy_from(&-s);
-    h.view_mut((2 * n, 0), (m, n)).copy_from(&s.transpose());
-    h.view_mut((2 * n, n), (m, n)).copy_from(&b.transpose());
-    h.view_mut((2 * n, 2 * n), (m, m)).copy_from(r);
-    h
-}
+    fn size(pole: &C64) -> f64 {
+        pole.re
+    }
 
-/// Left side of the equation, given the gain that belongs to `x`.
-fn equation(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    gain: &DMatrix<f64>,
-    s: &DMatrix<f64>,
-    x: &DMatrix<f64>,
-) -> DMatrix<f64> {
-    let ax = a.transpose() * x;
-    symmetric_part(&(&ax + ax.transpose() - (x * b + s) * gain + q))
+    fn gain(Data { b, r, s, .. }: Data<'_>, x: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        Some(r.clone().cholesky()?.solve(&(b.transpose() * x + s.transpose())))
+    }
+
+    fn left_side(Data { a, b, q, s, .. }: Data<'_>, gain: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
+        let ax = a.transpose() * x;
+        symmetric_part(&(&ax + ax.transpose() - (x * b + s) * gain + q))
+    }
+
+    fn correction(closed: &DMatrix<f64>, left_side: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        solve_lyapunov(closed, left_side).ok()
+    }
 }
 
 /// Frobenius norm of the equation's left side at `x` over that of `x`; NaN when R is singular.
@@ -108,10 +95,5 @@ pub fn care_residual(
     x: &DMatrix<f64>,
 ) -> f64 {
     let zero = DMatrix::zeros(b.nrows(), b.ncols());
-    let s = s.unwrap_or(&zero);
-    let Some(gain) = r.clone().cholesky().map(|c| c.solve(&(b.transpose() * x + s.transpose()))) else {
-        return f64::NAN;
-    };
-    let residual = equation(a, b, q, &gain, s, x).norm();
-    if residual == 0.0 { 0.0 } else { residual / x.norm() }
+    relative_residual::<Continuous>(Data { a, b, q, r, s: s.unwrap_or(&zero) }, x)
 }

@@ -1,9 +1,9 @@
 //! The discrete-time algebraic Riccati equation.
 
 use nalgebra::DMatrix;
-use whirlstand_linalg::{eigenvalues, solve_stein, symmetric_part};
+use whirlstand_linalg::{C64, solve_stein, symmetric_part};
 
-use super::pencil::{Scaled, compress, refine, stable_graph};
+use super::solve::{Data, Equation, relative_residual, solve};
 use super::{Riccati, RiccatiError, checked};
 
 /// Solves `A'XA - X - (A'XB + S)(R + B'XB)^-1 (B'XA + S') + Q = 0` for the stabilising X.
@@ -23,86 +23,61 @@ pub fn dare(
     r: &DMatrix<f64>,
     s: Option<&DMatrix<f64>>,
 ) -> Result<Riccati, RiccatiError> {
-    let s = checked(a, b, q, r, s)?;
-    let (h, j) = extended(a, b, q, r, &s);
-    let scaled = Scaled::new([a, b, q, r, &s], &(h.abs() + j.abs()));
-    let (h, j) = extended(&scaled.a, &scaled.b, &scaled.q, &scaled.r, &scaled.s);
-    let (h, j) = compress(&h, &j, b.ncols());
-    let graph = stable_graph(&h, &j, |alpha, beta| {
+    let s = &checked(a, b, q, r, s)?;
+    solve::<Discrete>(Data { a, b, q, r, s })
+}
+
+struct Discrete;
+
+impl Equation for Discrete {
+    const MEASURE: (&'static str, f64) = ("magnitude", 1.0);
+
+    /// The extended symplectic pencil.
+    fn pencil(Data { a, b, q, r, s }: Data<'_>) -> (DMatrix<f64>, DMatrix<f64>) {
+        let (n, m) = b.shape();
+        let size = 2 * n + m;
+        let mut h = DMatrix::zeros(size, size);
+        h.view_mut((0, 0), (n, n)).copy_from(a);
+        h.view_mut((0, 2 * n), (n, m)).copy_from(b);
+        h.view_mut((n, 0), (n, n)).copy_from(&-q);
+        h.view_mut((n, n), (n, n)).fill_with_identity();
+        h.view_mut((n, 2 * n), (n, m)).copy_from(&-s);
+        h.view_mut((2 * n, 0), (m, n)).copy_from(&s.transpose());
+        h.view_mut((2 * n, 2 * n), (m, m)).copy_from(r);
+        let mut j = DMatrix::zeros(size, size);
+        j.view_mut((0, 0), (n, n)).fill_with_identity();
+        j.view_mut((n, n), (n, n)).copy_from(&a.transpose());
+        j.view_mut((2 * n, n), (m, n)).copy_from(&-b.transpose());
+        (h, j)
+    }
+
+    fn rank(alpha: C64, beta: C64) -> f64 {
         let (alpha, beta) = (alpha.norm(), beta.norm());
         (alpha - beta) / (alpha + beta)
-    })?;
-    let x = symmetric_part(&scaled.unscale(&graph));
-    let (x, residual) = refine(
-        x,
-        |x| dare_residual(a, b, q, r, Some(&s), x),
-        |x| {
-            let gain = gain(a, b, r, &s, x)?;
-            solve_stein(&(a - b * &gain), &equation(a, b, q, &gain, &s, x)).ok()
-        },
-    );
-    let gain = gain(a, b, r, &s, &x).ok_or(RiccatiError::SingularInputWeight)?;
-    let poles = eigenvalues(&(a - b * &gain))?;
-    let radius = poles.iter().map(|p| p.norm()).fold(0.0, f64::max);
-    if radius.is_nan() || radius >= 1.0 || !residual.is_finite() {
-        return Err(RiccatiError::NoStabilisingSolution { measure: "magnitude", value: radius });
     }
-    Ok(Riccati { x, gain, poles, relative_residual: residual })
-}
 
-/// The extended symplectic pencil.
-fn extended(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    s: &DMatrix<f64>,
-) -> (DMatrix<f64>, DMatrix<f64>) {
-    let (n, m) = b.shape();
-    let size = 2 * n + m;
-    let mut h = DMatrix::zeros(size, size);
-    h.view_mut((0, 0), (n, n)).copy_from(a);
-    h.view_mut((0, 2 * n), (n, m)).copy_from(b);
-    h.view_mut((n, 0), (n, n)).copy_from(&-q);
-    h.view_mut((n, n), (n, n)).fill_with_identity();
-    h.view_mut((n, 2 * n), (n, m)).copy_from(&-s);
-    h.view_mut((2 * n, 0), (m, n)).copy_from(&s.transpose());
-    h.view_mut((2 * n, 2 * n), (m, m)).copy_from(r);
-    let mut j = DMatrix::zeros(size, size);
-    j.view_mut((0, 0), (n, n)).fill_with_identity();
-    j.view_mut((n, n), (n, n)).copy_from(&a.transpose());
-    j.view_mut((2 * n, n), (m, n)).copy_from(&-b.transpose());
-    (h, j)
-}
-
-/// The gain that belongs to `x`; none when `R + B'XB` is singular.
-fn gain(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-    s: &DMatrix<f64>,
-    x: &DMatrix<f64>,
-) -> Option<DMatrix<f64>> {
-    let bx = b.transpose() * x;
-    let weight = symmetric_part(&(r + &bx * b));
-    let rhs = bx * a + s.transpose();
-    match weight.clone().cholesky() {
-        Some(c) => Some(c.solve(&rhs)),
-        None => weight.lu().solve(&rhs),
+    fn size(pole: &C64) -> f64 {
+        pole.norm()
     }
-}
 
-/// Left side of the equation, given the gain that belongs to `x`.
-fn equation(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    gain: &DMatrix<f64>,
-    s: &DMatrix<f64>,
-    x: &DMatrix<f64>,
-) -> DMatrix<f64> {
-    let ax = a.transpose() * x;
-    symmetric_part(&(&ax * a - x - (&ax * b + s) * gain + q))
+    fn gain(Data { a, b, r, s, .. }: Data<'_>, x: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        let bx = b.transpose() * x;
+        let weight = symmetric_part(&(r + &bx * b));
+        let rhs = bx * a + s.transpose();
+        match weight.clone().cholesky() {
+            Some(c) => Some(c.solve(&rhs)),
+            None => weight.lu().solve(&rhs),
+        }
+    }
+
+    fn left_side(Data { a, b, q, s, .. }: Data<'_>, gain: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
+        let ax = a.transpose() * x;
+        symmetric_part(&(&ax * a - x - (&ax * b + s) * gain + q))
+    }
+
+    fn correction(closed: &DMatrix<f64>, left_side: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        solve_stein(closed, left_side).ok()
+    }
 }
 
 /// Frobenius norm of the equation's left side at `x` over that of `x`; NaN when `R + B'XB` is singular.
@@ -115,8 +90,5 @@ pub fn dare_residual(
     x: &DMatrix<f64>,
 ) -> f64 {
     let zero = DMatrix::zeros(b.nrows(), b.ncols());
-    let s = s.unwrap_or(&zero);
-    let Some(gain) = gain(a, b, r, s, x) else { return f64::NAN };
-    let residual = equation(a, b, q, &gain, s, x).norm();
-    if residual == 0.0 { 0.0 } else { residual / x.norm() }
+    relative_residual::<Discrete>(Data { a, b, q, r, s: s.unwrap_or(&zero) }, x)
 }

@@ -9,6 +9,7 @@
 mod care;
 mod dare;
 mod pencil;
+mod solve;
 
 pub use care::{care, care_residual};
 pub use dare::{dare, dare_residual};
