@@ -152,3 +152,40 @@ fn a_flight_as_simulated_keeps_its_law() {
         &["--draws 3"],
     );
 }
+
+/// The paper's Figure 12: the quadrotor by hand and under sliding mode, roll and pitch of its IMU beside level.
+#[test]
+fn figure_12_from_a_flight_by_hand_is_held_level() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("proof");
+    let call =
+        ["bench", "tune", "--only", "figure-12/manual", "--draws", "20", "--out", text(&out), "--json"];
+    let told: Value = serde_json::from_str(&tune(&call).stdout).unwrap();
+    println!("{told}");
+    assert_eq!((&told["schema"], &told["to_gain"]), (&"whirlstand.bench-tune.v1".into(), &1.into()));
+    let flown = &told["cells"][0]["result"]["flown"];
+    // What the paper shows: the offset stands in roll and pitch, which the flight by hand tells apart from a lean.
+    let named: Vec<&str> = flown["named"].as_array().unwrap().iter().map(|n| n.as_str().unwrap()).collect();
+    for (place, offset) in [("roll", 3.0), ("pitch", -2.0_f64)] {
+        let of =
+            |name: &&str| name.strip_prefix(&format!("`sensor_bias` {place}: offset ")).map(str::to_owned);
+        let found: f64 = named.iter().find_map(of).unwrap_or_else(|| panic!("{named:?}")).parse().unwrap();
+        assert!((found.to_degrees() - offset).abs() < 0.1, "{place}: {found} rad");
+    }
+    assert!(flown["share"].as_f64().unwrap() > 0.9, "{flown}");
+    // The cell is kept, and not flown again.
+    let cells = || std::fs::read_to_string(out.join("cells.jsonl")).unwrap();
+    let before = cells();
+    let table = run(["bench", "tune", "--only", "figure-12/manual", "--out", text(&out)]).success().stdout;
+    assert!(
+        table.contains("| `sensor_bias` |") && table.contains("Worse than before, beyond its interval: none"),
+        "{table}"
+    );
+    assert_eq!((cells(), std::fs::read_to_string(out.join("table.md")).unwrap()), (before, table));
+    refused(
+        &["bench", "tune", "--only", "lqr/flutter", "--out", text(&out)],
+        &["lqr/flutter", "input_delay"],
+    );
+    std::fs::write(out.join("cells.jsonl"), "{}\n").unwrap();
+    refused(&["bench", "tune", "--table", "--out", text(&out)], &["cells.jsonl, line 1", "flown again"]);
+}

@@ -8,14 +8,15 @@ mod lanes;
 
 use whirlstand_control::Estimator;
 use whirlstand_msgs::{Command, Head, MAX_OUTPUTS, Message, Setpoint, flags};
+use whirlstand_vehicle::Simulator;
 
 use crate::config::{ControllerConfig, Engine, EstimatorConfig, NodeConfig, VehicleSource};
 use crate::controller::{Law, Profile};
 use crate::error::NodeError;
 use crate::estimator::Filter;
 use crate::gate::Gate;
-use crate::onset::Airframe;
 pub use crate::onset::Onset;
+use crate::onset::airframe;
 use crate::plant::simulation::diverged;
 use crate::setup::Setup;
 
@@ -155,7 +156,7 @@ impl Pilot {
         let setup = &self.setup;
         let (n, m) = (setup.vehicle.states.len(), setup.limits.count);
         let (mut y, outputs) = ([0.0; MAX_OUTPUTS], setup.vehicle.outputs.len());
-        let mut airframe = Airframe::new(config, setup, onset)?;
+        let (mut airframe, bounds) = airframe(config, setup, onset)?;
         let mut profile = Profile::new(config, &setup.vehicle)?;
         let (mut estimator, mut law) = (self.estimator.clone(), self.law.clone());
         let mut gate = Gate::new(setup.limits, config.plant.misses_to_failsafe);
@@ -183,10 +184,10 @@ impl Pilot {
             }
             each(&Step {
                 stamp_ns: head.stamp_ns,
-                x: &airframe.now().state()[..n],
-                u: airframe.now().applied(),
+                x: &airframe.state()[..n],
+                u: airframe.applied(),
                 flags: applied.flags,
-                disturbance: airframe.now().disturbance(),
+                disturbance: airframe.disturbance(),
                 y: &y[..outputs],
                 fresh,
                 setpoint,
@@ -201,7 +202,7 @@ impl Pilot {
             }
             // Step 0 is over before a bench begins to look.
             if step > 0
-                && let Some(error) = diverged(airframe.now(), &airframe.bounds, &setup.vehicle)
+                && let Some(error) = diverged(&airframe, &bounds, &setup.vehicle)
             {
                 return Err(error);
             }
@@ -211,9 +212,9 @@ impl Pilot {
 }
 
 /// Measures, and tells which outputs are fresh and can be used, and whether all fresh ones can.
-fn measured(airframe: &mut Airframe) -> (u64, bool) {
+fn measured(airframe: &mut Simulator) -> (u64, bool) {
     let finite =
         airframe.measure().iter().enumerate().fold(0, |bits, (i, y)| bits | u64::from(y.is_finite()) << i);
-    let fresh = airframe.now().fresh().iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
+    let fresh = airframe.fresh().iter().enumerate().fold(0, |bits, (i, f)| bits | u64::from(*f) << i);
     (fresh & finite, fresh & !finite == 0)
 }

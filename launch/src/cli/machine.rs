@@ -3,6 +3,7 @@
 use clap::{Args, Subcommand};
 
 use super::JsonArg;
+use super::bench_tune::BenchTuneArgs;
 use super::mirror::BenchMirrorArgs;
 use super::quantity::seconds;
 
@@ -50,6 +51,7 @@ pub(crate) struct BenchArgs {
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
     Mirror(BenchMirrorArgs),
+    Tune(BenchTuneArgs),
 }
 
 /// Tell whether this machine is fit for real time, and what to change.

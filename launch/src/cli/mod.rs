@@ -1,5 +1,6 @@
 //! The command line: every call, option and help text of `whirlstand`.
 
+mod bench_tune;
 mod blind;
 mod campaign;
 mod files;
@@ -21,6 +22,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use whirlstand_live::Address;
 
+pub(crate) use bench_tune::BenchTuneArgs;
 pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
 pub(crate) use campaign::{
     CampaignArgs, CampaignCommand, CampaignFlyArgs, CampaignMergeArgs, CampaignReplayArgs,
@@ -42,7 +44,7 @@ pub(crate) use records::{
 pub(crate) use relay::{RelayCommand, RelayRos2Args, RelayUdpArgs};
 pub(crate) use shell::{CompletionsArgs, ManArgs};
 pub(crate) use soak::{FaultArg, SoakArgs};
-pub(crate) use tune::TuneArgs;
+pub(crate) use tune::{TuneArgs, TunedLaw};
 
 /// A hardware-in-the-loop bench for small VTOL control.
 ///

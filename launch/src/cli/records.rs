@@ -8,7 +8,7 @@ use super::JsonArg;
 use super::quantity::{hertz, interval, moment, seconds};
 
 /// Which part of a record is used, and how.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub(crate) struct RecordArgs {
     /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]

@@ -32,7 +32,7 @@ pub(crate) struct TuneArgs {
     #[arg(long)]
     pub retune: bool,
     /// Peak of the sensitivity, filter included, that --retune may not pass.
-    #[arg(long, default_value_t = 1.6, requires = "retune", value_name = "PEAK")]
+    #[arg(long, default_value_t = TuneArgs::MAX_SENSITIVITY, requires = "retune", value_name = "PEAK")]
     pub max_sensitivity: f64,
     #[command(flatten)]
     pub part: RecordArgs,
@@ -44,6 +44,11 @@ pub(crate) struct TuneArgs {
     pub out: PathBuf,
     #[command(flatten)]
     pub json: JsonArg,
+}
+
+impl TuneArgs {
+    /// Peak of the sensitivity where no other is told.
+    pub const MAX_SENSITIVITY: f64 = 1.6;
 }
 
 /// A law that can be designed.

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use whirlstand_nodes::bench::{Figure, Member, Options, run, run_member};
 
 use super::bench_mirror::bench_mirror;
+use super::bench_tune::bench_tune;
 use super::{print, print_data, write_json};
 use crate::cli::{BenchArgs, BenchCommand};
 use crate::error::Failure;
@@ -12,8 +13,10 @@ use crate::style;
 
 /// Runs the measurements; exit code 1 when a goal is missed.
 pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
-    if let Some(BenchCommand::Mirror(args)) = &args.command {
-        return bench_mirror(args);
+    match &args.command {
+        Some(BenchCommand::Mirror(args)) => return bench_mirror(args),
+        Some(BenchCommand::Tune(args)) => return bench_tune(args),
+        None => {}
     }
     if args.member {
         return member();

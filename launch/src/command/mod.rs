@@ -3,6 +3,7 @@
 pub(crate) mod adjust;
 pub(crate) mod bench;
 mod bench_mirror;
+mod bench_tune;
 pub(crate) mod blind;
 pub(crate) mod bridge;
 pub(crate) mod clean;

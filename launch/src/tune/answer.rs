@@ -13,7 +13,7 @@ use super::truth::OnTruth;
 
 /// What `whirlstand tune` answers.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Tuning {
+pub(crate) struct Tuning {
     /// `whirlstand.tune.v1`.
     pub schema: &'static str,
     /// The launch file.
@@ -60,7 +60,7 @@ pub(super) struct Tuning {
 
 /// The draw on which a law costs most.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct WorstDraw {
+pub(crate) struct WorstDraw {
     /// Its number.
     pub draw: u64,
     /// The vehicle was lost.

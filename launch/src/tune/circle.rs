@@ -35,6 +35,16 @@ const FEWEST_DRAWS: u64 = 20;
 
 /// Runs the command.
 pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
+    let Some(answer) = circle(args)? else { return Ok(ExitCode::from(INTERRUPTED)) };
+    tell(&args.json, &answer, || text::screen(&answer))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Goes through the circle and leaves its files; `None` when a signal ended it.
+///
+/// # Errors
+/// What is wrong with the arguments, the record or a file, and when no law can be designed.
+pub(crate) fn circle(args: &TuneArgs) -> Result<Option<Tuning>, Failure> {
     if args.draws < FEWEST_DRAWS {
         return Err(Failure::Mend(format!("--draws {}: at least {FEWEST_DRAWS} are expected", args.draws)));
     }
@@ -53,10 +63,10 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     let plant = &Setup::plant_of(extended, Setup::period_s(config)).map_err(Failure::mend)?;
     let trials = Trials { draws, vehicle: extended, plant, limits: &limits(&plan) };
     let Some((new, retuned)) = chosen(args, new, config, (extended, origin), &trials)? else {
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(None);
     };
     let Some(flown) = fly(&trials, [&old, &new], args.draws)? else {
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(None);
     };
     let [(old_flights, old_motions), (new_flights, new_motions)] = flown;
     let has_model =
@@ -67,7 +77,7 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     };
     let truth = args.truth.as_deref().map(|path| truth::fly(path, &plan, [&old, &new], args.draws));
     let truth = match truth.transpose()? {
-        Some(None) => return Ok(ExitCode::from(INTERRUPTED)),
+        Some(None) => return Ok(None),
         truth => truth.flatten(),
     };
     let paths = Paths::in_folder(&args.out);
@@ -101,8 +111,7 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     };
     let top = std::f64::consts::PI / Setup::period_s(config);
     write(&paths.report, &text::page(&answer, extended, [old_motions, new_motions], top)?)?;
-    tell(&args.json, &answer, || text::screen(&answer))?;
-    Ok(ExitCode::SUCCESS)
+    Ok(Some(answer))
 }
 
 /// How the flights of a law are judged, and their motion.

@@ -131,7 +131,7 @@ pub(crate) struct LawFigures {
 
 impl LawFigures {
     /// Of all draws.
-    pub fn of(judged: &[Judged], vehicle: &Vehicle) -> Self {
+    pub(super) fn of(judged: &[Judged], vehicle: &Vehicle) -> Self {
         let share = |of: &dyn Fn(&Judged) -> bool| {
             Proportion::new(judged.iter().filter(|j| of(j)).count() as u64, judged.len() as u64)
         };

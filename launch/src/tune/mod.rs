@@ -15,4 +15,6 @@ mod trials;
 mod truth;
 mod tuned;
 
-pub(crate) use circle::tune;
+pub(crate) use answer::Tuning;
+pub(crate) use circle::{circle, tune};
+pub(crate) use judge::LawFigures;

@@ -35,7 +35,7 @@ const LOST: f64 = 1e3;
 
 /// What was chosen, and on what.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Retuned {
+pub(crate) struct Retuned {
     /// First draw that the weights were chosen on; those that are judged come before.
     pub first_draw: u64,
     /// Number of these draws.

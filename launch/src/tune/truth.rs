@@ -28,7 +28,7 @@ pub(super) struct Flights {
 
 /// What the laws are worth on the truth.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct OnTruth {
+pub(crate) struct OnTruth {
     /// The old law.
     pub before: LawFigures,
     /// The law of `tuned.toml`: the old one where that was kept.

@@ -1,0 +1,156 @@
+//! One cell: the record is flown and tuned, and three laws fly the truth.
+
+use std::path::Path;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use whirlstand_nodes::error::NodeError;
+use whirlstand_nodes::inproc::run_inproc;
+use whirlstand_nodes::os::StopFlag;
+use whirlstand_vehicle::Vehicle;
+
+use super::cells::Scene;
+use crate::cli::{JsonArg, RecordArgs, TuneArgs, TunedLaw};
+use crate::command::write;
+use crate::error::Failure;
+use crate::file::{find, plan};
+use crate::tune::{LawFigures, Tuning, circle};
+
+/// What came of a cell, a line of `cells.jsonl`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Cell {
+    /// Vehicle, law and effect.
+    pub cell: String,
+    /// What was flown.
+    pub result: Answer,
+    /// Time that it took, s.
+    pub wall_s: f64,
+}
+
+/// What a cell came to.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Answer {
+    /// It was flown to its end.
+    Flown(Box<Outcome>),
+    /// Why it was not.
+    Failed(String),
+}
+
+/// What three laws cost on the truth.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Outcome {
+    /// What the diagnosis named.
+    pub named: Vec<String>,
+    /// The new law is kept.
+    pub kept: bool,
+    /// The old law.
+    pub before: OnTruth,
+    /// The law of `tuned.toml`.
+    pub after: OnTruth,
+    /// The new law, kept or not.
+    pub new: OnTruth,
+    /// The law that was designed on the truth.
+    pub designed: OnTruth,
+    /// (before - after) / (before - designed), of the median costs.
+    pub share: Option<f64>,
+    /// Lower end of the interval of after over before.
+    pub after_over_before_low: Option<f64>,
+    /// Upper end of the interval of designed over before.
+    pub designed_over_before_high: Option<f64>,
+}
+
+/// A law on the truth.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub(super) struct OnTruth {
+    /// Median cost; absent when the vehicle was lost on all seeds.
+    pub cost: Option<f64>,
+    /// Share of the seeds on which it was lost.
+    pub lost: f64,
+}
+
+impl OnTruth {
+    fn of(figures: &LawFigures) -> Self {
+        Self { cost: figures.cost.map(|c| c.median), lost: figures.probability_unstable.share }
+    }
+}
+
+/// Flies a cell; what fails of it is told in it. `None` when a signal ended it.
+pub(super) fn fly(scene: &Scene, draws: u64) -> Result<Option<Cell>, Failure> {
+    let began = Instant::now();
+    let folder = tempfile::Builder::new()
+        .prefix("whirlstand-bench-tune-")
+        .tempdir()
+        .map_err(|e| Failure::Run(format!("no folder can be made for the flights: {e}")))?;
+    let result = match tuned(scene, draws, folder.path()) {
+        Ok(None) => return Ok(None),
+        Ok(Some(answer)) => answer,
+        Err(failure) => Answer::Failed(failure.to_string()),
+    };
+    Ok(Some(Cell { cell: scene.name(), result, wall_s: began.elapsed().as_secs_f64() }))
+}
+
+fn tuned(scene: &Scene, draws: u64, folder: &Path) -> Result<Option<Answer>, Failure> {
+    let path = |name: &str| folder.join(name);
+    let shown = |name: &str| path(name).display().to_string();
+    let plain = Vehicle::builtin(scene.vehicle_file()).map_err(Failure::run)?;
+    write(&path("launch.toml"), &scene.launch())?;
+    write(&path("truth.toml"), &(plain.source_text + &scene.hidden_tables()))?;
+    record(&shown("launch.toml"), &shown("log.mcap"))?;
+    let law = match scene.law_afterwards() {
+        law if law == scene.law => None,
+        _ => Some(TunedLaw::Smc),
+    };
+    let args = TuneArgs {
+        logs: vec![path("log.mcap")],
+        launch: shown("launch.toml"),
+        law,
+        draws,
+        retune: false,
+        max_sensitivity: TuneArgs::MAX_SENSITIVITY,
+        part: RecordArgs::default(),
+        truth: Some(shown("truth.toml")),
+        out: path("tuned"),
+        json: JsonArg::default(),
+    };
+    Ok(circle(&args)?.map(|tuning| outcome(&tuning)))
+}
+
+/// Flies a launch file in this thread, into a log. A flight that loses the vehicle is a record too.
+fn record(launch: &str, log: &str) -> Result<(), Failure> {
+    let found = find(launch)?;
+    let mut config = plan(&found.document, &found.name, &found.folder).map_err(Failure::mend)?.config;
+    config.bench = format!("bench-tune-{}", std::process::id());
+    if let Some(recorder) = &mut config.recorder {
+        recorder.path = log.into();
+    }
+    match run_inproc(&config, &StopFlag::default()) {
+        Ok(_) | Err(NodeError::Diverged { .. }) => Ok(()),
+        Err(error) => Err(Failure::run(error)),
+    }
+}
+
+fn outcome(tuning: &Tuning) -> Answer {
+    let Some(truth) = &tuning.truth else { return Answer::Failed("no law flew the truth".into()) };
+    let named = tuning.causes.iter().map(|cause| {
+        let values: Vec<String> =
+            cause.parameters.iter().map(|(name, e)| format!("{name} {}", rounded(e.value))).collect();
+        format!("`{}` {}: {}", cause.effect, cause.place, values.join(", "))
+    });
+    Answer::Flown(Box::new(Outcome {
+        named: named.collect(),
+        kept: tuning.gain.certain,
+        before: OnTruth::of(&truth.before),
+        after: OnTruth::of(&truth.after),
+        new: OnTruth::of(&truth.new),
+        designed: OnTruth::of(&truth.designed),
+        share: truth.share,
+        after_over_before_low: truth.gain.cost_ratio_low,
+        designed_over_before_high: truth.gain_of_designed.cost_ratio_high,
+    }))
+}
+
+/// Three significant digits.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}
