@@ -44,6 +44,14 @@ fn check(
     Ok((end.code(), end.stdout + &end.stderr))
 }
 
+/// Each line of `expected`, a verdict and words of what it is about, is told.
+fn has_verdicts(said: &str, expected: &str) {
+    for (verdict, words) in expected.lines().filter_map(|l| l.trim().split_once(' ')) {
+        let told = said.lines().any(|l| l.starts_with(verdict) && l.contains(words));
+        assert!(told, "{verdict} {words}:\n{said}");
+    }
+}
+
 fn the_check_says_which_axis_px4_has_turned() -> Outcome {
     let (port, ground) = (free_tcp(), free_udp());
     let arguments =
@@ -54,20 +62,16 @@ fn the_check_says_which_axis_px4_has_turned() -> Outcome {
     ];
     let (code, said) = check("px4.py", &arguments.map(Into::into), "quadrotor-px4", &options)?;
     assert_eq!(code, 1, "{said}");
-    for (verdict, words) in [
-        ("ok", "PX4 sends outputs"),
-        ("ok", "stands level"),
-        ("ok", "roll: +17.2 deg (right side down)"),
-        ("ok", "roll: -34.4 deg (left side down)"),
-        ("WRONG", "pitch: +17.2 deg (nose up)"),
-        ("WRONG", "pitch: -34.4 deg (nose down)"),
-        ("ok", "yaw: +17.2 deg (nose right)"),
-    ] {
-        assert!(
-            said.lines().any(|l| l.starts_with(verdict) && l.contains(words)),
-            "{verdict} {words}:\n{said}"
-        );
-    }
+    has_verdicts(
+        &said,
+        "ok PX4 sends outputs
+         ok stands level
+         ok roll: +17.2 deg (right side down)
+         ok roll: -34.4 deg (left side down)
+         WRONG pitch: +17.2 deg (nose up)
+         WRONG pitch: -34.4 deg (nose down)
+         ok yaw: +17.2 deg (nose right)",
+    );
     assert_eq!(said.matches("the sign is turned").count(), 2, "{said}");
     Ok(())
 }
@@ -82,20 +86,16 @@ fn the_check_says_which_axis_ardupilot_has_turned() -> Outcome {
     ];
     let (code, said) = check("ardupilot.py", &arguments.map(Into::into), "quadrotor-ardupilot", &options)?;
     assert_eq!(code, 1, "{said}");
-    for (verdict, words) in [
-        ("ok", "ArduPilot sends outputs"),
-        ("ok", "stands level"),
-        ("WRONG", "roll: +17.2 deg (right side down)"),
-        ("WRONG", "roll: -34.4 deg (left side down)"),
-        ("ok", "pitch: +17.2 deg (nose up)"),
-        ("ok", "pitch: -34.4 deg (nose down)"),
-        ("ok", "yaw: +17.2 deg (nose right)"),
-    ] {
-        assert!(
-            said.lines().any(|l| l.starts_with(verdict) && l.contains(words)),
-            "{verdict} {words}:\n{said}"
-        );
-    }
+    has_verdicts(
+        &said,
+        "ok ArduPilot sends outputs
+         ok stands level
+         WRONG roll: +17.2 deg (right side down)
+         WRONG roll: -34.4 deg (left side down)
+         ok pitch: +17.2 deg (nose up)
+         ok pitch: -34.4 deg (nose down)
+         ok yaw: +17.2 deg (nose right)",
+    );
     Ok(())
 }
 
@@ -114,9 +114,7 @@ fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() -> Outcome {
     let launch = launch.to_str().unwrap();
     let (code, said) = check("betaflight.py", &arguments, launch, &options)?;
     assert_eq!(code, 0, "{said}");
-    for words in ["roll: +17.2", "pitch: -34.4", "yaw: +17.2"] {
-        assert!(said.lines().any(|l| l.starts_with("ok") && l.contains(words)), "{words}:\n{said}");
-    }
+    has_verdicts(&said, "ok roll: +17.2\nok pitch: -34.4\nok yaw: +17.2");
     // The stand-in holds roll and pitch, both ways.
     assert_eq!(said.matches("they push back").count(), 4, "{said}");
     Ok(())
@@ -284,6 +282,38 @@ fn betaflight_that_does_not_arm_says_why() -> Outcome {
     Ok(())
 }
 
+/// PX4 in lockstep that is never armed, and says why `how`; the words that the bench has for it.
+fn px4_that_does_not_arm(how: &[&str], place: &str, words: &str) -> Outcome {
+    let port = free_tcp();
+    let mut arguments = vec![port.to_string(), "REPORT".into()];
+    arguments.extend(how.iter().map(ToString::to_string));
+    let options =
+        [format!("bridge.px4.link=tcpin://127.0.0.1:{port}"), format!("bridge.px4.telemetry={place}")];
+    let mut flying = take_off("px4-hil", "px4.py", &arguments, &options, &["--mode", "lockstep"])?;
+    flying.wait_for(words);
+    Ok(())
+}
+
+fn px4_in_lockstep_that_does_not_arm_says_why_on_its_link_and_at_a_port_of_its_own() -> Outcome {
+    const CHECKS: &str = "PX4 cannot be armed: its arming checks fail, in every mode: GPS, magnetometer";
+    let ground = free_udp();
+    let (port, place) = (ground.to_string(), format!("udpin://127.0.0.1:{ground}"));
+    // Its checks never pass: over the simulator's own link, and where it speaks to others, as software in the loop does.
+    px4_that_does_not_arm(&["--station", "1e9"], "", CHECKS)?;
+    px4_that_does_not_arm(&["--station", "1e9", "--ground", &port], &place, CHECKS)?;
+    // Without events the health bits say it.
+    let bits = ["--station", "1e9", "--bits", "--ground", &port];
+    let words = "PX4 cannot be armed: its pre-arm checks fail; not healthy: magnetometer, GPS";
+    px4_that_does_not_arm(&bits, &place, words)
+}
+
+/// It answers, and nobody hears why it does not fly: then where to look for it is told.
+fn px4_in_lockstep_that_says_nothing_is_told_with_where_to_look() -> Outcome {
+    let place = format!("udpin://127.0.0.1:{}", free_udp());
+    let words = format!("is not armed, and has not said why: nothing is heard of it at {place}");
+    px4_that_does_not_arm(&["--disarmed"], &place, &words)
+}
+
 /// As its comment says: then the controller is ours, and holds what Betaflight holds.
 fn the_example_of_betaflight_flies_without_its_bridge_line() {
     let dir = tempfile::tempdir().unwrap();
@@ -361,6 +391,8 @@ whirlstand_test_harness::tests!(
     betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm,
     strangers_at_an_autopilots_port_are_refused_while_it_flies,
     betaflight_that_does_not_arm_says_why,
+    px4_in_lockstep_that_does_not_arm_says_why_on_its_link_and_at_a_port_of_its_own,
+    px4_in_lockstep_that_says_nothing_is_told_with_where_to_look,
     the_example_of_betaflight_flies_without_its_bridge_line,
     an_autopilot_that_is_not_armed_never_begins,
     what_an_autopilots_bridge_cannot_be_is_refused_with_its_place

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::{Value, json as value};
-use support::{json, said, spawn, spawn_listening, whirlstand};
+use support::bridged::Bridged;
+use support::{json, run, said, spawn, spawn_listening, whirlstand};
 use whirlstand_test_harness::undisturbed;
 
 /// The module's line, the receiver's line, and the report of both.
@@ -25,6 +26,24 @@ impl Place {
         Self { dir, module, receiver, report }
     }
 
+    /// As [`Place::radio`], with a vehicle that flies by the channels and tells its attitude so often and so late.
+    fn vehicle(&self, script: &Value, every: u32, late: u32) -> Command {
+        let mut radio = self.radio(&script.to_string());
+        radio.arg(value!({"every": every, "late": late}).to_string());
+        radio
+    }
+
+    /// A built-in vehicle of which roll and pitch alone are measured, as CRSF tells them, with more text behind it.
+    fn vehicle_file(&self, builtin: &str, more: &str) -> String {
+        let shown = run(["vehicle", "show", builtin]).success().stdout;
+        let mut file: toml::Table = shown.parse().unwrap();
+        let told = |output: &toml::Value| ["roll", "pitch"].contains(&output["name"].as_str().unwrap());
+        file["outputs"].as_array_mut().unwrap().retain(told);
+        let path = self.dir.path().join(format!("{builtin}.toml"));
+        std::fs::write(&path, format!("{file}\n{more}")).unwrap();
+        path.display().to_string()
+    }
+
     fn radio(&self, script: &str) -> Command {
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bridge/radio.py");
         // Where there is the tests' own Python, it has another reader of the same frames.
@@ -35,31 +54,24 @@ impl Place {
     }
 
     fn launch(&self) -> String {
-        let file = self.dir.path().join("crsf.toml");
-        let text = format!(
-            r#"
-vehicle = "quadrotor"
-rate_hz = 100.0
-duration_s = 100.0
-[controller]
-law = "lqr"
-[nodes.plant]
-bridge = "crsf"
-[bridge.safety]
-stale_s = 1.0                 # a busy test machine is not what is tested
-command_timeout_s = 5.0
-max_innovation = 1e9          # what flies here is a wave that obeys nobody
-[bridge.crsf]
-link = "serial://{}:420000"
-[bridge.pilot]
-source = "sbus"
-link = "serial://{}:100000:8E2"
-"#,
-            self.module.display(),
+        self.launch_of("quadrotor", "stale_s = 1.0", "")
+    }
+
+    fn launch_of(&self, vehicle: &str, safety: &str, more: &str) -> String {
+        let pilot = format!(
+            "[bridge.pilot]\nsource = \"sbus\"\nlink = \"serial://{}:100000:8E2\"\n{more}",
             self.receiver.display()
         );
-        std::fs::write(&file, text).unwrap();
-        file.display().to_string()
+        let bridged = Bridged {
+            bridge: "crsf",
+            vehicle,
+            rate_hz: 100,
+            duration_s: 1000,
+            safety,
+            link: format!("serial://{}:420000", self.module.display()),
+            more: &pilot,
+        };
+        bridged.write(self.dir.path()).display().to_string()
     }
 }
 
@@ -139,5 +151,130 @@ fn the_check_says_which_axis_of_the_telemetry_is_turned() {
             assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
         }
         assert_eq!(json(&place.report)["faults"], value!([]));
+    });
+}
+
+/// Latency of the telemetry that law and filter know of.
+const LATE: &str = r#"
+[[effects]]
+effect = "sensor_delay"
+where = "roll"
+delay_s = "100 ms"
+[[effects]]
+effect = "sensor_delay"
+where = "pitch"
+delay_s = "100 ms"
+"#;
+
+/// ExpressLRS as it is delivered: a filter that knows how late and how rare the attitude is brings the vehicle back from a gust.
+/// By itself that takes it 8.7 s.
+#[test]
+fn telemetry_of_4_and_of_10_hz_is_flown_on() {
+    for every in [25, 10] {
+        undisturbed(|| {
+            let place = Place::new();
+            let vehicle = place.vehicle_file("quadrotor", LATE);
+            let launch = place.launch_of(&vehicle, "stale_s = 1.0", "");
+            let phases = value!([
+                ["disarmed", {"arm": false, "automatic": true, "frames": 300}],
+                ["flown", {"arm": null, "automatic": true}],
+                ["flown", {"arm": true, "automatic": true, "gust": 30.0, "frames": 1000}],
+            ]);
+            let radio = spawn(place.vehicle(&phases, every, 10));
+            let out = place.dir.path().join("out");
+            let bench = spawn(whirlstand(["run", &launch, "--out", out.to_str().unwrap()]));
+            radio.finish().success();
+            bench.signal(libc::SIGINT);
+            let end = bench.finish();
+            let report = json(&place.report);
+            assert_eq!(report["faults"], value!([]), "{}", end.stderr);
+            let back = report["recovered_after_s"].as_f64();
+            println!("an attitude every {every} periods: level after {back:?} s");
+            assert!(back.is_some_and(|s| s < 5.0), "{back:?}\n{}", end.stderr);
+            assert!(!end.stderr.contains("FAILSAFE"), "{}", end.stderr);
+        });
+    }
+}
+
+/// With the usual age limit one attitude that is lost would end the flight: nobody arms it, and the rate that is needed is told.
+#[test]
+fn telemetry_of_4_hz_is_refused_where_one_attitude_lost_would_end_the_flight() {
+    undisturbed(|| {
+        let place = Place::new();
+        let phases = value!([
+            ["disarmed", {"arm": false, "automatic": true, "frames": 300}],
+            ["refused", {"arm": null, "automatic": true}],
+        ]);
+        let radio = spawn(place.vehicle(&phases, 25, 10));
+        let out = place.dir.path().join("out");
+        // Just old enough that the attitude at hand is no reason by itself.
+        let launch = place.launch_of("quadrotor", "stale_s = 0.4", "");
+        let bench = spawn(whirlstand(["run", &launch, "--out", out.to_str().unwrap()]));
+        radio.finish().success();
+        bench.signal(libc::SIGINT);
+        let end = bench.finish();
+        assert_eq!(json(&place.report)["faults"], value!([]), "{}", end.stderr);
+        for words in
+            ["the vehicle's attitude comes too rarely", "bridge.safety.stale_s = 0.4 needs 5.0 or more"]
+        {
+            assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
+        }
+    });
+}
+
+/// Steps of both angles, by turns, over a minute and a half.
+fn setpoints() -> String {
+    let step = |k: u32| {
+        let (roll, pitch) = ([6, -4, 0, 5, -6][k as usize % 5], [0, 5, -6, 4][k as usize % 4]);
+        format!(
+            "[[setpoint]]\nat_s = {}\nroll = \"{roll} deg\"\npitch = \"{pitch} deg\"\n",
+            1.3 * f64::from(k)
+        )
+    };
+    (1..70).map(step).collect()
+}
+
+/// A pilot takes over for a part of a flight, in which somebody pushes the vehicle as well: of that nothing is learned, and it is
+/// said. What the controller flew before and after is enough.
+#[test]
+fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() {
+    undisturbed(|| {
+        let place = Place::new();
+        let vehicle = place.vehicle_file("quadrotor", "");
+        let structure = place.vehicle_file("quadrotor-structure", "");
+        let launch = place.launch_of(&vehicle, "stale_s = 1.0", &setpoints());
+        let phases = value!([
+            ["disarmed", {"arm": false, "automatic": true}],
+            ["flown", {"arm": null, "automatic": true, "frames": 1500}],
+            ["manual", {"arm": true, "automatic": false, "roll": 1700, "push": 60.0, "frames": 500}],
+            ["flown", {"arm": true, "automatic": true, "frames": 1500}],
+        ]);
+        let radio = spawn(place.vehicle(&phases, 1, 0));
+        let out = place.dir.path().join("out");
+        let out = out.to_str().unwrap();
+        let bench = spawn(whirlstand(["run", &launch, "--out", out]));
+        radio.finish().success();
+        bench.signal(libc::SIGINT);
+        let end = bench.finish();
+        assert_eq!(json(&place.report)["faults"], value!([]), "{}", end.stderr);
+
+        let answer = place.dir.path().join("answer.json");
+        let told = ["--json", answer.to_str().unwrap()];
+        let identified = run(["identify", out, "--vehicle", &structure].iter().chain(&told)).success();
+        assert!(identified.stderr.contains("in 2 stretches; nothing else is used"), "{}", identified.stderr);
+        let parameters = json(&answer)["parameters"].clone();
+        let gain = parameters.as_array().unwrap().iter().find(|p| p["name"] == "B[2,1]").unwrap();
+        let value = gain["value"].as_f64().unwrap();
+        assert!((-1.5..-0.8).contains(&value), "-1.1045 in truth: {gain}\n{}", identified.stdout);
+
+        // What it knows by then is enough here.
+        let call = ["diagnose", out, "--vehicle", &vehicle, "--budget", "30 s"];
+        let diagnosed = run(call.iter().chain(&told));
+        assert!([0, 3].contains(&diagnosed.code()), "{}", diagnosed.stderr);
+        assert!(diagnosed.stderr.contains("in 2 stretches; nothing else is used"), "{}", diagnosed.stderr);
+        println!("{}", diagnosed.stdout);
+        let causes = json(&answer)["causes"].clone();
+        let pushed = |cause: &Value| cause["effect"].as_str().unwrap().contains("disturbance");
+        assert!(!causes.as_array().unwrap().iter().any(pushed), "{}", diagnosed.stdout);
     });
 }

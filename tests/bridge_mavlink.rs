@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
+use support::bridged::Bridged;
 use support::{Running, json, run, said, spawn, spawn_listening, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
@@ -30,31 +31,16 @@ fn autopilot(python: &Path, port: u16, report: &Path, more: &[&str]) -> Command 
 
 /// A launch file with the bridge in the plant's place.
 fn launch(dir: &Path, port: u16, more: &str) -> PathBuf {
-    let path = dir.join("bridge.toml");
-    let text = format!(
-        r#"
-vehicle = "quadrotor"
-rate_hz = 250.0
-duration_s = 6.0
-
-[controller]
-law = "lqr"
-
-[nodes.plant]
-bridge = "mavlink"
-
-[bridge.safety]
-arm = "autopilot"
-command_timeout_s = 5.0       # a busy test machine is not what is tested
-max_innovation = 1e9          # most of the autopilots here fly a wave that obeys nobody
-
-[bridge.mavlink]
-link = "udpin://127.0.0.1:{port}"
-{more}
-"#
-    );
-    std::fs::write(&path, text).unwrap();
-    path
+    let bridged = Bridged {
+        bridge: "mavlink",
+        vehicle: "quadrotor",
+        rate_hz: 250,
+        duration_s: 6,
+        safety: "arm = \"autopilot\"",
+        link: format!("udpin://127.0.0.1:{port}"),
+        more,
+    };
+    bridged.write(dir)
 }
 
 /// The autopilot writes its report when it is asked to end.
@@ -307,10 +293,10 @@ fn the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives(
 fn wrong_options_are_told_with_their_line() {
     let dir = tempfile::tempdir().unwrap();
     for (more, words) in [
-        ("putput = \"sbus\"", ["line 19", "output"]),
-        ("output = \"crsf\"", ["line 17", "output_link"]),
-        ("[[bridge.channels]]\nchannel = 1\nfrom = \"u_rol\"", ["line 21", "u_roll"]),
-        ("[bridge.measured.rol]\nscale = -1", ["line 19", "roll_rate"]),
+        ("putput = \"sbus\"", ["line 17", "output"]),
+        ("output = \"crsf\"", ["line 15", "output_link"]),
+        ("[[bridge.channels]]\nchannel = 1\nfrom = \"u_rol\"", ["line 19", "u_roll"]),
+        ("[bridge.measured.rol]\nscale = -1", ["line 17", "roll_rate"]),
     ] {
         let file = launch(dir.path(), 1, more);
         let ended = run(["run", file.to_str().unwrap(), "--no-log"]);

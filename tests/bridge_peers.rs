@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use support::bridged::Bridged;
 use support::flight::{Flying, betaflight, fly, free_tcp, free_udp, take_off};
 use support::flood::{Flood, garbage};
 use support::{FAULTS_ALLOWED, Finished, Running, json, run, spawn, whirlstand};
@@ -38,28 +39,16 @@ impl Place {
 
     /// The command line of the bench; `more` are keys of `[bridge.mavlink]`.
     fn bench(&self, more: &str) -> Command {
-        let file = self.dir.path().join("bridge.toml");
-        let text = format!(
-            r#"
-vehicle = "quadrotor"
-rate_hz = 100.0
-duration_s = 100.0
-[controller]
-law = "lqr"
-[nodes.plant]
-bridge = "mavlink"
-[bridge.safety]
-arm = "autopilot"
-stale_s = 1.0                 # a busy test machine is not what is tested
-command_timeout_s = 5.0
-max_innovation = 1e9          # what flies here is a wave that obeys nobody
-[bridge.mavlink]
-link = "udpin://127.0.0.1:{}"
-{more}
-"#,
-            self.port
-        );
-        std::fs::write(&file, text).unwrap();
+        let bridged = Bridged {
+            bridge: "mavlink",
+            vehicle: "quadrotor",
+            rate_hz: 100,
+            duration_s: 100,
+            safety: "arm = \"autopilot\"\nstale_s = 1.0",
+            link: format!("udpin://127.0.0.1:{}", self.port),
+            more,
+        };
+        let file = bridged.write(self.dir.path());
         let (file, out) = (file.display().to_string(), self.dir.path().join("out").display().to_string());
         whirlstand(["run", &file, "--out", &out])
     }

@@ -9,6 +9,7 @@
 //! | `setpoint.NAME` | states of `Setpoint` that are tracked; NaN at steps where they are not |
 //! | `setpoint.stick.NAME` | stick of `Setpoint` |
 //! | `command.NAME` | inputs of `Command`, at the step that it answers |
+//! | `sent.in_charge` | `Sent`: 0 nobody, 1 the pilot, 2 the controller, 3 nobody after a failsafe; behind a bridge alone |
 //! | `disturbance.NAME` | `Disturbance`, held from message to message |
 
 use whirlstand_msgs::units::Unit;
@@ -19,6 +20,9 @@ use crate::bench_log::{BenchMessage, SensorField, wanted};
 use crate::log::Log;
 use crate::read_error::ReadError;
 use crate::record::{Record, RecordError};
+
+/// The signal that says who was in charge of a vehicle behind a bridge.
+pub const IN_CHARGE: &str = "sent.in_charge";
 
 /// Why a log cannot be made a record.
 #[derive(Debug, thiserror::Error)]
@@ -102,6 +106,7 @@ struct Groups {
     axis: Axis,
     any_truth: bool,
     sent: Group,
+    in_charge: Group,
     sensors: Vec<(Group, Vec<SensorField>)>,
     applied: Group,
     truth: Group,
@@ -133,6 +138,7 @@ impl Groups {
             axis: Axis::default(),
             any_truth: false,
             sent: Group::new("", &info.inputs, asked),
+            in_charge: Group::new("", &[SignalInfo::new(IN_CHARGE, "")], asked),
             sensors: sensors.into(),
             truth: group("truth.", &info.states),
             estimate: group("estimate.", &info.states),
@@ -170,11 +176,12 @@ impl Groups {
             BenchMessage::Command(m) if m.flags & flags::WITHHELD != 0 => {}
             BenchMessage::Command(m) => self.command.push(m.head.stamp_ns, &m.u),
             BenchMessage::Disturbance(m) => self.disturbance.push(m.head.stamp_ns, &m.dx),
-            BenchMessage::Sent(m) if m.in_charge == charge::CONTROLLER => {
-                self.sent.push(m.head.stamp_ns, &m.u)
+            BenchMessage::Sent(m) => {
+                self.in_charge.push(m.head.stamp_ns, &[f64::from(m.in_charge)]);
+                // What somebody else does to the vehicle is no input of ours.
+                let ours = m.in_charge == charge::CONTROLLER;
+                self.sent.push(m.head.stamp_ns, if ours { &m.u } else { &[f64::NAN; MAX_INPUTS] });
             }
-            // What somebody else does to the vehicle is no input of ours.
-            BenchMessage::Sent(m) => self.sent.push(m.head.stamp_ns, &[f64::NAN; MAX_INPUTS]),
             BenchMessage::Autopilot(_) | BenchMessage::Finding(_) | BenchMessage::Health(_) => {}
         }
     }
@@ -207,6 +214,7 @@ impl Groups {
             self.setpoint,
             self.stick,
             self.command,
+            self.in_charge,
             self.disturbance,
         ]);
         for group in groups.filter(|group| !group.stamps.is_empty()) {

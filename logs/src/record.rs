@@ -256,6 +256,25 @@ impl Record {
         }
     }
 
+    /// The points that are `kept`, as a record of its own; what was left out is a gap in its time axis.
+    pub fn keep(&self, kept: &[bool]) -> Self {
+        fn chosen(values: &[f64], kept: &[bool]) -> Vec<f64> {
+            values.iter().zip(kept).filter(|(_, kept)| **kept).map(|(value, _)| *value).collect()
+        }
+        Self {
+            origin: self.origin.clone(),
+            time_unit: self.time_unit.clone(),
+            time: chosen(&self.time, kept),
+            whole_from: Some(self.begins_at()),
+            signals: self
+                .signals
+                .iter()
+                .map(|s| Signal { values: chosen(&s.values, kept), ..s.clone_head() })
+                .collect(),
+            unreadable: self.unreadable.clone(),
+        }
+    }
+
     /// The record with the named signals alone, in that order.
     ///
     /// # Errors

@@ -16,6 +16,9 @@ ATTITUDE, ACTUATOR_CONTROLS, VERSION = 30, 93, 148
 SUMMARY = 1 << 24 | 11047904
 GPS, MAGNETOMETER = 1 << 3, 1 << 27
 PROTOCOL = 8
+# Bits of SYS_STATUS: gyroscope, accelerometer, magnetometer, pressure, GPS, and whether the checks before arming pass.
+BIT_MAGNETOMETER, BIT_GPS, BIT_CHECKS = 0x4, 0x20, 0x10000000
+CHECKED = 0xF | BIT_GPS | BIT_CHECKS
 
 
 class Event:
@@ -38,11 +41,12 @@ class Event:
 
 
 class Commander:
-    def __init__(self, mav, send, report, ready_after):
+    def __init__(self, mav, send, report, ready_after, bits=False):
         self.mav, self.send, self.report = mav, send, report
         self.armed = False
         self.began = time.monotonic()
         self.ready_after = ready_after
+        self.bits = bits
         self.was_ready = None
         self.interval = 0.1
         self.next = {"beat": 0.0, "attitude": 0.0}
@@ -62,6 +66,8 @@ class Commander:
 
     def tell_checks(self):
         """As PX4 lays it out: u8 part, u32 errors, u32 warnings, u32 modes."""
+        if self.bits:
+            return
         failing, modes = (0, 0x7FFF) if self.is_ready() else (GPS | MAGNETOMETER, 0)
         arguments = struct.pack("<BIII", 0, failing, 0, modes).ljust(40, b"\0")
         self.sequence = (self.sequence + 1) & 0xFFFF
@@ -121,7 +127,7 @@ class Commander:
         """What is due."""
         now = time.monotonic()
         ready = self.is_ready()
-        if ready != self.was_ready:
+        if ready != self.was_ready and not self.bits:
             self.was_ready = ready
             self.tell_checks()
             if not ready:
@@ -131,6 +137,8 @@ class Commander:
             # HIL is on.
             mode = 1 | 32 | (128 if self.armed else 0)
             self.send(self.mav.heartbeat_encode(2, 12, mode, 0x00010000, 4 if self.armed else 3))
+            well = CHECKED if ready else CHECKED & ~(BIT_CHECKS | BIT_MAGNETOMETER | BIT_GPS)
+            self.send(self.mav.sys_status_encode(CHECKED, CHECKED, well, 100, 12000, -1, -1, 0, 0, 0, 0, 0, 0))
         if now >= self.next["attitude"]:
             self.next["attitude"] = now + self.interval
             self.send(self.mav.attitude_encode(self.boot_ms(), *angles, *rates))

@@ -1,12 +1,14 @@
 """A stand-in for PX4: connects to the simulator with pymavlink and flies by its sensors.
 
     px4.py PORT REPORT [--free] [--reconnect-after STEPS] [--pty NAME] [--disarmed] [--telemetry PORT] [--turned AXIS]
-           [--wait-for FILE] [--replay-after STEPS] [--beyond] [--station SECONDS]
+           [--wait-for FILE] [--replay-after STEPS] [--beyond] [--station SECONDS] [--ground PORT] [--bits]
 
 `--free`: without lockstep, as hardware in the loop is; `--pty`: over a serial line of that name, as it is as well.
 `--telemetry`: tells its attitude to a ground station; `--turned`: with the wrong sign of one axis.
 `--wait-for`: connects once that file is there; `--replay-after`: says the same outputs again and again from then on; `--beyond`:
 with outputs that go beyond their range. `--station`: armed by a ground station on the same line, which its checks allow after so long.
+`--ground`: it speaks to stations at that UDP port alone, as software in the loop does; `--bits`: it says why it does not arm with the
+health bits of SYS_STATUS alone.
 """
 
 import argparse
@@ -35,6 +37,25 @@ def connect(port):
             if time.monotonic() > until:
                 raise
             time.sleep(0.02)
+
+
+class Ground:
+    """The UDP port of somebody who listens, and what that one says."""
+
+    def __init__(self, port):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setblocking(False)
+        self.to = ("127.0.0.1", port)
+        self.mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def send(self, message):
+        self.socket.sendto(message.pack(self.mav), self.to)
+
+    def heard(self):
+        try:
+            return self.mav.parse_buffer(self.socket.recv(65536)) or []
+        except OSError:
+            return []
 
 
 class Line:
@@ -90,6 +111,8 @@ def main():
     parser.add_argument("--replay-after", type=int)
     parser.add_argument("--beyond", action="store_true")
     parser.add_argument("--station", type=float)
+    parser.add_argument("--ground", type=int)
+    parser.add_argument("--bits", action="store_true")
     args = parser.parse_args()
     report = flight.Report(args.report)
     flight.end_in_order(report)
@@ -121,7 +144,9 @@ def converse(link, args, report, seen, steps):
     attitude, last, turned, began = flight.Attitude(), None, 0.0, None
     first_time = None
     telemetry = flight.Telemetry(args.telemetry, 12) if args.telemetry else None
-    station = commander.Commander(mav, send, report, args.station) if args.station is not None else None
+    ground = Ground(args.ground) if args.ground else None
+    tell = (ground.mav, ground.send) if ground else (mav, send)
+    station = commander.Commander(*tell, report, args.station, args.bits) if args.station is not None else None
     gyro = (0.0, 0.0, 0.0)
     while True:
         try:
@@ -132,9 +157,11 @@ def converse(link, args, report, seen, steps):
             return None
         if station:
             station.tick(attitude.told(args.turned), gyro)
+            for message in ground.heard() if ground else []:
+                station.hear(message)
         for message in mav.parse_buffer(data) or []:
             kind = message.get_type()
-            if station:
+            if station and not ground:
                 station.hear(message)
             seen[kind] = seen.get(kind, 0) + 1
             report.demand(kind != "BAD_DATA", "bad data")

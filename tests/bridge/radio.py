@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """A transmitter module and an SBUS receiver on pseudo-terminals, from the published layouts alone.
 
-radio.py MODULE RECEIVER REPORT SCRIPT: the module answers with attitude and link statistics and takes channels apart; the
+radio.py MODULE RECEIVER REPORT SCRIPT [VEHICLE]: the module answers with attitude and link statistics and takes channels apart; the
 receiver is the pilot. SCRIPT is JSON: [["automatic", {"arm": true, "automatic": true, "failsafe": false, "telemetry":
 true, "roll": 1500}], ...]: the sticks, and what the channels must come to before the next phase; with "arm": null the
 switch goes off and on until they do. "by hand" instead of a script: somebody turns the vehicle as standard input asks, and
-tells roll with the wrong sign. Strict: what the layouts do not allow is listed under `faults`.
+tells roll with the wrong sign. VEHICLE is JSON: {"every": 10, "late": 10}: a vehicle flies by the channels instead of a wave, and its
+attitude is told every so many periods, and as it was so many periods ago. Strict: what the layouts do not allow is listed under `faults`.
 """
 
 import json
@@ -33,6 +34,10 @@ PATIENCE = 40.0
 PERIOD = 0.01
 
 
+# Frames in a row of a phase that lasts longer.
+LONGER = {"refused": 400}
+
+
 def near(value, wanted):
     return abs(value - wanted) <= 1
 
@@ -42,6 +47,10 @@ AWAITED = {
     "disarmed": lambda roll, throttle: near(roll, 1500) and near(throttle, 1000),
     "neutral": lambda roll, throttle: near(roll, 1500) and near(throttle, 1200),
     "manual": lambda roll, throttle: near(roll, 1700) and near(throttle, 1200),
+    # The arm switch is moved all the time, in vain.
+    "refused": lambda roll, throttle: near(roll, 1500) and near(throttle, 1000),
+    # The controller flies: its stick moves, however little.
+    "flown": lambda roll, throttle: near(throttle, 1200),
     "automatic": lambda roll, throttle: abs(roll - 1500) > 20 and not near(roll, 1700) and near(throttle, 1200),
 }
 
@@ -135,8 +144,38 @@ class Module:
             self.channels = [round(1500 + (t - 992) * 5 / 8) for t in ticks]
 
 
+class Vehicle:
+    """The paper's quadrotor (Martinez et al. 2008, Table 2), in degrees, flown by channels 1 and 2: up rolls right and pitches up."""
+
+    A = [[0, 1, 0, 0], [-1.1132, -0.7118, 0.0001, 0], [0, 0, 0, 1], [7.2721, 6.1794, -7.9908, -5.2474]]
+    B = [[0, 0], [-1.1045, 0], [0, 0], [-4.5267, -14.4146]]
+    PARTS = 10
+
+    def __init__(self, every, late):
+        self.every, self.late = every, late
+        self.x, self.past, self.periods = [0.0] * 4, [], 0
+
+    def step(self, channels, push):
+        """One period; `push` is somebody's hand on it, an angular acceleration about roll in deg/s^2."""
+        u = [-20.0 * (us - 1500) / 500 for us in (channels[:2] if channels else (1500, 1500))]
+        for _ in range(self.PARTS):
+            dx = [sum(a * x for a, x in zip(row, self.x)) + sum(b * v for b, v in zip(b_row, u)) for row, b_row in zip(self.A, self.B)]
+            dx[1] += push
+            self.x = [x + d * PERIOD / self.PARTS for x, d in zip(self.x, dx)]
+        self.past = [*self.past, (math.radians(self.x[0]), math.radians(self.x[2]), 0.0)][-self.late - 1 :]
+        self.periods += 1
+
+    def told(self):
+        """The attitude that is told now, if one is."""
+        return self.past[0] if self.periods % self.every == 0 else None
+
+    def is_level(self):
+        return abs(self.x[0]) < 1.0 and abs(self.x[2]) < 1.0
+
+
 class Radio:
-    def __init__(self, module_name, receiver_name):
+    def __init__(self, module_name, receiver_name, vehicle):
+        self.vehicle = vehicle
         # This end of the other's side stays open too, so that the lines live when nobody has them open.
         (self.module_fd, _a), (self.receiver_fd, _b) = pty(module_name), pty(receiver_name)
         self.held = _a, _b
@@ -150,7 +189,10 @@ class Radio:
             if select.select([self.module_fd], [], [], left)[0]:
                 self.module.take(os.read(self.module_fd, 4096))
         self.due = max(self.due + PERIOD, time.monotonic())
-        if sticks.get("telemetry", True):
+        if self.vehicle:
+            self.vehicle.step(self.module.channels, sticks.get("push", 0.0))
+            angles = self.vehicle.told()
+        if sticks.get("telemetry", True) and angles:
             roll, pitch, yaw = angles
             packed = struct.pack(">hhh", *(round(angle * 1e4) for angle in (pitch, roll, yaw)))
             link = bytes([60, 61, 100, 8, 0, 4, 2, 70, 100, 8])
@@ -162,17 +204,28 @@ class Radio:
 
     def check_switches(self, awaited, channels):
         """5 arms the vehicle, 6 is a switch of the bench alone, and the others are the pilot's, once somebody is in charge."""
-        arm = {"automatic": 2000, "manual": 2000, "neutral": 2000, "disarmed": 1000}[awaited]
-        rest = [1000 if awaited == "disarmed" else 1600] * 10
+        off = awaited in ("disarmed", "refused")
+        arm, rest = (1000, [1000] * 10) if off else (2000, [1600] * 10)
         wanted = [arm, 1000, *rest]
         if not all(near(value, want) for value, want in zip(channels[4:], wanted)):
             self.module.faults.append(f"{awaited}: switches {channels[4:]}, not {wanted}")
 
+    def note_recovery(self):
+        """The time after the gust from which on it has been level, s of the vehicle's own time; `None` while it is not."""
+        if not self.vehicle.is_level():
+            self.recovered_after = None
+        elif self.recovered_after is None:
+            self.recovered_after = PERIOD * (self.vehicle.periods - self.pushed_at)
+
     def phase(self, awaited, sticks):
         """The channels that were seen while they were as awaited, frame after frame for a while."""
-        until, seen, frames = time.monotonic() + PATIENCE, [], self.module.frames
-        again = sticks["arm"] is None
-        while len(seen) < LASTING:
+        lasting = sticks.get("frames", LONGER.get(awaited, LASTING))
+        until, seen, frames = time.monotonic() + PATIENCE + 2 * PERIOD * lasting, [], self.module.frames
+        again, vain = sticks["arm"] is None, awaited == "refused"
+        if "gust" in sticks:
+            self.vehicle.x[1] += sticks["gust"]
+            self.pushed_at, self.recovered_after = self.vehicle.periods, None
+        while len(seen) < lasting:
             now = time.monotonic()
             if now > until:
                 self.module.faults.append(f"never came to {awaited}: {self.module.channels}")
@@ -180,13 +233,15 @@ class Radio:
             if again:
                 sticks = {**sticks, "arm": int(2.0 * now) % 2 == 1}
             self.turn(sticks, (0.1 * math.sin(now - self.start), 0.0, 0.3))
+            if "gust" in sticks:
+                self.note_recovery()
             if self.module.frames == frames:
                 continue
             frames = self.module.frames
             channels = self.module.channels
             here = channels[0], channels[2]
-            if AWAITED[awaited](*here) and (sticks["arm"] or not again):
-                again = False
+            if AWAITED[awaited](*here) and (sticks["arm"] or not again or vain):
+                again = vain
                 seen.append(here)
                 self.check_switches(awaited, channels)
             else:
@@ -196,8 +251,8 @@ class Radio:
 
 
 def main():
-    module_name, receiver_name, report, script = sys.argv[1:]
-    radio, notes = Radio(module_name, receiver_name), {}
+    module_name, receiver_name, report, script, *vehicle = sys.argv[1:]
+    radio, notes = Radio(module_name, receiver_name, Vehicle(**json.loads(vehicle[0])) if vehicle else None), {}
     if script == "by hand":
         hand, ended = Hand(["roll"]), []
         signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
@@ -209,6 +264,7 @@ def main():
         notes["said"] = hand.said
     else:
         notes["phases"] = [radio.phase(awaited, sticks) for awaited, sticks in json.loads(script)]
+        notes["recovered_after_s"] = getattr(radio, "recovered_after", None)
     with open(report, "w") as out:
         json.dump({**notes, "frames": radio.module.frames, "judged": radio.module.judge.frames, "faults": radio.module.faults[:20]}, out)
 

@@ -4,6 +4,7 @@
 #![allow(dead_code, reason = "shared by test files that each use a part")]
 
 pub mod bench;
+pub mod bridged;
 pub mod devtools;
 pub mod flight;
 pub mod flood;

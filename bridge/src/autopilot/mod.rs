@@ -111,6 +111,9 @@ pub trait Autopilot {
         None
     }
 
+    /// Where to look for why it is not armed, when it has not said it.
+    fn advice(&self) -> String;
+
     /// The oldest note for the user.
     fn note(&mut self) -> Option<Note> {
         None

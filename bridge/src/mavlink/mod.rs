@@ -18,9 +18,12 @@
 //! assert_eq!((header.system, header.component, message), (255, 190, beat));
 //! ```
 
+mod arming_checks;
 mod counts;
 mod deframe;
 mod encode;
+mod health;
+mod readiness;
 mod signing;
 mod status_text;
 
@@ -29,8 +32,8 @@ pub use deframe::{Deframer, Event, Header};
 pub use encode::Encoder;
 pub use mavlink::dialects::common as dialect;
 pub use mavlink::dialects::common::MavMessage;
+pub use readiness::Readiness;
 pub use signing::{Key, SignatureFault, Signing};
-pub use status_text::status_text;
 
 /// First byte of a MAVLink 1 frame.
 const STX_V1: u8 = 0xFE;

@@ -3,7 +3,7 @@
 use super::dialect::{MavSeverity, STATUSTEXT_DATA};
 
 /// Its words on one line, and whether it calls them a warning or worse; `None` for words that are none.
-pub fn status_text(message: &STATUSTEXT_DATA) -> Option<(bool, String)> {
+pub(super) fn status_text(message: &STATUSTEXT_DATA) -> Option<(bool, String)> {
     let text = message.text.to_str().ok()?.trim();
     let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     let warn = message.severity as u32 <= MavSeverity::MAV_SEVERITY_WARNING as u32;

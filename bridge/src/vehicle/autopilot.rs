@@ -9,7 +9,7 @@ use super::requests::{Answer, Requests};
 use super::telemetry::Group;
 use super::warnings::Warnings;
 use crate::config::{AttitudeMessage, MavlinkConfig, RatesMessage};
-use crate::mavlink::{Counts, Deframer, Encoder, Event, Header, MavMessage, Signing, dialect};
+use crate::mavlink::{Counts, Deframer, Encoder, Event, Header, MavMessage, Readiness, Signing, dialect};
 use crate::note::Notes;
 
 /// Between two of our heartbeats.
@@ -26,6 +26,9 @@ const SCALED_IMU: u32 = 26;
 /// Stamps that differ by more belong to different clocks, ns.
 const OTHER_CLOCK_NS: i64 = 10_000_000_000;
 
+/// What it is called in what is told.
+const NAME: &str = "the vehicle";
+
 /// The other end of a MAVLink link.
 pub(super) struct Autopilot {
     config: MavlinkConfig,
@@ -35,7 +38,8 @@ pub(super) struct Autopilot {
     requests: Requests,
     target: Option<(u8, u8)>,
     heartbeat_at: Option<Duration>,
-    armed: bool,
+    /// Whether it is armed, and why not.
+    readiness: Readiness,
     well: bool,
     heading: Option<f64>,
     origin: Option<[f64; 3]>,
@@ -86,7 +90,7 @@ impl Autopilot {
             requests: Requests::new(&wanted),
             target: None,
             heartbeat_at: None,
-            armed: false,
+            readiness: Readiness::new(NAME),
             well: true,
             origin: None,
             sent_rc: None,
@@ -126,7 +130,7 @@ impl Autopilot {
     }
 
     pub(super) fn is_armed(&self) -> bool {
-        self.armed
+        self.readiness.is_armed()
     }
 
     pub(super) fn is_well(&self) -> bool {
@@ -162,7 +166,7 @@ impl Autopilot {
     /// Another address is the vehicle now: which system it is, and what the old one said of itself, is forgotten.
     pub(super) fn forget(&mut self) {
         (self.target, self.heartbeat_at, self.sent_rc) = (None, None, None);
-        (self.armed, self.well) = (false, true);
+        (self.readiness, self.well) = (Readiness::new(NAME), true);
         self.begin_anew();
     }
 
@@ -208,6 +212,7 @@ impl Autopilot {
             return;
         }
         self.spoken += 1;
+        self.readiness.hear(message, receivers.notes);
         match message {
             MavMessage::ATTITUDE(m) if self.config.attitude == AttitudeMessage::Euler => {
                 let stamp = Some(i64::from(m.time_boot_ms) * 1_000_000);
@@ -248,7 +253,6 @@ impl Autopilot {
                 }
                 self.sent_rc = Some((us, now));
             }
-            MavMessage::STATUSTEXT(m) => self.warnings.words(m, receivers.notes),
             MavMessage::TIMESYNC(m) => self.timesync(m, now, receivers),
             MavMessage::COMMAND_ACK(ack) => match self.requests.acknowledged(ack) {
                 Some(Answer::Refused(id, _)) => {
@@ -280,7 +284,7 @@ impl Autopilot {
             return;
         }
         self.heartbeat_at = Some(now);
-        self.armed = beat.base_mode.contains(dialect::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+        self.readiness.set_armed(beat.base_mode.contains(dialect::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED));
         use dialect::MavState as State;
         self.well = !matches!(
             beat.system_status,

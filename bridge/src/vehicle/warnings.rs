@@ -1,7 +1,6 @@
 //! What is told, once, of a MAVLink link on which little comes that can be used.
 
-use crate::mavlink::dialect::STATUSTEXT_DATA;
-use crate::mavlink::{Counts, status_text};
+use crate::mavlink::Counts;
 use crate::note::Notes;
 
 /// After so many bytes without a message the baud rate is said to be wrong.
@@ -15,25 +14,9 @@ const SIGNATURE_WARNING_MESSAGES: u64 = 5;
 pub(super) struct Warnings {
     baud: bool,
     signature: bool,
-    /// What the vehicle said last in words.
-    said: Option<String>,
 }
 
 impl Warnings {
-    /// Tells the vehicle's own words, which say why it does not arm; those that it repeats once.
-    pub(super) fn words(&mut self, m: &STATUSTEXT_DATA, notes: &mut Notes) {
-        let Some((warn, text)) = status_text(m).filter(|(_, text)| self.said.as_ref() != Some(text)) else {
-            return;
-        };
-        let told = format!("the vehicle says: {text}");
-        if warn {
-            notes.warn(told);
-        } else {
-            notes.info(told);
-        }
-        self.said = Some(text);
-    }
-
     /// Looks at what has come on `link`, and tells what is wrong for the first time.
     pub(super) fn look(&mut self, counts: &Counts, link: &str, notes: &mut Notes) {
         if !self.signature && counts.signature() >= SIGNATURE_WARNING_MESSAGES {

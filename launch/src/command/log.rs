@@ -4,7 +4,9 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use sha2::{Digest, Sha256};
-use whirlstand_logs::{BenchInfo, Diff, Ending, LogInfo, Mapping, Record, SignalSummary, TopicInfo};
+use whirlstand_logs::{
+    BenchInfo, Diff, Ending, IN_CHARGE, InCharge, LogInfo, Mapping, Record, SignalSummary, TopicInfo,
+};
 use whirlstand_msgs::units::clean;
 use whirlstand_vehicle::Vehicle;
 
@@ -70,7 +72,8 @@ pub(crate) fn hash(path: &Path) -> Result<String, Failure> {
 /// What is wrong with the file or a mapping.
 pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result<Record, Failure> {
     let outputs = vehicle.outputs.iter().map(|output| output.name.as_str());
-    let signals: Vec<&str> = outputs.chain(vehicle.inputs.iter().map(|input| input.name.as_str())).collect();
+    let inputs = vehicle.inputs.iter().map(|input| input.name.as_str());
+    let signals: Vec<&str> = outputs.chain(inputs).chain([IN_CHARGE]).collect();
     read_with(path, map, vehicle, Some(&signals))
 }
 
@@ -101,7 +104,7 @@ fn read_with(
             None => whirlstand_logs::read(path, &all),
         };
         match read {
-            Ok(record) => return in_units_of(vehicle, record, &given),
+            Ok(record) => return in_units_of(vehicle, flown_by_the_controller(record)?, &given),
             Err(error) => {
                 let missing = error.missing_source().map(|missing| missing.name.clone());
                 match own.iter().position(|m| missing.as_ref() == Some(&m.name)) {
@@ -111,6 +114,17 @@ fn read_with(
             }
         }
     }
+}
+
+/// What the controller flew of a vehicle behind a bridge, and says so; any other record as it is.
+fn flown_by_the_controller(record: Record) -> Result<Record, Failure> {
+    let Some(charge) = InCharge::of(&record).filter(|charge| !charge.is_whole()) else { return Ok(record) };
+    if charge.is_never() {
+        let why = "the controller was never in charge, so nothing can be learned from it";
+        return Err(Failure::Mend(format!("{}: {why}", record.origin)));
+    }
+    style::say(&format!("{}: {}", record.origin, charge.text()));
+    Ok(charge.part_of(&record))
 }
 
 /// The record, in which what measures something else than the vehicle's signal of its name cannot be read; an error at once

@@ -53,7 +53,9 @@ impl Planner<'_> {
             let links =
                 [("px4", "link", &autopilot.px4.link), ("ardupilot", "link", &autopilot.ardupilot.link)];
             let forward = autopilot.px4.forward.iter().map(|link| ("px4", "forward", link));
-            for (table, key, link) in links.into_iter().chain(forward) {
+            let telemetry = autopilot.px4.telemetry.iter().filter(|link| !link.is_empty());
+            let telemetry = telemetry.map(|link| ("px4", "telemetry", link));
+            for (table, key, link) in links.into_iter().chain(forward).chain(telemetry) {
                 link.parse::<Address>()
                     .map_err(|e| self.bridge_error(&ConfigError::new(&[table, key], e.to_string())))?;
             }

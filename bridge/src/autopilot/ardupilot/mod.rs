@@ -183,6 +183,10 @@ impl Autopilot for Ardupilot {
         send(0, self.answer.as_bytes());
     }
 
+    fn advice(&self) -> String {
+        "its ground station says why (PreArm), and arms it".into()
+    }
+
     fn is_answered(&self) -> bool {
         self.waiting
     }

@@ -264,6 +264,17 @@ impl Autopilot for Betaflight {
         self.said.as_deref()
     }
 
+    fn advice(&self) -> String {
+        match self.options.msp.as_str() {
+            "" => "bridge.betaflight.msp is where it would be asked; its configurator shows its arming flags"
+                .into(),
+            place => format!(
+                "it is asked at {place} (bridge.betaflight.msp) once its switch is on, which bridge.rc.arm does after \
+                 bridge.rc.grace_s"
+            ),
+        }
+    }
+
     fn note(&mut self) -> Option<Note> {
         self.notes.take()
     }

@@ -4,13 +4,12 @@
 //! serial line or UDP. HIL_SENSOR advances PX4's clock, and in lockstep PX4 answers it with HIL_ACTUATOR_CONTROLS of
 //! the same time. HIL_GPS, HIL_STATE_QUATERNION (for PX4's log of the truth) and RC_CHANNELS go along.
 //!
-//! Over the same line PX4 speaks to a ground station, which comes through a port of its own ([`STATION`]); HEARTBEAT,
-//! STATUSTEXT and the summary of its arming checks are heard on the way.
+//! Over the same line a board speaks to a ground station, which comes through a port of its own ([`STATION`]). Software in the
+//! loop speaks to others elsewhere, and is listened to there ([`TELEMETRY`]). At both is heard why it does not arm.
 //!
 //! Source: <https://docs.px4.io/main/en/simulation/#simulator-mavlink-api>,
 //! <https://mavlink.io/en/messages/common.html>.
 
-mod events;
 mod heard;
 mod messages;
 mod options;
@@ -33,6 +32,9 @@ use station::{Owned, Station, is_for_station};
 /// The port of the ground station; the link to PX4 is port 0.
 pub const STATION: usize = 1;
 
+/// The port where PX4 is listened to that says nothing of itself to its simulator.
+pub const TELEMETRY: usize = 2;
+
 /// Output of each motor of a quad in the order of the mixer's frames, which is PX4's own.
 pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
 
@@ -46,7 +48,7 @@ const LARGEST_CONTROL: f64 = 1.001;
 const MAG_PERIOD_NS: u64 = 10_000_000;
 const BARO_PERIOD_NS: u64 = 20_000_000;
 const HEARTBEAT_PERIOD_NS: u64 = 1_000_000_000;
-/// Between two requests for the summary of the arming checks, which PX4 tells by itself only when it changes.
+/// Between two requests for the summary of the arming checks, which PX4 tells only when it changes.
 const CHECKS_PERIOD_NS: u64 = 4_000_000_000;
 
 /// A board that reboots says nothing for longer, ...
@@ -74,6 +76,7 @@ pub struct Px4 {
     options: Px4Options,
     motors: bool,
     deframer: Deframer,
+    telemetry: Deframer,
     encoder: Encoder,
     /// Whether PX4 says that it waits for its sensors.
     lockstep: bool,
@@ -119,6 +122,7 @@ impl Px4 {
             options,
             motors,
             deframer: Deframer::new(),
+            telemetry: Deframer::new(),
             encoder: Encoder::new(SYSTEM, COMPONENT),
             lockstep: false,
             sensed: None,
@@ -201,10 +205,7 @@ impl Px4 {
                     _ => STATE_PERIOD_NS,
                 };
             }
-            MavMessage::HEARTBEAT(beat) => self.heard.beat(header, beat, &mut self.notes),
-            MavMessage::STATUSTEXT(m) => self.heard.words(m, &mut self.notes),
-            MavMessage::EVENT(event) => self.heard.event(event, &mut self.notes),
-            _ => {}
+            message => self.heard.hear(0, header, message, &mut self.notes),
         }
         true
     }
@@ -215,9 +216,12 @@ impl Autopilot for Px4 {
         if port == STATION {
             return self.station.recognises(datagram, now);
         }
+        if port == TELEMETRY {
+            return self.telemetry.recognises(datagram, now, |_, message| is_vehicles_beat(message));
+        }
         let is_autopilots = |_: &Header, message: &MavMessage| match message {
-            MavMessage::HEARTBEAT(beat) => beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID,
-            message => matches!(message, MavMessage::HIL_ACTUATOR_CONTROLS(_)),
+            MavMessage::HIL_ACTUATOR_CONTROLS(_) => true,
+            message => is_vehicles_beat(message),
         };
         self.deframer.recognises(datagram, now, is_autopilots)
     }
@@ -227,6 +231,9 @@ impl Autopilot for Px4 {
             let vehicle = self.heard.vehicle().map(|header| (header.system, header.component));
             let owned = Owned { vehicle, channels: self.options.rc };
             return self.station.receive(bytes, now, owned, &mut self.notes, &mut |frame| send(0, frame));
+        }
+        if port == TELEMETRY {
+            return self.listen(bytes, now);
         }
         self.deframer.push(bytes);
         let mut valid = false;
@@ -249,11 +256,13 @@ impl Autopilot for Px4 {
     }
 
     fn end_of_datagram(&mut self, port: usize) {
-        if port == STATION {
-            return self.station.end();
-        }
+        let ended = match port {
+            STATION => return self.station.end(),
+            TELEMETRY => &mut self.telemetry,
+            _ => &mut self.deframer,
+        };
         // What is left of it is counted there.
-        let _ = self.deframer.end();
+        let _ = ended.end();
     }
 
     fn next(&mut self) -> Option<Event> {
@@ -278,9 +287,9 @@ impl Autopilot for Px4 {
         if self.options.rc && self.channels.take(ns, CHANNEL_PERIOD_NS) {
             put(&messages::channels(sensors, &rc.pulses()));
         }
-        if let Some(vehicle) = self.heard.vehicle().filter(|_| !self.heard.is_armed())
-            && self.ask_checks.take(ns, CHECKS_PERIOD_NS)
-        {
+        let asks = self.heard.vehicle().filter(|_| !self.heard.is_armed());
+        let asks = asks.filter(|_| self.ask_checks.take(ns, CHECKS_PERIOD_NS)).zip(self.heard.answers_at());
+        if let Some((vehicle, 0)) = asks {
             put(&messages::ask_for_arming_checks(vehicle));
         }
         let state_period_ns = self.state_period_ns.max(self.least_state_period_ns);
@@ -295,11 +304,27 @@ impl Autopilot for Px4 {
         self.sensed = Some(messages::microseconds(ns));
         self.answered = false;
         send(0, &out);
+        if let Some((vehicle, port @ TELEMETRY)) = asks {
+            out.clear();
+            self.encoder.encode(&messages::ask_for_arming_checks(vehicle), now, &mut out);
+            send(port, &out);
+        }
         self.out = out;
     }
 
     fn said(&self) -> Option<&str> {
         self.heard.said()
+    }
+
+    fn advice(&self) -> String {
+        let place = self.options.telemetry_place().filter(|_| self.heard.answers_at() != Some(TELEMETRY));
+        match place {
+            Some(place) => format!(
+                "nothing is heard of it at {place} (bridge.px4.telemetry); its console says why (commander check), and its \
+                 ground station"
+            ),
+            None => "it says nothing that speaks against it: arm it from its ground station".into(),
+        }
     }
 
     fn note(&mut self) -> Option<Note> {
@@ -315,8 +340,13 @@ impl Autopilot for Px4 {
     }
 
     fn disconnected(&mut self, port: usize) {
-        if port == STATION {
-            return self.station.end();
+        match port {
+            STATION => return self.station.end(),
+            TELEMETRY => {
+                let _ = self.telemetry.end();
+                return;
+            }
+            _ => {}
         }
         let anew = Self::with_state_period(self.options.clone(), self.motors, self.least_state_period_ns);
         let (station, notes) = (std::mem::take(&mut self.station), std::mem::take(&mut self.notes));
@@ -328,7 +358,25 @@ impl Autopilot for Px4 {
     }
 }
 
+/// Whether a message is the heartbeat of a vehicle, and not of a station.
+fn is_vehicles_beat(message: &MavMessage) -> bool {
+    matches!(message, MavMessage::HEARTBEAT(beat) if beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID)
+}
+
 impl Px4 {
+    /// Hears what PX4 says to others; outputs that come there count for nothing.
+    fn listen(&mut self, bytes: &[u8], now: Duration) -> bool {
+        self.telemetry.push(bytes);
+        let mut valid = false;
+        while let Some(event) = self.telemetry.next(now) {
+            if let crate::mavlink::Event::Message(header, message) = event {
+                valid = true;
+                self.heard.hear(TELEMETRY, header, &message, &mut self.notes);
+            }
+        }
+        valid
+    }
+
     /// What was exchanged with PX4 over this connection and those before.
     fn past_counts(&self) -> Counts {
         let wire = self.deframer.counts();

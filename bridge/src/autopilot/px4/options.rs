@@ -8,6 +8,12 @@ use crate::peer::Pin;
 /// The TCP port of PX4's first instance.
 pub const PORT: u16 = 4560;
 
+/// Where PX4 as software in the loop speaks to its camera, beside its ground station and its companion; plus the instance.
+const CAMERA_PORT: u16 = 14030;
+
+/// Instances of PX4 on one computer.
+const INSTANCES: u16 = 256;
+
 /// Time between two messages of the pilot's channels.
 pub(super) const CHANNEL_PERIOD_NS: u64 = 20_000_000;
 
@@ -32,6 +38,9 @@ pub struct Px4Options {
     pub peer: Option<Pin>,
     /// Where a ground station meets PX4 through this bridge, for example `udpout://127.0.0.1:14550`.
     pub forward: Option<String>,
+    /// Where PX4 is listened to for why it does not arm, when it says nothing of it on `link`; empty: nowhere; absent:
+    /// [`Px4Options::telemetry_place`].
+    pub telemetry: Option<String>,
     /// Send the pitot's differential pressure.
     pub airspeed: bool,
     /// Send the pilot's channels; without them PX4 listens to its ground station alone.
@@ -41,11 +50,26 @@ pub struct Px4Options {
 impl Default for Px4Options {
     fn default() -> Self {
         let link = format!("tcpin://127.0.0.1:{PORT}");
-        Self { link, peer: None, forward: None, airspeed: false, rc: false }
+        Self { link, peer: None, forward: None, telemetry: None, airspeed: false, rc: false }
     }
 }
 
 impl Px4Options {
+    /// Where PX4 is listened to for why it does not arm. As software in the loop it says nothing of it on the link of its
+    /// simulator, but at each of its MAVLink ports: the one for a camera, which nobody else listens to, on this computer.
+    ///
+    /// Source: `ROMFS/px4fmu_common/init.d-posix/px4-rc.mavlink` of PX4.
+    pub fn telemetry_place(&self) -> Option<String> {
+        match &self.telemetry {
+            Some(place) => (!place.is_empty()).then(|| place.clone()),
+            None => {
+                let port: u16 = self.link.strip_prefix("tcpin://")?.rsplit_once(':')?.1.parse().ok()?;
+                let instance = port.checked_sub(PORT).filter(|instance| *instance < INSTANCES)?;
+                Some(format!("udpin://127.0.0.1:{}", CAMERA_PORT + instance))
+            }
+        }
+    }
+
     /// The least time between two messages of the truth that leaves the line to the sensors, ns.
     ///
     /// # Errors
@@ -66,5 +90,25 @@ impl Px4Options {
         let state_hz = (left - SENSOR_BYTES * rate_hz) / STATE_BYTES;
         // Less than one a second is none.
         Ok(if state_hz < 1.0 { u64::MAX } else { STATE_PERIOD_NS.max((1e9 / state_hz) as u64) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_instance_in_software_has_a_place_where_it_is_listened_to_and_a_board_has_none() {
+        let place = |link: &str, telemetry: Option<&str>| {
+            let telemetry = telemetry.map(String::from);
+            Px4Options { link: link.into(), telemetry, ..Px4Options::default() }.telemetry_place()
+        };
+        assert_eq!(place("tcpin://127.0.0.1:4560", None).unwrap(), "udpin://127.0.0.1:14030");
+        assert_eq!(place("tcpin://0.0.0.0:4563", None).unwrap(), "udpin://127.0.0.1:14033");
+        assert_eq!(place("tcpin://127.0.0.1:40000", None), None, "no port of an instance");
+        assert_eq!(place("serial:///dev/ttyACM0:921600", None), None, "it says it there");
+        assert_eq!(place("tcpin://127.0.0.1:4560", Some("")), None);
+        let own = "udpin://127.0.0.1:14540";
+        assert_eq!(place("serial:///dev/ttyACM0:921600", Some(own)).unwrap(), own);
     }
 }

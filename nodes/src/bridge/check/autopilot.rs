@@ -87,8 +87,9 @@ pub fn check_autopilot(
         return Err(wrong("bridge".into(), bridge.kind.name(), reason));
     };
     autopilot.rc.arm = options.arm;
-    // The one client of that port is the check itself.
+    // The one client of these ports is the check itself.
     autopilot.betaflight.msp.clear();
+    autopilot.px4.telemetry = Some(String::new());
     let name = autopilot.kind.autopilot();
     let setup = Setup::new(config)?;
     let Parts { mixer, rc, .. } = autopilot

@@ -5,7 +5,7 @@ use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
 use whirlstand_bridge::autopilot::betaflight::MSP;
-use whirlstand_bridge::autopilot::px4::STATION;
+use whirlstand_bridge::autopilot::px4::{STATION, TELEMETRY};
 use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, AutopilotKind};
 use whirlstand_bridge::peer::{PeerCounts, SILENCE};
 
@@ -19,14 +19,15 @@ const STATION_SILENCE: Duration = Duration::from_secs(3);
 
 /// All links to the autopilot.
 pub(in crate::bridge) struct Links {
-    links: Vec<Link>,
-    /// The links of the loop come first, then that of a ground station or of questions.
+    /// By the number of their port.
+    links: Vec<(usize, Link)>,
+    /// The ports of the loop come first, then those of a ground station, of telemetry or of questions.
     loop_links: usize,
     /// In flight nobody is connected to: that may take its time.
     flies: bool,
     /// What the autopilot says to a ground station, for one within this process.
     overheard: Option<Vec<u8>>,
-    senders: Vec<LinkSender>,
+    senders: Vec<(usize, LinkSender)>,
     /// Why a link was lost since it was last asked.
     lost: Option<String>,
     buffer: Vec<u8>,
@@ -39,7 +40,7 @@ impl Links {
     /// [`NodeError::Config`] for an address that is none.
     pub(in crate::bridge) fn new(options: &AutopilotConfig) -> Result<Self, NodeError> {
         let (px4, ardupilot, b) = (&options.px4, &options.ardupilot, &options.betaflight);
-        let mut links = match options.kind {
+        let links = match options.kind {
             AutopilotKind::Px4Hil => vec![configured("px4", "link", &px4.link, px4.peer, SILENCE)?],
             AutopilotKind::ArdupilotJson => {
                 vec![configured("ardupilot", "link", &ardupilot.link, ardupilot.peer, SILENCE)?]
@@ -56,15 +57,25 @@ impl Links {
             }
         };
         let loop_links = links.len();
-        if options.kind == AutopilotKind::BetaflightSitl && !b.msp.is_empty() {
-            debug_assert_eq!(loop_links, MSP);
-            links.push(configured("betaflight", "msp", &b.msp, None, STATION_SILENCE)?);
+        let mut links: Vec<_> = links.into_iter().enumerate().collect();
+        let mut beside = |port: usize, table: &str, key: &str, place: &str| {
+            debug_assert!(port >= loop_links);
+            links.push((port, configured(table, key, place, None, STATION_SILENCE)?));
+            Ok::<_, NodeError>(())
+        };
+        match options.kind {
+            AutopilotKind::BetaflightSitl if !b.msp.is_empty() => beside(MSP, "betaflight", "msp", &b.msp)?,
+            AutopilotKind::Px4Hil => {
+                if let Some(forward) = &px4.forward {
+                    beside(STATION, "px4", "forward", forward)?;
+                }
+                if let Some(telemetry) = px4.telemetry_place() {
+                    beside(TELEMETRY, "px4", "telemetry", &telemetry)?;
+                }
+            }
+            AutopilotKind::BetaflightSitl | AutopilotKind::ArdupilotJson => {}
         }
-        if let Some(forward) = px4.forward.as_ref().filter(|_| options.kind == AutopilotKind::Px4Hil) {
-            debug_assert_eq!(loop_links, STATION);
-            links.push(configured("px4", "forward", forward, None, STATION_SILENCE)?);
-        }
-        let senders = links.iter().map(Link::sender).collect();
+        let senders = links.iter().map(|(port, link)| (*port, link.sender())).collect();
         Ok(Self {
             links,
             loop_links,
@@ -93,14 +104,18 @@ impl Links {
 
     /// The link over which PX4 is simulated and speaks to its ground station as well.
     pub(in crate::bridge) fn shared_serial(&self) -> Option<&Address> {
-        self.links.first().map(Link::address).filter(|address| matches!(address, Address::Serial { .. }))
+        self.links
+            .first()
+            .map(|(_, link)| link.address())
+            .filter(|address| matches!(address, Address::Serial { .. }))
     }
 
     /// Opens what is closed, and hands what waits, up to a limit, to the autopilot's protocol.
     pub(in crate::bridge) fn receive(&mut self, autopilot: &mut dyn Autopilot, now: Duration) {
         let Self { links, loop_links, flies, overheard, senders, lost, buffer } = self;
         let instant = Instant::now();
-        for (port, link) in links.iter_mut().enumerate() {
+        for (port, link) in links {
+            let port = *port;
             let connects = matches!(link.address(), Address::TcpOut(_)) && !link.is_up();
             if *flies && port >= *loop_links && connects {
                 continue;
@@ -143,16 +158,17 @@ impl Links {
     /// Where the autopilot is waited for.
     pub(super) fn place(&self) -> String {
         let links = self.links.iter().take(self.loop_links);
-        let places: Vec<_> = links.map(Link::address).filter(|a| a.is_open()).map(Address::place).collect();
+        let places: Vec<_> =
+            links.map(|(_, link)| link.address()).filter(|a| a.is_open()).map(Address::place).collect();
         match self.links.first() {
-            Some(link) if places.is_empty() => link.address().place(),
+            Some((_, link)) if places.is_empty() => link.address().place(),
             _ => places.join(" and "),
         }
     }
 
     /// What was refused because of who sent it.
     pub(in crate::bridge) fn refused(&self) -> PeerCounts {
-        self.links.iter().map(Link::refused).fold(PeerCounts::default(), PeerCounts::add)
+        self.links.iter().map(|(_, link)| link.refused()).fold(PeerCounts::default(), PeerCounts::add)
     }
 
     /// Why a link was lost since the last call, if one was.
@@ -162,24 +178,29 @@ impl Links {
 
     /// Sends what can go out at once.
     pub(in crate::bridge) fn send(&mut self, port: usize, bytes: &[u8]) {
-        if let Some(sender) = self.senders.get(port) {
-            sender.send(bytes);
-        }
+        send_to(&self.senders, port, bytes);
     }
 
     /// Packets that could not be sent.
     pub(in crate::bridge) fn unsent(&self) -> u64 {
-        self.senders.iter().map(LinkSender::dropped).sum()
+        self.senders.iter().map(|(_, sender)| sender.dropped()).sum()
     }
 
     /// What to poll for input.
     pub(in crate::bridge) fn fds(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
-        self.links.iter().filter_map(Link::fd)
+        self.links.iter().filter_map(|(_, link)| link.fd())
     }
 
     /// Waits until something comes, or until `until`, awake for `look`; false when nothing came.
     pub(in crate::bridge) fn wait(&self, until: Instant, look: Duration) -> bool {
         wait_for_bytes(self.fds(), until, look)
+    }
+}
+
+/// Sends what can go out at once through a port, if there is one.
+fn send_to(senders: &[(usize, LinkSender)], port: usize, bytes: &[u8]) {
+    if let Some((_, sender)) = senders.iter().find(|(number, _)| *number == port) {
+        sender.send(bytes);
     }
 }
 
@@ -195,7 +216,7 @@ fn tell_lost(lost: &mut Option<String>, is_loops: bool, why: String) {
 /// The autopilot's protocol behind one of its ports.
 struct Protocol<'a> {
     autopilot: &'a mut dyn Autopilot,
-    senders: &'a [LinkSender],
+    senders: &'a [(usize, LinkSender)],
     overheard: &'a mut Option<Vec<u8>>,
     port: usize,
     is_loops: bool,
@@ -216,9 +237,7 @@ impl Decoder for Protocol<'_> {
     fn decode(&mut self, bytes: &[u8], is_datagram: bool) -> bool {
         let Self { senders, overheard, .. } = self;
         let valid = self.autopilot.receive(self.port, bytes, self.now, &mut |to, bytes| {
-            if let Some(sender) = senders.get(to) {
-                sender.send(bytes);
-            }
+            send_to(senders, to, bytes);
             if let Some(heard) = overheard.as_mut().filter(|_| to == STATION) {
                 heard.extend_from_slice(bytes);
             }

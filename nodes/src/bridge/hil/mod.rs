@@ -18,6 +18,7 @@ pub(super) mod links;
 mod pace;
 pub(super) mod state;
 mod tally;
+mod waiting;
 
 use std::time::{Duration, Instant};
 
@@ -34,13 +35,13 @@ use crate::follower::Follower;
 use crate::gate::InputLimits;
 use crate::peers::Peers;
 use crate::setup::Setup;
-use crate::wait_report::WaitReport;
 use errors::StandingErrors;
 use exchange::exchange;
 use inbox::{Inbox, VehicleSample};
 use links::Links;
 use state::{Fault, Flight};
 use tally::{Tally, tell};
+use waiting::Waiting;
 
 /// How long the pilot's channels say at the end that they are disarmed: some of their periods.
 const DISARM_TIME: Duration = Duration::from_millis(100);
@@ -84,7 +85,7 @@ pub struct Hil {
     origin: Instant,
     steps: u64,
     tally: Tally,
-    waits: WaitReport,
+    waits: Waiting,
 }
 
 impl Hil {
@@ -139,7 +140,7 @@ impl Hil {
             origin: Instant::now(),
             steps: 0,
             tally: Tally::new(options.kind.autopilot()),
-            waits: WaitReport::new(Instant::now()),
+            waits: Waiting::new(options.kind.autopilot(), Instant::now()),
         })
     }
 
@@ -251,13 +252,12 @@ impl Hil {
         }
         if !ready {
             let (name, fresh, links) = (self.name, self.flight.is_fresh(self.now()), &self.links);
-            let said = self.autopilot.said();
-            let whom = || match (fresh, said) {
-                (true, Some(words)) => format!("{name} to be armed, which says: {words}"),
-                (true, None) => format!("{name} to be armed"),
-                (false, _) => format!("{name} on {}", links.place()),
-            };
-            self.waits.tell(now, whom);
+            if self.waits.tell(now, fresh, self.autopilot.said(), || links.place()) {
+                tracing::warn!(
+                    "{name} is here, is not armed, and has not said why: {}",
+                    self.autopilot.advice()
+                );
+            }
             if !self.flight.is_flying(&self.mixer, self.now()) && self.rc.retry(self.now()) {
                 tracing::warn!("{name} was not armed by its switch, which goes off and on again");
             }

@@ -8,7 +8,7 @@
 //! Source: <https://mavlink.io/en/services/events.html>, `src/lib/events/enums.json`,
 //! `platforms/common/include/px4_platform_common/events.h` and `src/modules/commander/HealthAndArmingChecks/Common.cpp` of PX4.
 
-use crate::mavlink::dialect::EVENT_DATA;
+use super::dialect::EVENT_DATA;
 
 /// The components by their bit; the first is none in particular.
 const COMPONENTS: [&str; 31] = [

@@ -1,0 +1,241 @@
+//! Why an autopilot does not arm, as far as it says so over MAVLink: its words, the summary of its arming checks (an EVENT), the
+//! health bits of SYS_STATUS, where EXTENDED_SYS_STATE says that it is, and its answer to a command to arm.
+
+use super::MavMessage;
+use super::arming_checks::ArmingChecks;
+use super::dialect::{
+    COMMAND_ACK_DATA, EVENT_DATA, EXTENDED_SYS_STATE_DATA, MavCmd, MavLandedState, MavResult,
+    STATUSTEXT_DATA, SYS_STATUS_DATA,
+};
+use super::health::Health;
+use super::status_text::status_text;
+use crate::note::Notes;
+
+/// What an autopilot has said of it. What changes is told, once.
+#[derive(Debug, Clone)]
+pub struct Readiness {
+    name: &'static str,
+    /// Its heartbeats say that it is armed.
+    armed: bool,
+    words: Option<String>,
+    checks: Option<ArmingChecks>,
+    health: Option<Health>,
+    in_air: bool,
+    refusal: Option<&'static str>,
+    /// All of it in one line.
+    said: Option<String>,
+}
+
+impl Readiness {
+    /// Nothing was said yet; `name` is the autopilot's in what is told.
+    pub fn new(name: &'static str) -> Self {
+        Self {
+            name,
+            armed: false,
+            words: None,
+            checks: None,
+            health: None,
+            in_air: false,
+            refusal: None,
+            said: None,
+        }
+    }
+
+    /// Why it is not armed, as far as it said.
+    pub fn said(&self) -> Option<&str> {
+        self.said.as_deref()
+    }
+
+    /// Whether its heartbeats say that it is armed.
+    pub fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    /// Its heartbeats say whether it is armed. What refused it before is over then.
+    pub fn set_armed(&mut self, armed: bool) {
+        self.armed = armed;
+        if armed {
+            self.refusal = None;
+            self.put_together();
+        }
+    }
+
+    /// Hears a message of the autopilot.
+    pub fn hear(&mut self, message: &MavMessage, notes: &mut Notes) {
+        match message {
+            MavMessage::STATUSTEXT(m) => self.words(m, notes),
+            MavMessage::EVENT(m) => self.event(m, notes),
+            MavMessage::SYS_STATUS(m) => self.status(m, notes),
+            MavMessage::EXTENDED_SYS_STATE(m) => self.landed(m, notes),
+            MavMessage::COMMAND_ACK(m) => self.answer(m, notes),
+            _ => return,
+        }
+        self.put_together();
+    }
+
+    fn words(&mut self, m: &STATUSTEXT_DATA, notes: &mut Notes) {
+        let Some((warn, text)) = status_text(m).filter(|(_, text)| self.words.as_ref() != Some(text)) else {
+            return;
+        };
+        let told = format!("{} says: {text}", self.name);
+        if warn {
+            notes.warn(told);
+        } else {
+            notes.info(told);
+        }
+        self.words = Some(text);
+    }
+
+    fn event(&mut self, event: &EVENT_DATA, notes: &mut Notes) {
+        let Some(checks) = ArmingChecks::of(event).filter(|checks| self.checks != Some(*checks)) else {
+            return;
+        };
+        let failed_before = self.checks.is_some_and(|before| before.reason().is_some());
+        match checks.reason() {
+            // In flight they are about the modes that it could go to.
+            Some(_) if self.armed => {}
+            Some(reason) => notes.warn(format!("{} cannot be armed: {reason}", self.name)),
+            None if failed_before => {
+                notes.info(format!("{} can be armed: its arming checks pass", self.name));
+            }
+            None => {}
+        }
+        self.checks = Some(checks);
+    }
+
+    fn status(&mut self, m: &SYS_STATUS_DATA, notes: &mut Notes) {
+        let health = Health::of(m);
+        if self.health == Some(health) {
+            return;
+        }
+        self.health = Some(health);
+        // The summary of the checks says the same, and more.
+        if let Some(reason) = health.reason().filter(|_| !self.armed && self.checks.is_none()) {
+            notes.warn(format!("{} cannot be armed: {reason}", self.name));
+        }
+    }
+
+    fn landed(&mut self, m: &EXTENDED_SYS_STATE_DATA, notes: &mut Notes) {
+        use MavLandedState as State;
+        let in_air = matches!(
+            m.landed_state,
+            State::MAV_LANDED_STATE_IN_AIR
+                | State::MAV_LANDED_STATE_TAKEOFF
+                | State::MAV_LANDED_STATE_LANDING
+        );
+        if in_air && !self.in_air && !self.armed {
+            notes.warn(format!("{} is not armed and says that it is in the air", self.name));
+        }
+        self.in_air = in_air;
+    }
+
+    fn answer(&mut self, m: &COMMAND_ACK_DATA, notes: &mut Notes) {
+        if m.command != MavCmd::MAV_CMD_COMPONENT_ARM_DISARM || self.armed {
+            return;
+        }
+        use MavResult as Answer;
+        let refusal = match m.result {
+            Answer::MAV_RESULT_ACCEPTED | Answer::MAV_RESULT_IN_PROGRESS => None,
+            Answer::MAV_RESULT_TEMPORARILY_REJECTED => Some("temporarily rejected"),
+            Answer::MAV_RESULT_DENIED => Some("denied"),
+            Answer::MAV_RESULT_UNSUPPORTED => Some("unsupported"),
+            Answer::MAV_RESULT_FAILED => Some("failed"),
+            Answer::MAV_RESULT_CANCELLED => Some("cancelled"),
+            Answer::MAV_RESULT_NOT_IN_CONTROL => Some("another station is in control"),
+            _ => Some("the command was malformed"),
+        };
+        if let Some(why) = refusal.filter(|_| refusal != self.refusal) {
+            notes.warn(format!("{} refuses the command to arm: {why}", self.name));
+        }
+        self.refusal = refusal;
+    }
+
+    fn put_together(&mut self) {
+        // The summary of the checks says what the health bits say, and more.
+        let checks = match self.checks {
+            Some(checks) => checks.reason(),
+            None => self.health.and_then(Health::reason),
+        };
+        let in_air = self.in_air.then(|| "it says that it is in the air".to_string());
+        let refusal = self.refusal.map(|why| format!("it refuses the command to arm: {why}"));
+        let parts: Vec<_> = [checks, in_air, refusal, self.words.clone()].into_iter().flatten().collect();
+        self.said = (!parts.is_empty()).then(|| parts.join("; "));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::dialect::MavSysStatusSensor as Sensor;
+    use super::*;
+
+    fn told(readiness: &mut Readiness, message: &MavMessage) -> Vec<String> {
+        let mut notes = Notes::default();
+        readiness.hear(message, &mut notes);
+        std::iter::from_fn(|| notes.take()).map(|note| note.text).collect()
+    }
+
+    fn answer(result: MavResult) -> MavMessage {
+        let command = MavCmd::MAV_CMD_COMPONENT_ARM_DISARM;
+        MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { command, result, ..Default::default() })
+    }
+
+    fn status(health: Sensor) -> MavMessage {
+        let used = Sensor::MAV_SYS_STATUS_SENSOR_GPS | Sensor::MAV_SYS_STATUS_PREARM_CHECK;
+        MavMessage::SYS_STATUS(SYS_STATUS_DATA {
+            onboard_control_sensors_present: used,
+            onboard_control_sensors_enabled: used,
+            onboard_control_sensors_health: health,
+            ..Default::default()
+        })
+    }
+
+    #[test]
+    fn a_command_to_arm_that_is_refused_is_told_until_it_is_armed() {
+        let mut readiness = Readiness::new("PX4");
+        assert_eq!(
+            told(&mut readiness, &answer(MavResult::MAV_RESULT_DENIED)),
+            ["PX4 refuses the command to arm: denied"]
+        );
+        assert!(told(&mut readiness, &answer(MavResult::MAV_RESULT_DENIED)).is_empty(), "once");
+        assert_eq!(readiness.said(), Some("it refuses the command to arm: denied"));
+        readiness.set_armed(true);
+        assert_eq!(readiness.said(), None);
+        let disarm_refused = answer(MavResult::MAV_RESULT_DENIED);
+        assert!(told(&mut readiness, &disarm_refused).is_empty(), "in flight it refuses to disarm");
+        let other = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
+            command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+            result: MavResult::MAV_RESULT_DENIED,
+            ..Default::default()
+        });
+        readiness.set_armed(false);
+        assert!(told(&mut readiness, &other).is_empty());
+    }
+
+    #[test]
+    fn health_bits_are_told_where_no_summary_of_the_checks_came() {
+        let mut readiness = Readiness::new("the vehicle");
+        let words = "its pre-arm checks fail; not healthy: GPS";
+        assert_eq!(
+            told(&mut readiness, &status(Sensor::empty())),
+            [format!("the vehicle cannot be armed: {words}")]
+        );
+        assert!(told(&mut readiness, &status(Sensor::empty())).is_empty(), "once");
+        assert_eq!(readiness.said(), Some(words));
+        assert!(told(&mut readiness, &status(Sensor::all())).is_empty());
+        assert_eq!(readiness.said(), None, "all is well");
+    }
+
+    #[test]
+    fn one_that_believes_that_it_flies_says_so() {
+        let mut readiness = Readiness::new("PX4");
+        let landed = |landed_state| {
+            MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA { landed_state, ..Default::default() })
+        };
+        let in_air = landed(MavLandedState::MAV_LANDED_STATE_IN_AIR);
+        assert_eq!(told(&mut readiness, &in_air), ["PX4 is not armed and says that it is in the air"]);
+        assert!(told(&mut readiness, &in_air).is_empty(), "once");
+        assert_eq!(readiness.said(), Some("it says that it is in the air"));
+        told(&mut readiness, &landed(MavLandedState::MAV_LANDED_STATE_ON_GROUND));
+        assert_eq!(readiness.said(), None);
+    }
+}

@@ -1,0 +1,71 @@
+//! What is told while an autopilot is waited for: whom the bench waits for, and why it is not armed.
+
+use std::time::{Duration, Instant};
+
+use crate::wait_report::WaitReport;
+
+/// An autopilot that is there and has not said for so long why it is not armed is told with where to look.
+const UNEXPLAINED: Duration = Duration::from_secs(5);
+
+/// The wait for an autopilot.
+#[derive(Debug)]
+pub(super) struct Waiting {
+    name: &'static str,
+    report: WaitReport,
+    /// Since when it has been there without being armed.
+    there_since: Option<Instant>,
+    advised: bool,
+}
+
+impl Waiting {
+    pub(super) fn new(name: &'static str, now: Instant) -> Self {
+        Self { name, report: WaitReport::new(now), there_since: None, advised: false }
+    }
+
+    /// It flies.
+    pub(super) fn over(&mut self) {
+        self.report.over();
+    }
+
+    /// It is waited for; `said` is why it is not armed as far as it said, `place` where it is waited for. Returns whether it
+    /// should be told where to look for the reason, once.
+    pub(super) fn tell(
+        &mut self,
+        now: Instant,
+        there: bool,
+        said: Option<&str>,
+        place: impl FnOnce() -> String,
+    ) -> bool {
+        let name = self.name;
+        self.report.tell(now, || match (there, said) {
+            (true, Some(words)) => format!("{name} to be armed, which says: {words}"),
+            (true, None) => format!("{name} to be armed"),
+            (false, _) => format!("{name} on {}", place()),
+        });
+        self.there_since = there.then(|| self.there_since.unwrap_or(now));
+        let long = self.there_since.is_some_and(|since| now.saturating_duration_since(since) >= UNEXPLAINED);
+        let due = long && said.is_none() && !self.advised;
+        self.advised |= due;
+        due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_that_is_there_and_says_nothing_is_told_once_after_five_seconds() {
+        let origin = Instant::now();
+        let mut waiting = Waiting::new("PX4", origin);
+        let mut tell = |s: u64, there, said| {
+            waiting.tell(origin + Duration::from_secs(s), there, said, || "tcp 4560".into())
+        };
+        assert!(!tell(9, false, None), "not there");
+        assert!(!tell(10, true, None));
+        assert!(!tell(14, true, None));
+        assert!(!tell(15, true, Some("GPS")), "it said why");
+        assert!(tell(16, true, None));
+        assert!(!tell(17, true, None), "once");
+    }
+}
