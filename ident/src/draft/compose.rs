@@ -1,10 +1,11 @@
-//! Axes of one input and one output each, put together to one vehicle.
+//! Axes of one input and one output each, put together to one vehicle. The input may be rotors that act together.
 
 use nalgebra::DMatrix;
-use whirlstand_vehicle::{Effect, Free, Kind, Matrix, Output, SignalUnit, State, Target, Vehicle};
+use whirlstand_vehicle::{Effect, Free, Input, Kind, Matrix, Output, SignalUnit, State, Target, Vehicle};
 
 use super::blocks::Pair;
 use super::error::DraftError;
+use super::mixer::Mixer;
 use super::select::Tried;
 use super::structure::Structure;
 
@@ -34,12 +35,8 @@ pub struct Angle {
 }
 
 impl Axis {
-    /// The fitted vehicle of the axis, about the zero of its signals: with the constant of the input that holds the
-    /// output at its level.
-    ///
-    /// # Errors
-    /// When an effect does not fit, which means a mistake in this file.
-    pub fn vehicle(&self) -> Result<Vehicle, DraftError> {
+    /// The fitted vehicle of the axis, about the zero of its signals.
+    pub fn vehicle(&self) -> Vehicle {
         let fit = &self.tried.fit;
         let mut vehicle = fit.problem.vehicle_at(&fit.theta);
         // What disturbs the motion is no part of the vehicle.
@@ -48,32 +45,49 @@ impl Axis {
         vehicle.a = vehicle.a.resize(n, n, 0.0);
         vehicle.b = vehicle.b.resize(n, 1, 0.0);
         vehicle.c = vehicle.c.resize(1, n, 0.0);
+        vehicle
+    }
+
+    /// The constant of the input that holds the output at its level; 0 where it hardly matters.
+    fn trim(&self, vehicle: &Vehicle) -> f64 {
         // The row of A and B that is a model and no definition; the output is the first state.
-        let last = n - 1;
+        let last = vehicle.states.len() - 1;
         let (a, b) = (vehicle.a[(last, 0)], vehicle.b[(last, 0)]);
         let trim = -a * self.pair.output_level / b - self.pair.input_level;
-        if trim.is_finite() && trim.abs() > LEAST_TRIM * self.pair.input_spread {
-            let place = vehicle.inputs[0].name.clone();
-            let shown: f64 = format!("{trim:.3e}").parse().unwrap_or(trim);
-            vehicle.effects.push(Effect::new(Kind::InputBias, &place, &[("offset", shown)])?);
-        }
-        Ok(vehicle)
+        let matters = trim.is_finite() && trim.abs() > LEAST_TRIM * self.pair.input_spread;
+        if matters { trim } else { 0.0 }
     }
 }
 
-/// Puts axes side by side, decoupled, and angles behind them as the integrals of their rates.
+/// A vehicle of several axes.
+#[derive(Debug, Clone)]
+pub struct Composed {
+    /// The vehicle.
+    pub vehicle: Vehicle,
+    /// The axis that each of its free values comes from, and which of the axis' own it is.
+    pub origins: Vec<(usize, usize)>,
+}
+
+/// Puts axes side by side, decoupled, and angles behind them as the integrals of their rates. Where rotors act together,
+/// every axis may be driven by all of them.
 ///
 /// # Errors
 /// When an effect does not fit, which means a mistake in this file.
-pub fn compose(name: &str, axes: &[Axis], angles: &[Angle]) -> Result<Vehicle, DraftError> {
-    let parts = axes.iter().map(Axis::vehicle).collect::<Result<Vec<_>, _>>()?;
+pub fn compose(
+    name: &str,
+    axes: &[Axis],
+    angles: &[Angle],
+    mixer: Option<&Mixer>,
+) -> Result<Composed, DraftError> {
+    let parts: Vec<Vehicle> = axes.iter().map(Axis::vehicle).collect();
+    let inputs = inputs(&parts, mixer);
     let n = parts.iter().map(|v| v.states.len()).sum::<usize>() + angles.len();
-    let (m, p) = (parts.len(), parts.len() + angles.len());
-    let mut whole = Vehicle {
+    let (m, p) = (inputs.len(), parts.len() + angles.len());
+    let vehicle = Vehicle {
         name: name.into(),
         description: String::new(),
         states: Vec::new(),
-        inputs: Vec::new(),
+        inputs,
         outputs: Vec::new(),
         a: DMatrix::zeros(n, n),
         b: DMatrix::zeros(n, m),
@@ -87,36 +101,93 @@ pub fn compose(name: &str, axes: &[Axis], angles: &[Angle]) -> Result<Vehicle, D
         source_text: String::new(),
         folder: None,
     };
-    for part in &parts {
-        append(&mut whole, part);
+    let mut whole = Composed { vehicle, origins: Vec::new() };
+    for (axis, part) in parts.iter().enumerate() {
+        let signs = mixer.and_then(|m| m.signs(&part.inputs[0].name));
+        let drives: Vec<(usize, f64)> = match signs {
+            Some(signs) => signs.iter().copied().enumerate().filter(|(_, sign)| *sign != 0.0).collect(),
+            None => vec![(axis, 1.0)],
+        };
+        append(&mut whole, axis, part, &drives)?;
+    }
+    for (input, offset) in whole.vehicle.inputs.clone().iter().zip(trims(axes, &parts, mixer)) {
+        let shown: f64 = format!("{offset:.3e}").parse().unwrap_or(offset);
+        if shown != 0.0 {
+            let bias = Effect::new(Kind::InputBias, &input.name, &[("offset", shown)])?;
+            whole.vehicle.effects.push(bias);
+        }
     }
     for angle in angles {
-        append_angle(&mut whole, angle);
+        append_angle(&mut whole.vehicle, angle);
     }
     Ok(whole)
 }
 
-/// Puts the vehicle of one axis behind those that are there.
-fn append(whole: &mut Vehicle, part: &Vehicle) {
-    let (row, column, output) = (whole.states.len(), whole.inputs.len(), whole.outputs.len());
-    let effects = whole.effects.len();
-    let n = part.states.len();
-    whole.a.view_mut((row, row), (n, n)).copy_from(&part.a);
-    whole.b.view_mut((row, column), (n, 1)).copy_from(&part.b);
-    whole.c.view_mut((output, row), (1, n)).copy_from(&part.c);
-    whole.states.extend_from_slice(&part.states);
-    whole.inputs.extend_from_slice(&part.inputs);
-    whole.outputs.extend_from_slice(&part.outputs);
-    whole.effects.extend_from_slice(&part.effects);
-    let moved = |free: &Free| {
-        let target = match free.target {
-            Target::Entry(Matrix::B, i, j) => Target::Entry(Matrix::B, row + i, column + j),
-            Target::Entry(matrix, i, j) => Target::Entry(matrix, row + i, row + j),
-            Target::Effect(index, parameter) => Target::Effect(effects + index, parameter),
+/// The inputs of all axes: one each, or the rotors.
+fn inputs(parts: &[Vehicle], mixer: Option<&Mixer>) -> Vec<Input> {
+    let own = parts.iter().map(|part| part.inputs[0].clone());
+    let Some(mixer) = mixer else { return own.collect() };
+    let rotor = |name: &String| parts.first().map(|p| Input { name: name.clone(), ..p.inputs[0].clone() });
+    mixer.rotors.iter().filter_map(|r| rotor(&r.name)).collect()
+}
+
+/// Constants of all inputs that hold the outputs at their levels.
+fn trims(axes: &[Axis], parts: &[Vehicle], mixer: Option<&Mixer>) -> Vec<f64> {
+    let own: Vec<(&str, f64)> =
+        axes.iter().zip(parts).map(|(axis, part)| (part.inputs[0].name.as_str(), axis.trim(part))).collect();
+    let rotors = mixer.and_then(|mixer| mixer.constants(&own));
+    rotors.unwrap_or_else(|| own.into_iter().map(|(_, trim)| trim).collect())
+}
+
+/// Puts the vehicle of one axis behind those that are there. `drives` are the inputs of the whole that its own one is the
+/// sum of, each with its sign.
+fn append(
+    whole: &mut Composed,
+    axis: usize,
+    part: &Vehicle,
+    drives: &[(usize, f64)],
+) -> Result<(), DraftError> {
+    let vehicle = &mut whole.vehicle;
+    let (row, output, n) = (vehicle.states.len(), vehicle.outputs.len(), part.states.len());
+    vehicle.a.view_mut((row, row), (n, n)).copy_from(&part.a);
+    for (column, sign) in drives {
+        vehicle
+            .b
+            .view_mut((row, *column), (n, 1))
+            .copy_from(&part.b.map(|b| if b == 0.0 { 0.0 } else { sign * b }));
+    }
+    vehicle.c.view_mut((output, row), (1, n)).copy_from(&part.c);
+    vehicle.states.extend_from_slice(&part.states);
+    vehicle.outputs.extend_from_slice(&part.outputs);
+    // Where each effect of the axis went: what an axis before has shown of the same rotors is there already.
+    let mut placed: Vec<Vec<usize>> = Vec::new();
+    for effect in &part.effects {
+        let parameter = if effect.kind() == Kind::InputDelay { "delay_s" } else { "time_constant_s" };
+        let value = effect.parameter(parameter).unwrap_or(0.0);
+        let mut places = Vec::new();
+        for (column, _) in drives {
+            let place = vehicle.inputs[*column].name.clone();
+            if !vehicle.effects.iter().any(|e| e.kind() == effect.kind() && e.place() == place) {
+                places.push(vehicle.effects.len());
+                vehicle.effects.push(Effect::new(effect.kind(), &place, &[(parameter, value)])?);
+            }
+        }
+        placed.push(places);
+    }
+    for (own, free) in part.free.iter().enumerate() {
+        let targets: Vec<Target> = match free.target {
+            Target::Entry(Matrix::B, i, _) => {
+                drives.iter().map(|(column, _)| Target::Entry(Matrix::B, row + i, *column)).collect()
+            }
+            Target::Entry(matrix, i, j) => vec![Target::Entry(matrix, row + i, row + j)],
+            Target::Effect(index, parameter) => {
+                placed[index].iter().map(|e| Target::Effect(*e, parameter)).collect()
+            }
         };
-        Free { target, ..free.clone() }
-    };
-    whole.free.extend(part.free.iter().map(moved));
+        whole.origins.extend(targets.iter().map(|_| (axis, own)));
+        vehicle.free.extend(targets.into_iter().map(|target| Free { target, ..free.clone() }));
+    }
+    Ok(())
 }
 
 /// Puts an angle behind the states and outputs that are there; one without its rate is left out by the caller.

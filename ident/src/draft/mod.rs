@@ -3,6 +3,7 @@
 //! - [`presets`] and [`proposal`]: which signals of a log are inputs and outputs; [`reading`]: the record of them.
 //! - [`blocks`]: data that are fitted and data that are held out; [`own_past`] and [`survey`]: which input explains
 //!   which output better than its own past does, and what is refused.
+//! - [`mixer`]: rotors that act together.
 //! - [`structure`], [`ahead`] and [`select`]: the structure of an axis, fitted by prediction error (Ljung, System
 //!   Identification, 2nd ed., chapters 3 and 7; Jategaonkar, Flight Vehicle System Identification, chapter 5).
 //! - [`compose`], [`comments`], [`answer`] and [`run`]: the vehicle, its file, and what is told.
@@ -13,6 +14,7 @@ mod blocks;
 mod comments;
 mod compose;
 mod error;
+mod mixer;
 mod own_past;
 mod presets;
 mod proposal;

@@ -10,13 +10,14 @@ use super::answer::{
     AxisAnswer, DRAFT_SCHEMA, Draft, HeldOut, LeftOut, ParameterAnswer, SignalAnswer, TriedAnswer,
 };
 use super::comments;
-use super::compose::{Angle, Axis, compose};
+use super::compose::{Angle, Axis, Composed, compose};
 use super::error::DraftError;
+use super::mixer::Mixer;
 use super::own_past::{compare, starts};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
 use super::select::select;
-use super::structure::{Signals, rounded};
+use super::structure::{Actuators, Signals, rounded};
 use super::survey::{Link, check_motors, fast_enough, link, moves, takes_away};
 use crate::identify::align::lags;
 
@@ -66,14 +67,19 @@ pub fn draft(
     let mut left_out = Vec::new();
     let (inputs, outputs) = fast_enough(&record, inputs, outputs, &mut left_out)?;
     observe("asking which input explains which output");
-    let even = on_even_steps(&record, &inputs)?;
-    let links = link(&even, &record, &inputs, &outputs, &mut left_out)?;
-    let axes = axes(&even, &links, &mut left_out, observe)?;
+    let mut even = on_even_steps(&record, &inputs)?;
+    let mixer = Mixer::of(&inputs);
+    if let Some(mixer) = &mixer {
+        even = mixer.mixed(even);
+    }
+    let steering = mixer.as_ref().map_or(&inputs, |m| &m.patterns);
+    let links = link(&even, &record, steering, &outputs, &mut left_out)?;
+    let axes = axes(&even, &links, mixer.is_some(), &mut left_out, observe)?;
     if axes.is_empty() {
         let found = left_out.iter().map(|l| format!("{}: {}", l.output, l.why)).collect::<Vec<_>>();
         return Err(DraftError::Unexplained { log, found: found.join("; ") });
     }
-    finish(&log, names, &record, &axes, &angles, left_out)
+    finish(&log, names, &record, (&axes, mixer.as_ref()), &angles, left_out)
 }
 
 /// True for an angle whose rate is among the outputs.
@@ -113,15 +119,23 @@ fn on_even_steps(record: &Record, inputs: &[Chosen]) -> Result<Record, DraftErro
     Ok(record.resampled(wanted, held).unwrap_or_else(|_| record.clone()))
 }
 
-/// The structure of every linked output; those that no structure predicts better than their past are left out.
+/// The structure of every linked output; those that no structure predicts better than their past are left out. Where all
+/// are driven by the same rotors, the axis that these explain best shows how late they are.
 fn axes(
     record: &Record,
     links: &[Link],
+    same_actuators: bool,
     left_out: &mut Vec<LeftOut>,
     observe: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<(Link, Axis)>, DraftError> {
-    let mut axes = Vec::new();
-    for link in links {
+    let mut axes: Vec<(Link, Axis)> = Vec::new();
+    let mut order: Vec<&Link> = links.iter().collect();
+    if same_actuators {
+        order.sort_by(|a, b| b.share().total_cmp(&a.share()));
+    }
+    for link in order {
+        let first = axes.first().filter(|_| same_actuators);
+        let known = first.map(|(_, axis)| Actuators::of(&axis.vehicle()));
         observe(&format!("fitting structures of {} from {}", link.output.name, link.input.name));
         let unit = |name: &str| {
             record.get(name).map_or_else(Default::default, |s| s.unit.parse().unwrap_or_default())
@@ -133,6 +147,7 @@ fn axes(
             output_unit: unit(&link.output.name),
             ratio: link.pair.output_spread / link.pair.input_spread.max(f64::MIN_POSITIVE),
             period_s: link.pair.period_s,
+            actuators: known,
         };
         let found = select(&link.pair, &signals, link.horizon)?;
         let better = |errors: &[f64]| compare(&link.own_past, errors).is_some_and(|c| takes_away(&c));
@@ -153,6 +168,7 @@ fn axes(
             }),
         }
     }
+    axes.sort_by_key(|(link, _)| links.iter().position(|l| l.output == link.output));
     Ok(axes)
 }
 
@@ -161,17 +177,21 @@ fn finish(
     log: &str,
     names: &Names,
     record: &Record,
-    fitted: &[(Link, Axis)],
+    (fitted, mixer): (&[(Link, Axis)], Option<&Mixer>),
     angles: &[Chosen],
     mut left_out: Vec<LeftOut>,
 ) -> Result<Draft, DraftError> {
     let axes: Vec<Axis> = fitted.iter().map(|(_, axis)| axis.clone()).collect();
     let name = names.vehicle.clone().unwrap_or_else(|| stem(log));
-    let angles = integrals(record, &name, &axes, angles, &mut left_out)?;
-    let mut vehicle = compose(&name, &axes, &angles.iter().map(|(_, a)| a.clone()).collect::<Vec<_>>())?;
+    let angles = integrals(record, &name, (&axes, mixer), angles, &mut left_out)?;
+    let own: Vec<Angle> = angles.iter().map(|(_, a)| a.clone()).collect();
+    let Composed { mut vehicle, origins } = compose(&name, &axes, &own, mixer)?;
     vehicle.description = "Drafted from a record by whirlstand vehicle new".into();
     let outputs = fitted.iter().map(|(link, _)| &link.output).chain(angles.iter().map(|(c, _)| c));
-    let used: Vec<&Chosen> = fitted.iter().map(|(link, _)| &link.input).chain(outputs).collect();
+    let used: Vec<&Chosen> = match mixer {
+        Some(mixer) => mixer.rotors.iter().chain(outputs).collect(),
+        None => fitted.iter().map(|(link, _)| &link.input).chain(outputs).collect(),
+    };
     let named = used.iter().filter(|c| c.name != c.source);
     vehicle.map = named.map(|c| (c.name.clone(), c.source.clone())).collect();
     vehicle.map.extend(names.time.iter().map(|column| ("t".to_string(), column.clone())));
@@ -182,7 +202,7 @@ fn finish(
         log: log.into(),
         vehicle: name,
         period_s: axes.first().map_or(0.0, |axis| axis.pair.period_s),
-        axes: answers(&vehicle, fitted),
+        axes: answers(&vehicle, &origins, fitted),
         angles: angles.iter().map(|(c, _)| c.name.clone()).collect(),
         signals: used
             .iter()
@@ -209,7 +229,7 @@ fn stem(log: &str) -> String {
 fn integrals(
     record: &Record,
     name: &str,
-    axes: &[Axis],
+    (axes, mixer): (&[Axis], Option<&Mixer>),
     angles: &[Chosen],
     left_out: &mut Vec<LeftOut>,
 ) -> Result<Vec<(Chosen, Angle)>, DraftError> {
@@ -229,7 +249,7 @@ fn integrals(
         }
     }
     let all: Vec<Angle> = found.iter().map(|(_, angle)| angle.clone()).collect();
-    let lagged = lags(record, &compose(name, axes, &all)?);
+    let lagged = lags(record, &compose(name, axes, &all, mixer)?.vehicle);
     let same = |angle: &Angle| lagged.iter().any(|l| l.output == angle.name && l.correlation > SAME_MOTION);
     let (kept, other): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, angle)| same(angle));
     left_out.extend(other.into_iter().map(|(chosen, angle)| LeftOut {
@@ -276,12 +296,12 @@ fn provenance(log: &str, names: &Names) -> Vec<(String, String)> {
 }
 
 /// The axes with their parameters under the names of the whole vehicle.
-fn answers(vehicle: &Vehicle, fitted: &[(Link, Axis)]) -> Vec<AxisAnswer> {
-    let mut free = vehicle.free.iter();
-    let one = |(link, axis): &(Link, Axis)| {
+fn answers(vehicle: &Vehicle, origins: &[(usize, usize)], fitted: &[(Link, Axis)]) -> Vec<AxisAnswer> {
+    let one = |(index, (link, axis)): (usize, &(Link, Axis))| {
         let fit = &axis.tried.fit;
-        let own = fit.problem.vehicle.free.iter().zip(free.by_ref());
-        let parameters = own.map(|(own, whole)| {
+        let own = vehicle.free.iter().zip(origins).filter(|(_, (axis, _))| *axis == index);
+        let parameters = own.map(|(whole, (_, own))| {
+            let own = &fit.problem.vehicle.free[*own];
             let at = fit.problem.parameters.iter().position(|p| p.target == own.target);
             ParameterAnswer {
                 name: vehicle.free_name(&whole.target),
@@ -301,7 +321,7 @@ fn answers(vehicle: &Vehicle, fitted: &[(Link, Axis)]) -> Vec<AxisAnswer> {
             tried: axis.all.iter().map(|(s, rmse)| TriedAnswer { words: s.words(), rmse: *rmse }).collect(),
         }
     };
-    fitted.iter().map(one).collect()
+    fitted.iter().enumerate().map(one).collect()
 }
 
 fn held_out(link: &Link, axis: &Axis) -> HeldOut {

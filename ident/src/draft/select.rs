@@ -76,7 +76,8 @@ pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<C
     let mut all: Vec<Tried> = Vec::new();
     // Each starts from what those with one effect less have found.
     for effects in 0..=2 {
-        let next: Vec<Structure> = Structure::all().into_iter().filter(|s| s.effects() == effects).collect();
+        let wanted = |s: &Structure| s.effects() == effects && s.agrees(signals.actuators.as_ref());
+        let next: Vec<Structure> = Structure::all().into_iter().filter(wanted).collect();
         let found = next.par_iter().map(|s| {
             let simpler = all.iter().filter(|t| s.extends(&t.structure)).map(|t| &t.fit).collect::<Vec<_>>();
             tried(*s, pair, signals, horizon, &simpler)

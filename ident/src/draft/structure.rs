@@ -41,6 +41,30 @@ pub struct Signals {
     pub ratio: f64,
     /// Time between two steps, s.
     pub period_s: f64,
+    /// What another axis has shown of the same actuators.
+    pub actuators: Option<Actuators>,
+}
+
+/// What is known of actuators, s; `None` where they have no such effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Actuators {
+    /// Time constant of their lag.
+    pub lag_s: Option<f64>,
+    /// Delay of their input.
+    pub delay_s: Option<f64>,
+}
+
+impl Actuators {
+    /// Those of a fitted vehicle of one input.
+    pub fn of(vehicle: &Vehicle) -> Self {
+        let value = |kind: Kind, name: &str| {
+            vehicle.effects.iter().find(|e| e.kind() == kind).and_then(|e| e.parameter(name))
+        };
+        Self {
+            lag_s: value(Kind::ActuatorLag, "time_constant_s"),
+            delay_s: value(Kind::InputDelay, "delay_s"),
+        }
+    }
 }
 
 impl Structure {
@@ -56,7 +80,12 @@ impl Structure {
         all
     }
 
-    /// Number of free parameters.
+    /// True when its actuators may be those that are known.
+    pub fn agrees(&self, known: Option<&Actuators>) -> bool {
+        known.is_none_or(|k| k.lag_s.is_some() == self.lag && k.delay_s.is_some() == self.delay)
+    }
+
+    /// Number of free parameters, where nothing is known of the actuators.
     pub fn parameters(&self) -> usize {
         self.order + 1 + self.effects()
     }
@@ -189,13 +218,18 @@ impl Structure {
 
     fn add_effects(&self, signals: &Signals, vehicle: &mut Vehicle) -> Result<(), DraftError> {
         let shortest = rounded(0.25 * signals.period_s);
+        let longest = LONGEST_DELAY_S.max(4.0 * signals.period_s);
+        let (lag_s, delay_s) = signals.actuators.map_or((None, None), |a| (a.lag_s, a.delay_s));
         let wanted = [
-            (self.delay, Kind::InputDelay, "delay_s", 0.0, LONGEST_DELAY_S.max(4.0 * signals.period_s)),
-            (self.lag, Kind::ActuatorLag, "time_constant_s", shortest, LONGEST_LAG_S),
+            (self.delay, Kind::InputDelay, "delay_s", delay_s, (0.0, longest)),
+            (self.lag, Kind::ActuatorLag, "time_constant_s", lag_s, (shortest, LONGEST_LAG_S)),
         ];
-        for (_, kind, name, lower, upper) in wanted.into_iter().filter(|w| w.0) {
-            let effect = Effect::new(kind, &signals.input, &[(name, (2.0 * signals.period_s).max(0.02))])?;
-            vehicle.effects.push(effect);
+        for (_, kind, name, known, (lower, upper)) in wanted.into_iter().filter(|w| w.0) {
+            let value = known.unwrap_or_else(|| (2.0 * signals.period_s).max(0.02));
+            vehicle.effects.push(Effect::new(kind, &signals.input, &[(name, value)])?);
+            if known.is_some() {
+                continue;
+            }
             let target = Target::Effect(vehicle.effects.len() - 1, name);
             vehicle.free.push(Free { target, lower, upper, start: None });
         }
@@ -233,6 +267,7 @@ mod tests {
             output_unit: "rad/s".parse().unwrap(),
             ratio: 3.0,
             period_s: 0.01,
+            actuators: None,
         };
         let all = Structure::all();
         assert_eq!(all.len(), 8);
@@ -243,6 +278,11 @@ mod tests {
             let again = Vehicle::parse(&vehicle.to_toml(), "draft.toml").unwrap();
             assert_eq!((again.a, again.free), (vehicle.a, vehicle.free));
         }
+        let known = Actuators { lag_s: Some(0.06), delay_s: None };
+        let kept: Vec<_> = Structure::all().into_iter().filter(|s| s.agrees(Some(&known))).collect();
+        assert!(kept.len() == 2 && kept.iter().all(|s| s.lag && !s.delay));
+        let vehicle = kept[0].vehicle(&Signals { actuators: Some(known), ..signals }).unwrap();
+        assert_eq!((Actuators::of(&vehicle), vehicle.free.len()), (known, 2), "it is no estimate any more");
     }
 
     #[test]

@@ -45,7 +45,7 @@ pub struct Link {
 
 impl Link {
     /// Share of the mean square error that the input takes away.
-    fn share(&self) -> f64 {
+    pub fn share(&self) -> f64 {
         1.0 - self.comparison.second / self.comparison.first.max(f64::MIN_POSITIVE)
     }
 

@@ -180,3 +180,62 @@ fn an_input_that_mostly_cancels_a_disturbance_acts() {
     let error = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err();
     assert!(matches!(error, DraftError::Unexplained { .. }), "{error}");
 }
+
+/// A quadrotor flown by a law over four rotors that lag by 0.06 s, 60 s at 100 Hz, as a Crazyflie logs it.
+fn quadrotor(dir: &tempfile::TempDir) -> PathBuf {
+    const SIGNS: [[f64; 4]; 3] = [[-1.0, -1.0, 1.0, 1.0], [1.0, -1.0, -1.0, 1.0], [1.0, -1.0, 1.0, -1.0]];
+    const GAINS: [f64; 3] = [40.0, 40.0, 10.0];
+    const FINE: usize = 5;
+    let steps = 6000;
+    let dt = PERIOD_S / FINE as f64;
+    let series: Vec<Vec<f64>> = (0..9).map(|i| noise(steps, 20 + i)).collect();
+    let random = |i: usize, k: usize| series[i][k];
+    let mut csv = "t,motor.m1,motor.m2,motor.m3,motor.m4,gyro.x,gyro.y,gyro.z\n".to_string();
+    let (mut rates, mut rotors, mut wanted) = ([0.0f64; 3], [0.5f64; 4], [0.0; 3]);
+    for k in 0..steps {
+        if k % 50 == 0 {
+            wanted = [0, 1, 2].map(|i| random(i, k));
+        }
+        let measured = [0, 1, 2].map(|i| rates[i] + 0.01 * random(3 + i, k));
+        let mut commands = [0.5; 4];
+        for i in 0..3 {
+            let asked = 2.0 / GAINS[i] * (wanted[i] - measured[i]);
+            commands.iter_mut().zip(SIGNS[i]).for_each(|(u, sign)| *u += sign * asked);
+        }
+        let [m1, m2, m3, m4] = commands;
+        let [p, q, r] = measured.map(f64::to_degrees);
+        csv.push_str(&format!("{},{m1},{m2},{m3},{m4},{p},{q},{r}\n", k as f64 * PERIOD_S));
+        for _ in 0..FINE {
+            rotors.iter_mut().zip(commands).for_each(|(x, u)| *x += dt * (u - *x) / 0.06);
+            for i in 0..3 {
+                let torque: f64 = SIGNS[i].iter().zip(rotors).map(|(sign, x)| sign * x).sum();
+                rates[i] += dt * (GAINS[i] * torque - rates[i] + 0.5 * random(6 + i, k));
+            }
+        }
+    }
+    let path = dir.path().join("crazyflie.csv");
+    std::fs::write(&path, csv).unwrap();
+    path
+}
+
+#[test]
+fn rotors_of_a_quadrotor_drive_its_axes_together() {
+    let dir = tempfile::tempdir().unwrap();
+    let found = draft(&quadrotor(&dir), &Names::default(), (None, None), &|_| ()).unwrap();
+    assert_eq!(found.axes.len(), 3, "{}", found.text());
+    let vehicle = Vehicle::parse(&found.toml, "crazyflie.toml").unwrap();
+    assert_eq!(vehicle.inputs.len(), 4, "{}", found.toml);
+    let patterns = [[-1.0, -1.0, 1.0, 1.0], [1.0, -1.0, -1.0, 1.0], [1.0, -1.0, 1.0, -1.0]];
+    for (output, (signs, name)) in patterns.iter().zip(["roll_rate", "pitch_rate", "yaw_rate"]).enumerate() {
+        assert_eq!(vehicle.outputs[output].name, name);
+        // What a rotor comes to in the output, at the state that it drives.
+        let first = vehicle.state_index(name).unwrap();
+        let row = (first..vehicle.states.len()).find(|i| vehicle.b[(*i, 0)] != 0.0).unwrap();
+        let gains: Vec<f64> = (0..4).map(|j| vehicle.b[(row, j)] * signs[j]).collect();
+        assert!(gains.iter().all(|g| *g > 0.0 && *g == gains[0]), "{name}: {gains:?}\n{}", found.text());
+    }
+    // Motors lag alike: each is named once, or the motion has the lag as a pole of its own.
+    let lags = vehicle.effects.iter().filter(|e| e.kind() == whirlstand_vehicle::Kind::ActuatorLag).count();
+    assert!(lags == 0 || lags == 4, "{}", found.toml);
+    assert_eq!(vehicle.map.iter().filter(|(_, source)| source.starts_with("motor.m")).count(), 4);
+}
