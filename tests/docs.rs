@@ -6,7 +6,7 @@
 
 mod support;
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use support::spawn;
@@ -102,11 +102,13 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// Every link to a file leads to one, every link to a heading to a heading; the book has every file.
+/// Every link to a file leads to one, and out of docs/ none, as the book has nothing else; every link to a heading leads to a
+/// heading; the book has every file once.
 fn links_lead_somewhere() {
     let summary = std::fs::read_to_string(here().join("docs/SUMMARY.md")).unwrap();
     for file in files() {
         let text = std::fs::read_to_string(&file).unwrap();
+        let in_docs = file.parent().unwrap().ends_with("docs");
         for (i, target) in
             text.split("](").enumerate().skip(1).map(|(i, rest)| (i, rest.split(')').next().unwrap()))
         {
@@ -116,17 +118,30 @@ fn links_lead_somewhere() {
             let (path, heading) = target.split_once('#').unwrap_or((target, ""));
             let there = if path.is_empty() { file.clone() } else { file.parent().unwrap().join(path) };
             assert!(there.exists(), "{}, link {i}: {target} leads nowhere", file.display());
+            let leaves = in_docs && Path::new(path).components().any(|part| part == Component::ParentDir);
+            assert!(!leaves, "{}, link {i}: {target} is not in the book", file.display());
             if !heading.is_empty() {
-                let headings = std::fs::read_to_string(&there).unwrap();
-                let known = headings.lines().filter(|l| l.starts_with('#')).any(|l| anchor(l) == heading);
+                let page = std::fs::read_to_string(&there).unwrap();
+                let known = headings(&page).into_iter().any(|h| anchor(h) == heading);
                 assert!(known, "{}, link {i}: {target} names no heading", file.display());
             }
         }
         let name = file.file_name().unwrap().to_string_lossy();
-        if file.parent().unwrap().ends_with("docs") && name != "SUMMARY.md" {
-            assert!(summary.contains(&format!("({name})")), "docs/SUMMARY.md does not have {name}");
+        if in_docs && name != "SUMMARY.md" {
+            let times = summary.matches(&format!("({name})")).count();
+            assert_eq!(times, 1, "docs/SUMMARY.md has {name} so many times");
         }
     }
+}
+
+/// The headings of a page. A comment in a block of commands is none.
+fn headings(text: &str) -> Vec<&str> {
+    let mut in_block = false;
+    let mut is_heading = |line: &&str| {
+        in_block ^= line.starts_with("```");
+        !in_block && line.starts_with('#')
+    };
+    text.lines().filter(|line| is_heading(line)).collect()
 }
 
 /// The address of a heading.
@@ -147,9 +162,15 @@ fn numbers_may_differ_and_words_may_not() {
     assert_eq!((found[1].not_run, found[1].language.as_str()), (false, "text"));
 }
 
+fn comments_are_no_headings() {
+    assert_eq!(headings("# A\n```sh\n# b\n```\n## C d\ntext\n"), ["# A", "## C d"]);
+    assert_eq!(anchor("## C d, `e`"), "c-d-e");
+}
+
 fn main() -> ExitCode {
     let mut tests = vec![
         Test::new("links_lead_somewhere", links_lead_somewhere),
+        Test::new("comments_are_no_headings", comments_are_no_headings),
         Test::new("numbers_may_differ_and_words_may_not", numbers_may_differ_and_words_may_not),
     ];
     for file in files() {
