@@ -84,6 +84,10 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer.not_testable = experiments::not_testable(&findings, data, vehicle);
     answer.unexplained = remainder::unexplained(&findings, data, vehicle);
     answer.verdict = verdict(&answer, &findings, data, vehicle);
+    let left = answer.verdict == Verdict::Unexplained && leaves_more_than_noise(&findings, data, vehicle);
+    if left && answer.unexplained.description.is_empty() {
+        answer.unexplained.description = remainder::beside(&answer.outputs, answer.heldout.horizon_s);
+    }
     let doubts = doubts::doubts(&answer.causes, &findings);
     if answer.verdict == Verdict::Explained && !doubts.is_empty() {
         answer.verdict = Verdict::PartlyExplained;
@@ -165,20 +169,11 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
     if answer.data.iter().any(|f| f.blocking) && answer.causes.is_empty() {
         return Verdict::Inconclusive;
     }
-    let more = findings.residual.lack.as_ref().is_some_and(LackOfFit::is_significant);
     if !answer.causes.is_empty() {
-        let all = answer.unexplained.share < EXPLAINED_SHARE && !more;
+        let all = answer.unexplained.share < EXPLAINED_SHARE && !lacks_fit(findings);
         return if all { Verdict::Explained } else { Verdict::PartlyExplained };
     }
-    let residual = &findings.residual.selection.fit.residual;
-    let noise = &findings.residual.selection.fit.profile.noise;
-    let loud = (0..data.channels.len()).any(|c| {
-        let output = data.channels[c].output;
-        data.memory_s.is_none()
-            && vehicle.outputs[output].noise > 0.0
-            && noise.std(c, data, residual) > 2.0 * findings.baseline.sizes.noise[output]
-    });
-    if loud || more || remainder::structured(findings, data) {
+    if leaves_more_than_noise(findings, data, vehicle) {
         Verdict::Unexplained
     } else if answer.data.iter().any(|f| f.kind == "no_excitation" && f.blocking)
         || hardly_testable(findings, answer)
@@ -189,6 +184,24 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
     } else {
         Verdict::Consistent
     }
+}
+
+/// True when what is left is no noise.
+fn lacks_fit(findings: &Findings<'_>) -> bool {
+    findings.residual.lack.as_ref().is_some_and(LackOfFit::is_significant)
+}
+
+/// True when what is left is no noise, louder than the vehicle file declares it, or goes with an input.
+fn leaves_more_than_noise(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> bool {
+    let residual = &findings.residual.selection.fit.residual;
+    let noise = &findings.residual.selection.fit.profile.noise;
+    let loud = (0..data.channels.len()).any(|c| {
+        let output = data.channels[c].output;
+        data.memory_s.is_none()
+            && vehicle.outputs[output].noise > 0.0
+            && noise.std(c, data, residual) > 2.0 * findings.baseline.sizes.noise[output]
+    });
+    loud || lacks_fit(findings) || remainder::structured(findings, data)
 }
 
 /// True when most of what could be wrong would not have shown.
@@ -242,10 +255,8 @@ fn whole_summary(answer: &Diagnosis) -> String {
             format!("Partly explained by {}; {left}.", list.join("; and "))
         }
         Verdict::Unexplained if answer.unexplained.description.is_empty() => {
-            format!(
-                "Unexplained: the record is no likelier with the commands of {} than without.",
-                answer.vehicle
-            )
+            let text = remainder::untold(&answer.vehicle, &answer.outputs, answer.heldout.horizon_s);
+            format!("Unexplained: {text}.")
         }
         Verdict::Unexplained => {
             format!("Unexplained: no effect of the table is it. {}", answer.unexplained.description)

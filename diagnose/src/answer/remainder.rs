@@ -1,12 +1,15 @@
 //! What no effect of the table explains, described instead of named.
 
+use std::collections::BTreeMap;
+
 use crate::thresholds::{COHERENT_CORRELATION, NOISE_POWER_RATIO};
 use whirlstand_vehicle::Vehicle;
 
-use crate::answer::schema::Unexplained;
+use crate::answer::schema::{OutputGain, Unexplained};
 use crate::data::record::Data;
 use crate::model::columns::dot;
 use crate::stages::findings::Findings;
+use whirlstand_logs::shown::number;
 use whirlstand_logs::spectrum::welch;
 use whirlstand_logs::stats::{correlation, rms};
 
@@ -123,6 +126,34 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     Unexplained { share, description: sentence(parts) }
 }
 
+/// What is left, but for which nothing else is known than that it is no noise, beside how well the record is predicted.
+pub(crate) fn beside(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> String {
+    let left = "what the predictions leave is no noise".to_string();
+    match fits(outputs, horizon_s) {
+        Some(fits) => format!("Held-out data are predicted with a {fits}; {left}."),
+        None => sentence(vec![left]),
+    }
+}
+
+/// That the commands tell nothing of the outputs, which may be well predicted all the same.
+pub(crate) fn untold(vehicle: &str, outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> String {
+    let text = format!("the record is no likelier with the commands of {vehicle} than without");
+    // A fit of nothing is that of the mean.
+    let good = outputs.values().filter_map(|output| output.horizon_fit_after).all(|fit| fit > 0.0);
+    match fits(outputs, horizon_s).filter(|_| good) {
+        Some(fits) => format!("{text}; the {fits} comes from what was measured just before"),
+        None => text,
+    }
+}
+
+/// "fit of 97.1 to 98.2 % over 0.500 s", of the outputs' predictions over the horizon; `None` where no output changes.
+fn fits(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> Option<String> {
+    let fits = || outputs.values().filter_map(|output| output.horizon_fit_after);
+    let (low, high) = (fits().reduce(f64::min)?, fits().reduce(f64::max)?);
+    let range = if fits().count() == 1 { format!("{low:.1}") } else { format!("{low:.1} to {high:.1}") };
+    Some(format!("fit of {range} % over {} s", number(horizon_s)))
+}
+
 /// What is said in one sentence; empty where nothing is.
 fn sentence(parts: Vec<String>) -> String {
     let text = parts.join("; ");
@@ -213,4 +244,47 @@ fn memory(r: &[f64]) -> Option<usize> {
     (1..r.len() / 4)
         .find(|k| dot(&r[*k..], &r[..r.len() - k]) < power / std::f64::consts::E)
         .filter(|k| *k > 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outputs(fits: &[Option<f64>]) -> BTreeMap<String, OutputGain> {
+        let output = |fit: &Option<f64>| OutputGain {
+            unit: "rad/s".into(),
+            fit_before: None,
+            fit_after: None,
+            rmse_before: None,
+            rmse_after: None,
+            horizon_fit_before: None,
+            horizon_fit_after: *fit,
+            horizon_rmse_before: None,
+            horizon_rmse_after: None,
+            noise_floor: 0.01,
+            noise_model_share: None,
+        };
+        fits.iter().enumerate().map(|(i, fit)| (format!("output {i}"), output(fit))).collect()
+    }
+
+    #[test]
+    fn a_good_prediction_is_told_beside_what_it_leaves() {
+        assert_eq!(
+            beside(&outputs(&[Some(98.21), None, Some(97.06)]), 0.5),
+            "Held-out data are predicted with a fit of 97.1 to 98.2 % over 0.500 s; what the predictions leave is no noise."
+        );
+        assert_eq!(fits(&outputs(&[Some(-3.0)]), 2.0).unwrap(), "fit of -3.0 % over 2.00 s");
+        assert_eq!(beside(&outputs(&[None]), 0.5), "What the predictions leave is no noise.");
+    }
+    #[test]
+    fn what_the_commands_do_not_tell_may_be_well_predicted() {
+        let told = |fits: &[Option<f64>]| untold("quadrotor", &outputs(fits), 0.5);
+        let nothing = "the record is no likelier with the commands of quadrotor than without";
+        assert_eq!(
+            told(&[Some(97.0)]),
+            format!("{nothing}; the fit of 97.0 % over 0.500 s comes from what was measured just before")
+        );
+        assert_eq!(told(&[Some(97.0), Some(-1.0)]), nothing);
+        assert_eq!(told(&[None]), nothing);
+    }
 }
