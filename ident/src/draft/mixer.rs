@@ -39,9 +39,10 @@ pub struct Mixer {
 }
 
 impl Mixer {
-    /// The mixer of inputs that are called the same but for a number, four of them; `None` for others.
+    /// The mixer of inputs that are called the same but for a number, four of them; `None` for others. A log's four
+    /// controls of which it is known what each turns (PX4's `control[0]` is roll) are named after that, and mixed already.
     pub fn of(inputs: &[Chosen]) -> Option<Self> {
-        let stem = |c: &Chosen| c.source.replace(|c: char| c.is_ascii_digit(), "#");
+        let stem = |c: &Chosen| [&c.source, &c.name].map(|s| s.replace(|c: char| c.is_ascii_digit(), "#"));
         let same = inputs.len() == ROTORS && inputs.iter().all(|c| stem(c) == stem(&inputs[0]));
         same.then(|| Self {
             rotors: inputs.to_vec(),
@@ -116,6 +117,11 @@ mod tests {
         assert_eq!(mixer.patterns[9].name, "u_motor_m3 - u_motor_m4");
         assert!(Mixer::of(&all[..3]).is_none());
         assert!(Mixer::of(&["roll", "pitch", "yaw", "thrust"].map(rotor)).is_none());
+        let mut controls = ["control[0]", "control[1]", "control[2]", "control[3]"].map(rotor);
+        for (control, axis) in controls.iter_mut().zip(["roll", "pitch", "yaw", "thrust"]) {
+            control.name = format!("u_{axis}");
+        }
+        assert!(Mixer::of(&controls).is_none());
     }
 
     #[test]
