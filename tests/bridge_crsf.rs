@@ -274,7 +274,9 @@ fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() {
         assert!(diagnosed.stderr.contains("in 2 stretches; nothing else is used"), "{}", diagnosed.stderr);
         println!("{}", diagnosed.stdout);
         let causes = json(&answer)["causes"].clone();
-        let pushed = |cause: &Value| cause["effect"].as_str().unwrap().contains("disturbance");
+        // The push is a pulse; how late a busy machine's frames come may have a rhythm of its own, and is in the record.
+        let pushes = ["step_disturbance", "pulse_disturbance"];
+        let pushed = |cause: &Value| pushes.contains(&cause["effect"].as_str().unwrap());
         assert!(!causes.as_array().unwrap().iter().any(pushed), "{}", diagnosed.stdout);
     });
 }
