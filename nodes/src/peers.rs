@@ -16,6 +16,9 @@ use crate::error::NodeError;
 /// Wall-clock time between two reports of a node.
 pub const HEALTH_PERIOD: Duration = Duration::from_millis(100);
 
+/// A peer that has left out so many reports stands still, or its machine has no time for it.
+const SILENCE: Duration = HEALTH_PERIOD.saturating_mul(5);
+
 /// Queue for health: four nodes speak ten times a second, and more often while the bench starts.
 const HEALTH_DEPTH: usize = 64;
 
@@ -27,6 +30,14 @@ pub struct PeerHealth {
     /// Last step that the peer did.
     pub step: u64,
     pid: u32,
+    heard: Instant,
+}
+
+impl PeerHealth {
+    /// Whether the peer has not spoken for so long that it must be standing still.
+    pub fn is_silent(&self, now: Instant) -> bool {
+        now >= self.heard + SILENCE
+    }
 }
 
 /// Publishes and receives `Health`.
@@ -118,6 +129,7 @@ impl Peers {
             state: NodeState::from_u32(health.state),
             step: health.head.step,
             pid: health.pid,
+            heard: Instant::now(),
         });
     }
 

@@ -292,7 +292,7 @@ impl Plant {
     fn tell_wait(&mut self, now: Instant) {
         let Self { waiting, peers, gate, phase, step, .. } = self;
         let (joining, step) = (matches!(phase, Phase::Joining { .. }), step.saturating_sub(1));
-        waiting.tell(now, || whom(peers, gate, joining, step));
+        waiting.tell(now, || whom(peers, gate, joining, step, now));
     }
 
     fn end(&mut self, clock: &mut Clock, until: Option<Instant>) -> Result<Turn, NodeError> {

@@ -71,12 +71,13 @@ impl Waiting {
     }
 }
 
-/// Whom a plant waits for: before its first step those who do not run yet, later those who are behind `step`.
-pub(super) fn whom(peers: &Peers, gate: &Gate, joining: bool, step: u64) -> String {
+/// Whom a plant waits for: before its first step those who do not run yet, later those who are behind `step` or have
+/// fallen silent: of step 0, which every node reports before it has done any, only silence tells who is behind.
+pub(super) fn whom(peers: &Peers, gate: &Gate, joining: bool, step: u64, now: Instant) -> String {
     if joining {
         return peers.missing();
     }
-    let behind = |role: Role| peers.health(role).is_some_and(|peer| peer.step < step);
+    let behind = |role: Role| peers.health(role).is_some_and(|peer| peer.step < step || peer.is_silent(now));
     let whom = if gate.is_answered() {
         if behind(Role::Mirror) && !behind(Role::Recorder) {
             "the mirror to catch up"
