@@ -1,4 +1,31 @@
-//! Which of the things that varied moved a figure.
+//! Correlations: which of the things that varied moved a figure, and draws that hang together.
+
+use nalgebra::DMatrix;
+
+/// The lower root of a correlation matrix (Cholesky). What rounding leaves of a direction that follows from those before it
+/// counts as none, so that parameters of which one follows from others can be drawn. `None` where it is no correlation matrix.
+pub fn correlation_root(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    /// Share of a variance that rounding may leave, or take beyond nothing.
+    const ROUNDING: f64 = 1e-12;
+    let n = matrix.nrows();
+    let mut root = DMatrix::<f64>::zeros(n, n);
+    for j in 0..n {
+        let left = matrix[(j, j)] - root.row(j).norm_squared();
+        if !(left > -ROUNDING) {
+            return None;
+        }
+        let follows = left < ROUNDING;
+        root[(j, j)] = if follows { 0.0 } else { left.sqrt() };
+        for i in j + 1..n {
+            let rest = matrix[(i, j)] - root.row(i).dot(&root.row(j));
+            if follows && !(rest.abs() < ROUNDING.sqrt()) {
+                return None;
+            }
+            root[(i, j)] = if follows { 0.0 } else { rest / root[(j, j)] };
+        }
+    }
+    Some(root)
+}
 
 /// Spearman's rank correlation of two rows of numbers of the same length, ties at their mean rank (Spearman 1904; Saltelli and
 /// others, "Global Sensitivity Analysis", Wiley 2008, section 1.2.2, for its use as a measure of sensitivity): -1 to 1, and `None` where
@@ -43,6 +70,23 @@ mod tests {
         let cubed: Vec<f64> = x.iter().map(|x| -x.powi(3)).collect();
         assert_eq!(rank_correlation(&x, &cubed), Some(-1.0));
         assert_eq!(rank_correlation(&x, &[1.0; 20]), None);
+    }
+
+    #[test]
+    fn a_correlation_matrix_has_a_root_though_one_follows_from_another() {
+        let of = |r: &[f64]| DMatrix::from_row_slice(3, 3, r);
+        for matrix in [
+            of(&[1.0, 0.5, -0.2, 0.5, 1.0, 0.3, -0.2, 0.3, 1.0]),
+            of(&[1.0, -1.0, 0.4, -1.0, 1.0, -0.4, 0.4, -0.4, 1.0]),
+        ] {
+            let root = correlation_root(&matrix).unwrap();
+            assert!((&root * root.transpose() - &matrix).amax() < 1e-12, "{root}");
+            assert!(root.upper_triangle().iter().filter(|v| **v != 0.0).count() <= 3);
+        }
+        // The first two are one; the third cannot go with one of them and against the other.
+        assert_eq!(correlation_root(&of(&[1.0, 1.0, 0.4, 1.0, 1.0, -0.4, 0.4, -0.4, 1.0])), None);
+        assert_eq!(correlation_root(&of(&[1.0, 1.2, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0, 1.0])), None);
+        assert_eq!(correlation_root(&of(&[1.0, f64::NAN, 0.0, f64::NAN, 1.0, 0.0, 0.0, 0.0, 1.0])), None);
     }
 
     /// `scipy.stats.spearmanr`, SciPy 1.17, with ties.

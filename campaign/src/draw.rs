@@ -220,10 +220,10 @@ fn stream(seed: u64, stream: u64) -> ChaCha8Rng {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quantity::Variation;
+    use crate::quantity::{Spread, Variation};
 
     fn quantity(key: &str) -> Quantity {
-        let variation = Variation::Uniform { ends: [0.0, 1.0], unit: String::new() };
+        let variation = Variation::One(Spread::Uniform { ends: [0.0, 1.0], unit: String::new() });
         Quantity { keys: vec![key.into()], variation, levels: Some(3) }
     }
 

@@ -15,10 +15,10 @@ mod source;
 mod table;
 mod variation;
 
-pub use correlation::rank_correlation;
+pub use correlation::{correlation_root, rank_correlation};
 pub use draw::{DrawError, Method};
 pub use file::{Campaign, CampaignError};
 pub use findings::{FigureFindings, Findings, LimitFindings, Sensitivity, Worst, violated};
 pub use proportion::Proportion;
-pub use quantity::{Number, Quantity, Value, Variation};
+pub use quantity::{Number, Quantity, Spread, Value, Variation};
 pub use table::{Columns, Ended, Flight, Shard, Table, TableError, TableInfo, WEIGHT};

@@ -91,9 +91,9 @@ impl fmt::Display for Value {
     }
 }
 
-/// How one key, or several together, vary.
+/// A continuous distribution of one number.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Variation {
+pub enum Spread {
     /// Evenly between two numbers of one unit.
     Uniform {
         /// The ends.
@@ -110,14 +110,47 @@ pub enum Variation {
         /// Unit of both.
         unit: String,
     },
-    /// Several keys by a joint normal distribution, as `identify` and `diagnose` tell their parameters.
+}
+
+impl Spread {
+    fn unit(&self) -> &str {
+        let (Self::Uniform { unit, .. } | Self::Normal { unit, .. }) = self;
+        unit
+    }
+
+    /// The value of which a share `p` of all draws lies below.
+    fn at(&self, p: f64) -> Value {
+        match self {
+            Self::Uniform { ends: [low, high], .. } => self.number(low + p * (high - low)),
+            Self::Normal { .. } => self.at_standard(quantile(p)),
+        }
+    }
+
+    /// The value where the standard normal number behind it is `z`.
+    fn at_standard(&self, z: f64) -> Value {
+        match self {
+            Self::Uniform { .. } => self.at(Normal::standard().cdf(z)),
+            Self::Normal { mean, std, .. } => self.number(mean + std * z),
+        }
+    }
+
+    fn number(&self, value: f64) -> Value {
+        Value::Number(Number { value, unit: self.unit().into() })
+    }
+}
+
+/// How one key, or several together, vary.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Variation {
+    /// One key, by itself.
+    One(Spread),
+    /// Several keys that hang together: each has its own distribution, and a joint normal one lies behind all of them (a Gaussian
+    /// copula: Cario and Nelson, INFORMS Journal on Computing 1997, "NORTA"). Of normal ones it is their joint distribution.
     Joint {
-        /// Means, one for each key.
-        mean: Vec<f64>,
-        /// Units, one for each key.
-        units: Vec<String>,
-        /// Lower Cholesky factor of the covariance (keys x keys).
-        factor: DMatrix<f64>,
+        /// Of each key.
+        each: Vec<Spread>,
+        /// Lower root of the correlations (keys x keys).
+        root: DMatrix<f64>,
     },
     /// Whole numbers, each as often as any other, both ends with them.
     Integers {
@@ -156,8 +189,8 @@ impl Quantity {
     /// Its unit for each key; empty without one.
     pub fn units(&self) -> Vec<String> {
         match &self.variation {
-            Variation::Uniform { unit, .. } | Variation::Normal { unit, .. } => vec![unit.clone()],
-            Variation::Joint { units, .. } => units.clone(),
+            Variation::One(one) => vec![one.unit().into()],
+            Variation::Joint { each, .. } => each.iter().map(|one| one.unit().into()).collect(),
             Variation::Among { values } => match values.first() {
                 Some(Value::Number(number)) => vec![number.unit.clone()],
                 _ => vec![String::new()],
@@ -168,15 +201,12 @@ impl Quantity {
 
     /// Values at a point of the unit cube (coordinates above 0 and below 1), one for each key.
     pub fn at(&self, point: &[f64]) -> Vec<Value> {
-        let number = |value: f64, unit: &str| Value::Number(Number { value, unit: unit.into() });
         let first = point.first().copied().unwrap_or(0.5);
         match &self.variation {
-            Variation::Uniform { ends: [low, high], unit } => vec![number(low + first * (high - low), unit)],
-            Variation::Normal { mean, std, unit } => vec![number(mean + std * quantile(first), unit)],
-            Variation::Joint { mean, units, factor } => {
+            Variation::One(one) => vec![one.at(first)],
+            Variation::Joint { each, root } => {
                 let standard = DVector::from_iterator(point.len(), point.iter().map(|p| quantile(*p)));
-                let values = factor * standard;
-                mean.iter().zip(values.iter()).zip(units).map(|((m, v), unit)| number(m + v, unit)).collect()
+                each.iter().zip((root * standard).iter()).map(|(one, z)| one.at_standard(*z)).collect()
             }
             Variation::Integers { ends: [low, high] } => {
                 let count = (high - low) as f64 + 1.0;
@@ -196,7 +226,7 @@ impl Quantity {
             (Variation::Integers { ends: [low, high] }, None) => {
                 Some((*low..=*high).map(Value::Whole).collect())
             }
-            (Variation::Uniform { ends: [low, high], unit }, Some(levels)) => {
+            (Variation::One(Spread::Uniform { ends: [low, high], unit }), Some(levels)) => {
                 let at = |i: usize| low + (high - low) * i as f64 / (levels.max(2) - 1) as f64;
                 let value = |i| Value::Number(Number { value: at(i), unit: unit.clone() });
                 Some((0..levels).map(value).collect())
@@ -246,7 +276,7 @@ mod tests {
         #[test]
         fn what_is_drawn_lies_where_it_may(p in 1e-9..1.0 - 1e-9f64) {
             let one = |variation| Quantity { keys: vec!["a".into()], variation, levels: None }.at(&[p]).remove(0);
-            let uniform = one(Variation::Uniform { ends: [-2.0, 3.0], unit: "deg".into() });
+            let uniform = one(Variation::One(Spread::Uniform { ends: [-2.0, 3.0], unit: "deg".into() }));
             prop_assert!((-2.0..=3.0).contains(&uniform.number().unwrap()));
             let whole = one(Variation::Integers { ends: [4, 6] });
             prop_assert!((4.0..=6.0).contains(&whole.number().unwrap()));

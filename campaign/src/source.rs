@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use crate::quantity::{Quantity, Variation};
+use crate::correlation::correlation_root;
+use crate::quantity::{Quantity, Spread, Variation};
 
 /// Schemas of the answers that are read.
 const IDENTIFICATION: &str = "whirlstand.identification.v1";
@@ -24,12 +25,77 @@ pub(crate) struct Answer {
     schema: String,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     parameters: Vec<Parameter>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    correlations: Vec<Vec<f64>>,
+    #[serde(default, skip_serializing_if = "Correlations::is_empty")]
+    correlations: Correlations,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     standard_errors_hold: Option<bool>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     causes: Vec<Cause>,
+}
+
+/// How the errors of the parameters hang together: of an identification row by row, of a diagnosis pair by pair.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+enum Correlations {
+    Matrix(Vec<Vec<f64>>),
+    Pairs(Vec<Pair>),
+}
+
+impl Default for Correlations {
+    fn default() -> Self {
+        Self::Pairs(Vec::new())
+    }
+}
+
+impl Correlations {
+    fn is_empty(&self) -> bool {
+        match self {
+            Self::Matrix(rows) => rows.is_empty(),
+            Self::Pairs(pairs) => pairs.is_empty(),
+        }
+    }
+
+    /// The element of a matrix; not a number where there is none.
+    fn at(&self, i: usize, j: usize) -> f64 {
+        let Self::Matrix(rows) = self else { return f64::NAN };
+        rows.get(i).and_then(|row| row.get(j)).copied().unwrap_or(f64::NAN)
+    }
+
+    /// That of two parameters by name; a pair that is not listed is independent.
+    fn between(&self, a: &str, b: &str) -> f64 {
+        let Self::Pairs(pairs) = self else { return 0.0 };
+        let is = |pair: &&Pair| {
+            let [first, second] = pair.between.each_ref().map(Place::key);
+            (first == a && second == b) || (first == b && second == a)
+        };
+        pairs.iter().find(is).map_or(0.0, |pair| pair.coefficient)
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Pair {
+    between: [Place; 2],
+    coefficient: f64,
+}
+
+/// A parameter of a cause.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Place {
+    effect: String,
+    #[serde(rename = "where")]
+    place: String,
+    parameter: String,
+}
+
+impl Place {
+    fn key(&self) -> String {
+        key(&self.effect, &self.place, &self.parameter)
+    }
+}
+
+/// How the parameter of a cause is named.
+fn key(effect: &str, place: &str, parameter: &str) -> String {
+    format!("{effect}({place}).{parameter}")
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -122,7 +188,7 @@ impl Answer {
         let chosen: Vec<usize> =
             (0..self.parameters.len()).filter(|i| wanted(&self.parameters[*i])).collect();
         let mut added = Added::default();
-        let (mut mean, mut units, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+        let mut each = Vec::new();
         for parameter in chosen.iter().map(|i| &self.parameters[*i]) {
             let Parameter { name, value, standard_error, unit } = parameter;
             if name.contains('(') {
@@ -140,31 +206,19 @@ impl Answer {
             effect.insert("value".into(), amount(*value, unit));
             added.names.push((name.clone(), added.effects.len(), "value".into()));
             added.effects.push(effect);
-            mean.push(*value);
-            units.push(unit.clone());
-            errors.push(error * widen.unwrap_or(1.0));
+            let std = error * widen.unwrap_or(1.0);
+            each.push(Spread::Normal { mean: *value, std, unit: unit.clone() });
         }
-        let correlation = |i: usize, j: usize| {
-            let row = self.correlations.get(chosen[i]).and_then(|row| row.get(chosen[j]));
-            if i == j { 1.0 } else { row.copied().unwrap_or(f64::NAN) }
-        };
-        let n = chosen.len();
-        // The factor of the correlations, which rounding of units cannot spoil.
-        let factor = DMatrix::from_fn(n, n, correlation)
-            .cholesky()
-            .ok_or("the correlations of its parameters are not positive definite")?
-            .l();
-        let factor = DMatrix::from_fn(n, n, |i, j| errors[i] * factor[(i, j)]);
         let keys = added.names.iter().map(|(name, ..)| name.clone()).collect();
-        added.quantities =
-            vec![Quantity { keys, variation: Variation::Joint { mean, units, factor }, levels: None }];
+        let correlation = |i: usize, j: usize| self.correlations.at(chosen[i], chosen[j]);
+        added.quantities = vec![together(keys, each, correlation)?];
         Ok(added)
     }
 
     fn diagnosed(&self, only: &[String], widen: f64) -> Result<Added, String> {
-        let mut added = Added::default();
+        let (mut added, mut each) = (Added::default(), Vec::new());
         for Cause { effect: kind, place, parameters, text } in &self.causes {
-            let key = |parameter: &str| format!("{kind}({place}).{parameter}");
+            let key = |parameter: &str| key(kind, place, parameter);
             if !only.is_empty() && !parameters.keys().any(|parameter| only.contains(&key(parameter))) {
                 continue;
             }
@@ -180,21 +234,47 @@ impl Answer {
             for (parameter, estimate) in parameters {
                 effect.insert(parameter.clone(), amount(estimate.value, &estimate.unit));
                 let wanted = only.is_empty() || only.contains(&key(parameter));
-                if let Some(variation) = estimate.variation(widen).filter(|_| wanted) {
+                if let Some(spread) = estimate.spread(widen).filter(|_| wanted) {
                     added.names.push((key(parameter), added.effects.len(), parameter.clone()));
-                    added.quantities.push(Quantity { keys: vec![key(parameter)], variation, levels: None });
+                    each.push(spread);
                 }
             }
             added.effects.push(effect);
         }
+        let keys: Vec<String> = added.names.iter().map(|(name, ..)| name.clone()).collect();
+        let correlation = |i: usize, j: usize| self.correlations.between(&keys[i], &keys[j]);
+        let apart = (0..keys.len()).all(|i| (0..i).all(|j| correlation(i, j) == 0.0));
+        added.quantities = match apart {
+            true => {
+                let one = |(key, spread)| Quantity {
+                    keys: vec![key],
+                    variation: Variation::One(spread),
+                    levels: None,
+                };
+                keys.into_iter().zip(each).map(one).collect()
+            }
+            false => vec![together(keys.clone(), each, correlation)?],
+        };
         Ok(added)
     }
+}
+
+/// Keys that hang together as `correlation` says of two different ones, by their numbers.
+fn together(
+    keys: Vec<String>,
+    each: Vec<Spread>,
+    correlation: impl Fn(usize, usize) -> f64,
+) -> Result<Quantity, String> {
+    let n = keys.len();
+    let matrix = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 } else { correlation(i, j) });
+    let root = correlation_root(&matrix).ok_or("the correlations of its parameters are not positive definite")?;
+    Ok(Quantity { keys, variation: Variation::Joint { each, root }, levels: None })
 }
 
 impl Estimate {
     /// A normal distribution over the interval; an even one where a normal one could lose the sign that the interval has, as
     /// that of a delay. `None` without an interval.
-    fn variation(&self, widen: f64) -> Option<Variation> {
+    fn spread(&self, widen: f64) -> Option<Spread> {
         let std = widen * (self.high - self.low) / (2.0 * NINETY_FIVE);
         if !(std > 0.0 && std.is_finite()) {
             return None;
@@ -203,8 +283,8 @@ impl Estimate {
         let keeps_sign =
             self.low >= 0.0 && value - WITHIN * std < 0.0 || self.high <= 0.0 && value + WITHIN * std > 0.0;
         Some(match keeps_sign {
-            true => Variation::Uniform { ends: [self.low, self.high], unit },
-            false => Variation::Normal { mean: value, std, unit },
+            true => Spread::Uniform { ends: [self.low, self.high], unit },
+            false => Spread::Normal { mean: value, std, unit },
         })
     }
 }
@@ -230,6 +310,10 @@ mod tests {
         {"effect": "sensor_bias", "where": "roll",
          "parameters": {"offset": {"value": 0.1, "low": 0.08, "high": 0.12, "unit": "rad"}}}]}"#;
 
+    fn matrix(correlation: f64) -> DMatrix<f64> {
+        DMatrix::from_row_slice(2, 2, &[1.0, correlation, correlation, 1.0])
+    }
+
     fn added(json: &str, only: &[&str], widen: Option<f64>) -> Result<Added, String> {
         let only: Vec<String> = only.iter().map(|name| (*name).to_string()).collect();
         let kept = Answer::parse(json)?.to_json();
@@ -240,14 +324,14 @@ mod tests {
     fn identified_parameters_are_drawn_with_their_covariance() {
         let all = added(IDENTIFIED, &[], None).unwrap();
         assert_eq!(all.effects[1]["value"].as_str(), Some("4.0 deg/s^2"));
-        let Variation::Joint { mean, factor, .. } = &all.quantities[0].variation else { panic!("{all:?}") };
-        let covariance = factor * factor.transpose();
-        assert_eq!(mean, &[-1.1, 4.0]);
-        assert!((covariance[(0, 0)] - 0.01).abs() < 1e-12 && (covariance[(0, 1)] - 0.04).abs() < 1e-12);
+        let normal = |mean, std, unit: &str| Spread::Normal { mean, std, unit: unit.into() };
+        let Variation::Joint { each, root } = &all.quantities[0].variation else { panic!("{all:?}") };
+        assert_eq!(each, &[normal(-1.1, 0.1, "1/s^2"), normal(4.0, 0.5, "deg/s^2")]);
+        assert!((root * root.transpose() - matrix(0.8)).amax() < 1e-12, "{root}");
         let wide = added(IDENTIFIED, &["B[2,1]"], Some(2.0)).unwrap();
         assert_eq!(wide.names, [("B[2,1]".to_string(), 0, "value".to_string())]);
-        let Variation::Joint { factor, .. } = &wide.quantities[0].variation else { panic!("{wide:?}") };
-        assert!((factor[(0, 0)] - 1.0).abs() < 1e-12);
+        let Variation::Joint { each, .. } = &wide.quantities[0].variation else { panic!("{wide:?}") };
+        assert_eq!(each, &[normal(4.0, 1.0, "deg/s^2")]);
     }
 
     #[test]
@@ -262,6 +346,46 @@ mod tests {
         let one = all.quantities[1].at(&[0.5]);
         assert!(matches!(&one[0], Value::Number(n) if (n.value - 0.1).abs() < 1e-9 && n.unit == "rad"));
         assert_eq!(added(DIAGNOSED, &["sensor_bias(roll).offset"], None).unwrap().effects.len(), 1);
+    }
+
+    /// The pairs are in no order, and the delay is drawn evenly because a normal one could be negative.
+    #[test]
+    fn causes_hang_together_as_the_diagnosis_says() {
+        let text = DIAGNOSED.replace(
+            "\n        {\"effect\": \"sensor_bias\"",
+            "{\"effect\": \"actuator_lag\", \"where\": \"u_roll\", \"parameters\": {\"time_constant_s\": {\"value\": 0.1, \
+             \"low\": 0.08, \"high\": 0.12, \"unit\": \"s\"}}},\n{\"effect\": \"sensor_bias\"",
+        );
+        let place = |effect: &str, at: &str, parameter: &str| {
+            format!("{{\"effect\": \"{effect}\", \"where\": \"{at}\", \"parameter\": \"{parameter}\"}}")
+        };
+        let (delay, lag) =
+            (place("input_delay", "u_roll", "delay_s"), place("actuator_lag", "u_roll", "time_constant_s"));
+        let pairs = format!("\"correlations\": [{{\"between\": [{lag}, {delay}], \"coefficient\": -0.9}}], \"causes\"");
+        let text = text.replace("\"causes\"", &pairs);
+        let all = added(&text, &[], None).unwrap();
+        assert_eq!((all.quantities.len(), all.names.len()), (1, 3));
+        // A net of points of the unit cube.
+        let drawn: Vec<Vec<f64>> = (0..4096)
+            .map(|i| {
+                let point = [0, 1, 2].map(|d| f64::from(sobol_burley::sample(i, d, 1)) + f64::EPSILON);
+                all.quantities[0].at(&point).iter().filter_map(Value::number).collect()
+            })
+            .collect();
+        let column = |i: usize| drawn.iter().map(|row| row[i]).collect::<Vec<f64>>();
+        assert!(column(0).iter().all(|delay| (0.0..=0.04).contains(delay)));
+        let rank = |i: usize, j: usize| crate::rank_correlation(&column(i), &column(j)).unwrap();
+        // Of a normal distribution behind both: 6 / pi asin(r / 2).
+        let expected = 6.0 / std::f64::consts::PI * (-0.45f64).asin();
+        assert!((rank(0, 1) - expected).abs() < 0.01, "{} {expected}", rank(0, 1));
+        assert!(rank(0, 2).abs() < 0.02 && rank(1, 2).abs() < 0.02);
+        let spread = |values: &[f64], mean: f64| {
+            (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+        };
+        assert!((spread(&column(1), 0.1) - 0.02 / 1.96).abs() < 2e-4, "{}", spread(&column(1), 0.1));
+        // One alone hangs together with nothing.
+        let one = added(&text, &["actuator_lag(u_roll).time_constant_s"], None).unwrap();
+        assert!(matches!(one.quantities[0].variation, Variation::One(Spread::Normal { .. })));
     }
 
     #[test]

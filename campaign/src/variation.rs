@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use crate::quantity::{Number, Quantity, Value, Variation};
+use crate::correlation::correlation_root;
+use crate::quantity::{Number, Quantity, Spread, Value, Variation};
 use crate::source::{Added, Answer};
 
 /// One `[[vary]]`.
@@ -98,7 +99,7 @@ pub(crate) fn quantity(written: WrittenVariation) -> Result<Quantity, String> {
     if keys.len() > 1 && !matches!(variation, Variation::Joint { .. }) {
         return Err("several keys vary together by a `normal` with `covariance` only".into());
     }
-    if levels.is_some_and(|n| n < 2) || levels.is_some() && !matches!(variation, Variation::Uniform { .. }) {
+    if levels.is_some_and(|n| n < 2) || levels.is_some() && !matches!(variation, Variation::One(Spread::Uniform { .. })) {
         return Err("`levels`, at least 2, belongs to `uniform`".into());
     }
     Ok(Quantity { keys, variation, levels })
@@ -111,7 +112,7 @@ fn even(low: Number, high: Number) -> Result<Variation, String> {
     if low.value > high.value {
         return Err("`uniform` names the lower end first".into());
     }
-    Ok(Variation::Uniform { ends: [low.value, high.value], unit: low.unit })
+    Ok(Variation::One(Spread::Uniform { ends: [low.value, high.value], unit: low.unit }))
 }
 
 fn gaussian(normal: WrittenNormal, keys: usize) -> Result<Variation, String> {
@@ -123,7 +124,7 @@ fn gaussian(normal: WrittenNormal, keys: usize) -> Result<Variation, String> {
             if std.value <= 0.0 {
                 return Err("`std` must be above 0".into());
             }
-            Ok(Variation::Normal { mean: mean.value, std: std.value, unit: mean.unit })
+            Ok(Variation::One(Spread::Normal { mean: mean.value, std: std.value, unit: mean.unit }))
         }
         (Means::Many(means), None, Some(rows)) if means.len() == keys => {
             if rows.len() != keys || rows.iter().any(|row| row.len() != keys) {
@@ -134,9 +135,16 @@ fn gaussian(normal: WrittenNormal, keys: usize) -> Result<Variation, String> {
             if (&covariance - covariance.transpose()).amax() > 1e-9 * scale {
                 return Err("`covariance` is not symmetric".into());
             }
-            let factor = covariance.cholesky().ok_or("`covariance` is not positive definite")?.l();
-            let (mean, units) = means.into_iter().map(|m| (m.value, m.unit)).unzip();
-            Ok(Variation::Joint { mean, units, factor })
+            let std: Vec<f64> = covariance.diagonal().iter().map(|variance| variance.sqrt()).collect();
+            let root = Some(&std)
+                .filter(|std| std.iter().all(|std| *std > 0.0))
+                .and_then(|std| {
+                    correlation_root(&DMatrix::from_fn(keys, keys, |i, j| rows[i][j] / (std[i] * std[j])))
+                })
+                .ok_or("`covariance` is not positive definite")?;
+            let each = means.into_iter().zip(std);
+            let each = each.map(|(m, std)| Spread::Normal { mean: m.value, std, unit: m.unit }).collect();
+            Ok(Variation::Joint { each, root })
         }
         _ => Err("`normal` has `mean` and `std`, or for several `keys` a list `mean` and `covariance`, in the units of \
                   the means"

@@ -1,6 +1,7 @@
 //! Parameters that are drawn together: their errors hang together as the diagnosis says.
 
 use nalgebra::{DMatrix, DVector};
+use whirlstand_campaign::correlation_root;
 use whirlstand_diagnose::answer::{Cause, Correlation};
 use whirlstand_vehicle::Stream;
 
@@ -34,7 +35,7 @@ impl<'a> Joint<'a> {
                 (matrix[(i, j)], matrix[(j, i)]) = (correlation.coefficient, correlation.coefficient);
             }
         }
-        let root = (!matrix.is_identity(0.0)).then(|| root(&matrix));
+        let root = Some(&matrix).filter(|matrix| !matrix.is_identity(0.0)).and_then(correlation_root);
         Self { causes, root }
     }
 
@@ -57,24 +58,6 @@ impl<'a> Joint<'a> {
             })
             .collect()
     }
-}
-
-/// The lower root of a correlation matrix (Cholesky); what rounding leaves of a direction that follows from those before counts
-/// as none.
-fn root(matrix: &DMatrix<f64>) -> DMatrix<f64> {
-    let n = matrix.nrows();
-    let mut root = DMatrix::<f64>::zeros(n, n);
-    for j in 0..n {
-        let left = matrix[(j, j)] - root.row(j).norm_squared();
-        if left < 1e-12 {
-            continue;
-        }
-        root[(j, j)] = left.sqrt();
-        for i in j + 1..n {
-            root[(i, j)] = (matrix[(i, j)] - root.row(i).dot(&root.row(j))) / root[(j, j)];
-        }
-    }
-    root
 }
 
 #[cfg(test)]
