@@ -104,6 +104,57 @@ fn an_interrupted_run_goes_on_where_it_ended() {
 }
 
 #[test]
+fn parts_join_to_the_whole_and_what_does_not_belong_together_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let program = stand_in(dir.path(), r#"{"verdict":"consistent","causes":[]}"#);
+    let at = |name: &str| dir.path().join(name).display().to_string();
+    let fly = |seed: &str, tally: &str, rest: &[&str]| {
+        let arguments =
+            ["blind", "--trials", "7", "--seed", seed, "--length", "5:8", "--rate", "50", "--program"];
+        let files = [program.display().to_string(), "--json".into(), at(tally)];
+        run(arguments.iter().map(|a| (*a).to_string()).chain(files).chain(rest.iter().map(|r| (*r).to_string())))
+    };
+    fly("4", "whole.json", &["--out", &at("whole")]);
+    for part in ["1", "2", "3"] {
+        let ended = fly("4", &format!("part-{part}.json"), &["--shard", &format!("{part}/3")]);
+        assert_eq!(ended.code(), 0, "a part meets and misses no goal: {}", ended.stderr);
+    }
+    let merge = |parts: &[&str]| {
+        let parts = parts.iter().map(|part| at(part));
+        let files = ["--json".to_string(), at("joined.json"), "--out".into(), at("joined")];
+        run(["blind".to_string(), "merge".into()].into_iter().chain(parts).chain(files))
+    };
+    let ended = merge(&["part-3.json", "part-1.json", "part-2.json"]);
+    assert_eq!(ended.code(), 1, "the whole misses a goal: {}", ended.stderr);
+    // How long each diagnosis took is of the machine.
+    let without_seconds = |name: &str| {
+        let mut tally = json(dir.path().join(name));
+        tally["trials"].as_array_mut().unwrap().iter_mut().for_each(|trial| trial["seconds"] = 0.into());
+        tally
+    };
+    assert_eq!(without_seconds("joined.json"), without_seconds("whole.json"));
+    let text = |name: &str| std::fs::read_to_string(dir.path().join(name).join("blind.txt")).unwrap();
+    assert_eq!(text("joined"), text("whole"));
+
+    fly("5", "other.json", &["--shard", "3/3"]);
+    let mut newer = json(dir.path().join("part-3.json"));
+    newer["part"]["version"] = "999.0.0".into();
+    std::fs::write(at("newer.json"), newer.to_string()).unwrap();
+    for (parts, words) in [
+        (&["part-1.json", "part-2.json"][..], "parts 3/3 are missing"),
+        (&["part-1.json", "part-2.json", "part-2.json"], "is part 2/3, which is there already"),
+        (&["part-1.json", "part-2.json", "other.json"], "the call differs"),
+        (&["part-1.json", "part-2.json", "newer.json"], "the version of the program differs"),
+        (&["part-1.json", "part-2.json", "whole.json"], "the number of parts differs"),
+    ] {
+        let ended = merge(parts);
+        assert!(ended.code() == 2 && ended.stderr.contains(words), "{words:?}: {}", ended.stderr);
+    }
+    let ended = fly("4", "again.json", &["--shard", "2/3", "--resume", &at("part-1.json")]);
+    assert!(ended.code() == 2 && ended.stderr.contains("of another part"), "{}", ended.stderr);
+}
+
+#[test]
 fn a_trial_is_repeated_by_its_number() {
     let dir = tempfile::tempdir().unwrap();
     let truth = r#"{"verdict":"explained","causes":[{"effect":"sensor_bias","where":"nowhere"}]}"#;

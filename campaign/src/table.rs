@@ -15,6 +15,7 @@ use parquet::schema::types::Type;
 use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Number, Value};
+use crate::shard::{PartsError, Shard};
 
 /// Key of the file's metadata that holds [`TableInfo`] as JSON.
 const INFO: &str = "whirlstand.campaign";
@@ -64,41 +65,6 @@ pub struct Columns {
 /// Figure under which a flight of method "importance" has its weight.
 pub const WEIGHT: &str = "weight";
 
-/// A part of a campaign.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Shard {
-    /// Which part, from 1.
-    pub part: u64,
-    /// Of so many.
-    pub of: u64,
-}
-
-impl Shard {
-    /// Whether a flight belongs to the part.
-    pub fn has(self, flight: u64) -> bool {
-        flight % self.of == self.part - 1
-    }
-}
-
-impl std::str::FromStr for Shard {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers =
-            text.split_once('/').and_then(|(part, of)| Some((part.parse().ok()?, of.parse().ok()?)));
-        match numbers {
-            Some((part, of)) if (1..=of).contains(&part) => Ok(Self { part, of }),
-            _ => Err("K/N is expected, the part K of N, for example 2/8".into()),
-        }
-    }
-}
-
-impl std::fmt::Display for Shard {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}/{}", self.part, self.of)
-    }
-}
-
 /// Where a table comes from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TableInfo {
@@ -145,25 +111,9 @@ pub enum TableError {
         /// What is missing.
         reason: String,
     },
-    /// Parts of different campaigns.
-    #[error("{path} is of another campaign than the first part: {what} differs")]
-    Mixed {
-        /// The file.
-        path: String,
-        /// What differs.
-        what: &'static str,
-    },
-    /// Not all parts.
-    #[error("parts {0} are missing")]
-    Missing(String),
-    /// The same part twice.
-    #[error("{path} is part {part}, which is there already")]
-    Twice {
-        /// The file.
-        path: String,
-        /// The part.
-        part: Shard,
-    },
+    /// Parts that do not make a whole.
+    #[error(transparent)]
+    Parts(#[from] PartsError),
 }
 
 /// A table of flights.
@@ -293,36 +243,24 @@ impl Table {
     /// # Errors
     /// When a part is missing, there twice, or of another campaign.
     pub fn join(parts: Vec<(String, Self)>) -> Result<Self, TableError> {
+        let names: Vec<_> = parts.iter().map(|(path, part)| (path.as_str(), part.info.shard)).collect();
+        Shard::check_whole(&names)?;
         let mut parts = parts.into_iter();
-        let Some((_, mut whole)) = parts.next() else { return Err(TableError::Missing("all".into())) };
-        let mut seen: Vec<Shard> = whole.info.shard.into_iter().collect();
+        // There is one: nothing is no whole.
+        let Some((_, mut whole)) = parts.next() else { return Err(PartsError::None.into()) };
         for (path, part) in parts {
             let (a, b) = (&whole.info, &part.info);
             let differs = [
                 ("the version of the program", a.version != b.version),
                 ("the campaign, its launch file, vehicle or seed", a.digest != b.digest),
                 ("the number of flights", a.flights != b.flights),
-                ("the number of parts", a.shard.map(|s| s.of) != b.shard.map(|s| s.of)),
             ];
             if let Some((what, _)) = differs.into_iter().find(|(_, differs)| *differs) {
-                return Err(TableError::Mixed { path, what });
-            }
-            if let Some(shard) = part.info.shard {
-                if seen.contains(&shard) {
-                    return Err(TableError::Twice { path, part: shard });
-                }
-                seen.push(shard);
+                return Err(PartsError::Mixed { path, what }.into());
             }
             whole.flights.extend(part.flights);
         }
         whole.flights.sort_by_key(|f| f.number);
-        let of = whole.info.shard.map_or(1, |s| s.of);
-        let is_there = |part: u64| seen.iter().any(|s| s.part == part) || whole.info.shard.is_none();
-        let missing: Vec<String> =
-            (1..=of).filter(|part| !is_there(*part)).map(|part| Shard { part, of }.to_string()).collect();
-        if !missing.is_empty() {
-            return Err(TableError::Missing(missing.join(", ")));
-        }
         whole.info.shard = None;
         Ok(whole)
     }

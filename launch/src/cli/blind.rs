@@ -3,7 +3,8 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
+use whirlstand_campaign::Shard;
 
 use super::JsonArg;
 use super::quantity::{hertz, interval};
@@ -14,12 +15,44 @@ use super::quantity::{hertz, interval};
 /// the record and the nominal vehicle only. With a vehicle and an excitation of your own this tells before a flight
 /// what that flight could reveal.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
+#[command(args_conflicts_with_subcommands = true, after_help = "Examples:\n  \
     whirlstand blind --trials 100 --seed 1\n  \
     whirlstand blind --trials 50 --vehicle mine.toml --input out/excite/inputs.csv --kinds single --out out/blind\n  \
-    whirlstand blind --only 1000017 --keep out/trial\n\n\
+    whirlstand blind --only 1000017 --keep out/trial\n  \
+    whirlstand blind --trials 5000 --shard 3/8 --json part-3.json\n  \
+    whirlstand blind merge part-*.json --json blind.json\n\n\
     Exit code 1 when a goal is missed. Ctrl-C ends a run early: what was done by then counts; exit code 130.")]
 pub(crate) struct BlindArgs {
+    #[command(subcommand)]
+    pub action: Option<BlindCommand>,
+    #[command(flatten)]
+    pub run: BlindRunArgs,
+}
+
+/// What else can be done with trials.
+#[derive(Debug, Subcommand)]
+pub(crate) enum BlindCommand {
+    Merge(BlindMergeArgs),
+}
+
+/// Join the parts of a run; the result is that of a run in one piece, but for the seconds that each diagnosis took.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  \
+    whirlstand blind merge part-*.json --json blind.json")]
+pub(crate) struct BlindMergeArgs {
+    /// All parts, as --json wrote them, in any order.
+    #[arg(required = true, value_name = "PART")]
+    pub parts: Vec<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArg,
+    /// Folder for blind.json and blind.txt.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// Options of the trials.
+#[derive(Debug, Args)]
+pub(crate) struct BlindRunArgs {
     /// Number of trials.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub trials: usize,
@@ -56,6 +89,9 @@ pub(crate) struct BlindArgs {
     /// Only the trial of this number.
     #[arg(long, value_name = "NUMBER", conflicts_with_all = ["trials", "seed", "effects", "kinds"])]
     pub only: Option<u64>,
+    /// Only the part K of N of the trials; `blind merge` joins what --json writes of each. Missed goals are told of the whole.
+    #[arg(long, value_name = "K/N", requires = "json", conflicts_with = "only")]
+    pub shard: Option<Shard>,
     /// Goes on where an interrupted run of the same call ended: what its results (its --json) hold is not flown again.
     #[arg(long, value_name = "FILE", conflicts_with = "only")]
     pub resume: Option<PathBuf>,

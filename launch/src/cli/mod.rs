@@ -23,7 +23,9 @@ use clap::{Args, Parser, Subcommand};
 use whirlstand_live::Address;
 
 pub(crate) use bench_tune::BenchTuneArgs;
-pub(crate) use blind::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
+pub(crate) use blind::{
+    BlindArgs, BlindCase, BlindCommand, BlindGenerator, BlindLoop, BlindMergeArgs, BlindRunArgs,
+};
 pub(crate) use campaign::{
     CampaignArgs, CampaignCommand, CampaignFlyArgs, CampaignMergeArgs, CampaignReplayArgs,
 };

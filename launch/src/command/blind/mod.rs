@@ -1,18 +1,22 @@
 //! `whirlstand blind`: what diagnosis finds of hidden effects, by trials whose answers are sealed while it runs.
 
+mod parts;
 mod runner;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use whirlstand_blind::{Case, Commands, Generator, Loops, Plan, Scored, Setting, TRIALS_PER_SEED, Tally};
 use whirlstand_vehicle::Kind;
 
+use self::parts::{Part, Results};
 use self::runner::TrialRunner;
 use super::vehicles::find;
 use super::{INTERRUPTED, print, simulate, write, write_json};
-use crate::cli::{BlindArgs, BlindCase, BlindGenerator, BlindLoop};
+use crate::cli::{
+    BlindArgs, BlindCase, BlindCommand, BlindGenerator, BlindLoop, BlindMergeArgs, BlindRunArgs, JsonArg,
+};
 use crate::error::Failure;
 use crate::style;
 use crate::supervisor::Signals;
@@ -20,9 +24,18 @@ use crate::supervisor::Signals;
 /// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: what was done by then is told. On
 /// SIGINT the trials that have begun come to their end; SIGTERM and a second signal drop them.
 pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
+    match &args.action {
+        None => run(&args.run),
+        Some(BlindCommand::Merge(args)) => merge(args),
+    }
+}
+
+fn run(args: &BlindRunArgs) -> Result<ExitCode, Failure> {
     let setting = setting(args)?;
+    let part = args.shard.map(|shard| Part::new(shard, &setting));
     let all = plans(args)?;
-    let earlier = args.resume.as_deref().map(|path| earlier(path, args)).transpose()?.unwrap_or_default();
+    let earlier = args.resume.as_deref().map(|path| earlier(path, args, part.as_ref())).transpose()?;
+    let earlier = earlier.unwrap_or_default();
     let known = |p: &Plan| earlier.iter().any(|t| t.answer.number == p.number);
     let plans: Vec<Plan> = all.iter().filter(|p| !known(p)).cloned().collect();
     let jobs = match args.jobs {
@@ -42,28 +55,43 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     let done = trials.len() + skipped;
     let cut = (done < all.len()).then(|| format!(" (interrupted after {done})"));
     let tally = Tally::new(format!("{}{}", call(args), cut.as_deref().unwrap_or_default()), trials, skipped);
-    let code = report(args, &tally)?;
+    let is_part = part.is_some();
+    let code = report(&args.out, &args.json, args.only.is_some(), Results { tally, part })?;
     if cut.is_some() {
         crate::style::say(&format!("interrupted: {done} of {} trials were done, and count above", all.len()));
         return Ok(ExitCode::from(INTERRUPTED));
     }
-    Ok(code)
+    // Whether a goal is met is a question to the whole.
+    Ok(if is_part { ExitCode::SUCCESS } else { code })
 }
 
-fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
+fn merge(args: &BlindMergeArgs) -> Result<ExitCode, Failure> {
+    let tally = parts::joined(&args.parts)?;
+    report(&args.out, &args.json, false, Results { tally, part: None })
+}
+
+/// Writes what is asked for and says the rest; exit code 1 when a goal is missed. `opened`: of every trial what was hidden and
+/// what was named.
+fn report(
+    out: &Option<PathBuf>,
+    json: &JsonArg,
+    opened: bool,
+    results: Results,
+) -> Result<ExitCode, Failure> {
+    let tally = &results.tally;
     let text = tally.text();
-    if let Some(folder) = &args.out {
-        write_json(tally, &folder.join("blind.json"))?;
+    if let Some(folder) = out {
+        write_json(&results, &folder.join("blind.json"))?;
         write(&folder.join("blind.txt"), &text)?;
     }
-    if let Some(path) = &args.json.path {
-        write_json(tally, path)?;
+    if let Some(path) = &json.path {
+        write_json(&results, path)?;
     }
     let missed = tally.goals.iter().filter(|g| g.met == Some(false)).count();
-    if args.json.is_printed() {
+    if json.is_printed() {
         return Ok(ExitCode::from(u8::from(missed > 0)));
     }
-    if args.only.is_some() {
+    if opened {
         print(&tally.trials.iter().map(whirlstand_blind::opened).collect::<String>())?;
     } else {
         let painted = text.replace("MISSED", &style::bad("MISSED"));
@@ -78,21 +106,22 @@ fn report(args: &BlindArgs, tally: &Tally) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(missed > 0)))
 }
 
-/// The trials of an earlier run of the same call.
-fn earlier(path: &Path, args: &BlindArgs) -> Result<Vec<Scored>, Failure> {
+/// The trials of an earlier run of the same call and part.
+fn earlier(path: &Path, args: &BlindRunArgs, part: Option<&Part>) -> Result<Vec<Scored>, Failure> {
     let mend = |why: String| Failure::Mend(format!("--resume {}: {why}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| mend(e.to_string()))?;
-    let tally: Tally = serde_json::from_str(&text)
-        .map_err(|e| mend(format!("not the results of whirlstand blind (its --json): {e}")))?;
-    let (was, is) = (tally.call.split(" (").next().unwrap_or_default(), call(args));
+    let Results { tally, part: of } = Results::read(path).map_err(mend)?;
+    let (was, is) = (parts::of_call(&tally), call(args));
     if was != is {
         return Err(mend(format!("these are of another call: '{was}', not '{is}'")));
+    }
+    if of.as_ref() != part {
+        return Err(mend("these are of another part, vehicle, record or version".into()));
     }
     Ok(tally.trials)
 }
 
 /// The user's vehicle and excitation, and what is drawn instead.
-fn setting(args: &BlindArgs) -> Result<Setting, Failure> {
+fn setting(args: &BlindRunArgs) -> Result<Setting, Failure> {
     let vehicle = args.vehicle.as_deref().map(find).transpose()?;
     let setting = Setting { vehicle, commands: None, lengths_s: args.length, rates_hz: args.rate.clone() };
     let Some(path) = &args.input else { return Ok(setting) };
@@ -106,7 +135,7 @@ fn setting(args: &BlindArgs) -> Result<Setting, Failure> {
 }
 
 /// What the trials are drawn from.
-fn generator(args: &BlindArgs) -> Generator {
+fn generator(args: &BlindRunArgs) -> Generator {
     match args.generator {
         BlindGenerator::Reference => Generator::Reference,
         BlindGenerator::Shifted => Generator::Shifted,
@@ -114,7 +143,7 @@ fn generator(args: &BlindArgs) -> Generator {
 }
 
 /// Whether a law flies them.
-fn loops(args: &BlindArgs) -> Loops {
+fn loops(args: &BlindRunArgs) -> Loops {
     match args.control_loop {
         BlindLoop::Open => Loops::Open,
         BlindLoop::Closed => Loops::Closed,
@@ -122,8 +151,8 @@ fn loops(args: &BlindArgs) -> Loops {
     }
 }
 
-/// The first so many plans of the seed that are wanted, or the one that is asked for.
-fn plans(args: &BlindArgs) -> Result<Vec<Plan>, Failure> {
+/// The first so many plans of the seed that are wanted, or of these the part that is asked for, or one.
+fn plans(args: &BlindRunArgs) -> Result<Vec<Plan>, Failure> {
     let (generator, loops) = (generator(args), loops(args));
     if let Some(number) = args.only {
         return Ok(vec![Plan::new(number, generator, loops)]);
@@ -155,11 +184,13 @@ fn plans(args: &BlindArgs) -> Result<Vec<Plan>, Failure> {
         .filter(|first| *first < 1 << 53)
         .ok_or_else(|| Failure::Mend(format!("--seed {}: at most 9000000000 is expected", args.seed)))?;
     let all = (first..first + TRIALS_PER_SEED).map(|number| Plan::new(number, generator, loops));
-    Ok(all.filter(|p| p.wanted(&cases, &effects)).take(args.trials).collect())
+    let all = all.filter(|p| p.wanted(&cases, &effects)).take(args.trials);
+    let own = |at: u64| args.shard.is_none_or(|shard| shard.has(at));
+    Ok((0..).zip(all).filter(|(at, _)| own(*at)).map(|(_, plan)| plan).collect())
 }
 
 /// The call as it can be repeated.
-fn call(args: &BlindArgs) -> String {
+fn call(args: &BlindRunArgs) -> String {
     let mut arguments = vec!["whirlstand blind".to_string()];
     match args.only {
         Some(number) => arguments.push(format!("--only {number}")),

@@ -15,7 +15,7 @@ use signal_hook::consts::SIGTERM;
 use wait_timeout::ChildExt;
 use whirlstand_blind::{Diagnosis, Plan, Scored, Setting, Trial};
 
-use crate::cli::BlindArgs;
+use crate::cli::BlindRunArgs;
 use crate::error::Failure;
 use crate::supervisor::Signals;
 
@@ -47,7 +47,7 @@ pub(super) struct TrialRunner {
 }
 
 impl TrialRunner {
-    pub fn new(args: &BlindArgs, jobs: usize) -> Result<Self, Failure> {
+    pub fn new(args: &BlindRunArgs, jobs: usize) -> Result<Self, Failure> {
         let program = match &args.program {
             Some(program) => {
                 std::path::absolute(program).map_err(|e| Failure::file("find the program", program, &e))?
