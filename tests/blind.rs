@@ -112,7 +112,11 @@ fn parts_join_to_the_whole_and_what_does_not_belong_together_is_refused() {
         let arguments =
             ["blind", "--trials", "7", "--seed", seed, "--length", "5:8", "--rate", "50", "--program"];
         let files = [program.display().to_string(), "--json".into(), at(tally)];
-        run(arguments.iter().map(|a| (*a).to_string()).chain(files).chain(rest.iter().map(|r| (*r).to_string())))
+        run(arguments
+            .iter()
+            .map(|a| (*a).to_string())
+            .chain(files)
+            .chain(rest.iter().map(|r| (*r).to_string())))
     };
     fly("4", "whole.json", &["--out", &at("whole")]);
     for part in ["1", "2", "3"] {

@@ -267,7 +267,8 @@ fn together(
 ) -> Result<Quantity, String> {
     let n = keys.len();
     let matrix = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 } else { correlation(i, j) });
-    let root = correlation_root(&matrix).ok_or("the correlations of its parameters are not positive definite")?;
+    let root =
+        correlation_root(&matrix).ok_or("the correlations of its parameters are not positive definite")?;
     Ok(Quantity { keys, variation: Variation::Joint { each, root }, levels: None })
 }
 
@@ -361,7 +362,9 @@ mod tests {
         };
         let (delay, lag) =
             (place("input_delay", "u_roll", "delay_s"), place("actuator_lag", "u_roll", "time_constant_s"));
-        let pairs = format!("\"correlations\": [{{\"between\": [{lag}, {delay}], \"coefficient\": -0.9}}], \"causes\"");
+        let pairs = format!(
+            "\"correlations\": [{{\"between\": [{lag}, {delay}], \"coefficient\": -0.9}}], \"causes\""
+        );
         let text = text.replace("\"causes\"", &pairs);
         let all = added(&text, &[], None).unwrap();
         assert_eq!((all.quantities.len(), all.names.len()), (1, 3));

@@ -99,7 +99,9 @@ pub(crate) fn quantity(written: WrittenVariation) -> Result<Quantity, String> {
     if keys.len() > 1 && !matches!(variation, Variation::Joint { .. }) {
         return Err("several keys vary together by a `normal` with `covariance` only".into());
     }
-    if levels.is_some_and(|n| n < 2) || levels.is_some() && !matches!(variation, Variation::One(Spread::Uniform { .. })) {
+    if levels.is_some_and(|n| n < 2)
+        || levels.is_some() && !matches!(variation, Variation::One(Spread::Uniform { .. }))
+    {
         return Err("`levels`, at least 2, belongs to `uniform`".into());
     }
     Ok(Quantity { keys, variation, levels })

@@ -15,13 +15,16 @@ use super::quantity::{hertz, interval};
 /// the record and the nominal vehicle only. With a vehicle and an excitation of your own this tells before a flight
 /// what that flight could reveal.
 #[derive(Debug, Args)]
-#[command(args_conflicts_with_subcommands = true, after_help = "Examples:\n  \
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "Examples:\n  \
     whirlstand blind --trials 100 --seed 1\n  \
     whirlstand blind --trials 50 --vehicle mine.toml --input out/excite/inputs.csv --kinds single --out out/blind\n  \
     whirlstand blind --only 1000017 --keep out/trial\n  \
     whirlstand blind --trials 5000 --shard 3/8 --json part-3.json\n  \
     whirlstand blind merge part-*.json --json blind.json\n\n\
-    Exit code 1 when a goal is missed. Ctrl-C ends a run early: what was done by then counts; exit code 130.")]
+    Exit code 1 when a goal is missed. Ctrl-C ends a run early: what was done by then counts; exit code 130."
+)]
 pub(crate) struct BlindArgs {
     #[command(subcommand)]
     pub action: Option<BlindCommand>,

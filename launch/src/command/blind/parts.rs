@@ -81,11 +81,11 @@ pub(super) fn joined(paths: &[PathBuf]) -> Result<Tally, Failure> {
     let (mut trials, mut skipped) = (Vec::new(), 0);
     for (path, results) in parts {
         if of_call(&results.tally) != results.tally.call {
-            return Err(Failure::Mend(format!("{path} was interrupted: go on with its call and --resume {path}")));
+            return Err(Failure::Mend(format!(
+                "{path} was interrupted: go on with its call and --resume {path}"
+            )));
         }
-        let of_part = |what: fn(&Part) -> &str| {
-            results.part.as_ref().map(what) != of.as_ref().map(what)
-        };
+        let of_part = |what: fn(&Part) -> &str| results.part.as_ref().map(what) != of.as_ref().map(what);
         let differs = [
             ("the call", of_call(&results.tally) != call),
             ("the version of the program", of_part(|part| &part.version)),
