@@ -1,4 +1,5 @@
-//! Campaigns on a cluster: a real Slurm on this machine, in which three nodes are emulated, flies the parts of one.
+//! Campaigns on a cluster: a real Slurm on this machine, in which three nodes are emulated, flies the parts of one, and so do two
+//! workers of HyperQueue.
 
 mod support;
 
@@ -15,7 +16,7 @@ const LONGEST: Duration = Duration::from_secs(240);
 
 const CAMPAIGN: &str = r#"
 launch = "quadrotor"
-flights = 1500
+flights = 4500
 method = "sobol"
 seed = 3
 set = ["duration_s=60"]
@@ -30,10 +31,16 @@ integers = [1, 1000000]
 "#;
 
 fn main() -> ExitCode {
-    whirlstand_test_harness::run(vec![Test::new(
-        "a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_whole",
-        a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_whole,
-    )])
+    whirlstand_test_harness::run(vec![
+        Test::new(
+            "a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_whole",
+            a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_whole,
+        ),
+        Test::new(
+            "a_killed_task_of_hyperqueue_goes_on_and_the_parts_join_to_the_bytes_of_the_whole",
+            a_killed_task_of_hyperqueue_goes_on_and_the_parts_join_to_the_bytes_of_the_whole,
+        ),
+    ])
 }
 
 /// The daemons of a cluster, which end with it.
@@ -190,13 +197,7 @@ fn a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_wh
         "--wrap",
         &task,
     ]);
-    let mut killed = None;
-    while killed.is_none() && array.is_alive() {
-        killed = pid_of("2/3", &out);
-        std::thread::yield_now();
-    }
-    let killed = killed.unwrap_or_else(|| panic!("part 2 was over before it was seen: {}", told(&slurm)));
-    kill(killed);
+    kill_second(&mut array, &out, || told(&slurm));
     let part = |n: u32| out.join(format!("part-{n}-of-3.parquet"));
     slurm.until("all parts are there", || {
         slurm.hurry();
@@ -206,14 +207,52 @@ fn a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_wh
     assert!(log.contains("Requeuing JobId=1_2"), "{log}");
     drop(array);
 
-    let flown = |args: &[&str]| -> Finished { run([&["campaign"], args].concat()).success() };
-    let (whole, joined) = (at("whole").display().to_string(), at("joined").display().to_string());
-    flown(&[&file, "--out", &whole]);
-    let parts: Vec<String> = (1..=3).map(|n| part(n).display().to_string()).collect();
-    flown(&["merge", &parts[1], &parts[0], &parts[2], "--out", &joined]);
-    let bytes = |folder: &str| std::fs::read(Path::new(folder).join("flights.parquet")).unwrap();
-    assert!(bytes(&whole) == bytes(&joined), "the table differs");
+    assert_joined_to_the_whole(dir.path(), &out);
     Ok(())
+}
+
+fn a_killed_task_of_hyperqueue_goes_on_and_the_parts_join_to_the_bytes_of_the_whole() -> Outcome {
+    let python = whirlstand_test_harness::python_with("hyperqueue")?;
+    let dir = tempfile::tempdir().unwrap();
+    let (file, out) = (dir.path().join("gusts.toml"), dir.path().join("parts"));
+    std::fs::write(&file, CAMPAIGN).unwrap();
+    std::fs::create_dir(&out).unwrap();
+    let mut engine = Command::new(python);
+    engine.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/cluster/parts.py"));
+    engine.args([Path::new(env!("CARGO_BIN_EXE_whirlstand")), file.as_path(), out.as_path()]).arg("3");
+    let mut engine = spawn(engine);
+    let said = || {
+        let tasks = ["task-1.err", "task-2.err", "task-3.err"];
+        tasks.map(|name| std::fs::read_to_string(out.join(name)).unwrap_or_default()).join("\n")
+    };
+    kill_second(&mut engine, &out, &said);
+    let ended = engine.finish_within(LONGEST);
+    assert_eq!(ended.code(), 0, "{}\n{}", ended.stderr, said());
+    let again = std::fs::read_to_string(out.join("task-2.txt")).unwrap();
+    assert!(again.contains("started again"), "{again}");
+    assert_joined_to_the_whole(dir.path(), &out);
+    Ok(())
+}
+
+/// Kills the task of part 2 of 3 once it has kept some flights.
+fn kill_second(engine: &mut Running, out: &Path, said: impl Fn() -> String) {
+    let mut second = None;
+    while second.is_none() && engine.is_alive() {
+        second = pid_of("2/3", out);
+        std::thread::yield_now();
+    }
+    kill(second.unwrap_or_else(|| panic!("part 2 was over before it was seen: {}", said())));
+}
+
+/// The three parts in `out` join to the bytes of the campaign `gusts.toml` in `dir` that is flown in one piece.
+fn assert_joined_to_the_whole(dir: &Path, out: &Path) {
+    let at = |name: &str| dir.join(name).display().to_string();
+    let flown = |args: &[&str]| -> Finished { run([&["campaign"], args].concat()).success() };
+    flown(&[&at("gusts.toml"), "--out", &at("whole")]);
+    let part = |n: u32| out.join(format!("part-{n}-of-3.parquet")).display().to_string();
+    flown(&["merge", &part(2), &part(1), &part(3), "--out", &at("joined")]);
+    let bytes = |folder: &str| std::fs::read(dir.join(folder).join("flights.parquet")).unwrap();
+    assert!(bytes("whole") == bytes("joined"), "the table differs");
 }
 
 fn kill(pid: i32) {
