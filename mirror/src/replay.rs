@@ -183,16 +183,48 @@ impl Trial {
         self.samples
     }
 
-    /// The step of Gauss and Newton from here, and what it is expected to add to the evidence.
+    /// The step of Gauss and Newton from here, and what it is expected to add to the evidence. A parameter of which nothing shows
+    /// yet, such as a limit that is not reached, stays where it is, so that the others are found.
     pub fn newton(&self) -> Option<(DVector<f64>, f64)> {
-        let step = self.curvature.clone().cholesky()?.solve(&(-&self.slope));
-        let gain = -0.5 * self.slope.dot(&step);
+        let (mut curvature, mut slope) = (self.curvature.clone(), self.slope.clone());
+        for k in self.unseen() {
+            curvature[(k, k)] = 1.0;
+            slope[k] = 0.0;
+        }
+        let step = curvature.cholesky()?.solve(&(-&slope));
+        let gain = -0.5 * slope.dot(&step);
         step.iter().all(|v| v.is_finite()).then_some((step, gain))
     }
 
-    /// Standard deviations of the parameters.
+    /// Standard deviations of the parameters; infinite where nothing shows.
     pub fn spread(&self) -> Option<Vec<f64>> {
-        let inverse = self.curvature.clone().cholesky()?.inverse();
-        Some((0..self.moves.len()).map(|i| inverse[(i, i)].sqrt()).collect())
+        let mut curvature = self.curvature.clone();
+        self.unseen().for_each(|k| curvature[(k, k)] = 1.0);
+        let inverse = curvature.cholesky()?.inverse();
+        let mut spread: Vec<f64> = (0..self.moves.len()).map(|i| inverse[(i, i)].sqrt()).collect();
+        self.unseen().for_each(|k| spread[k] = f64::INFINITY);
+        Some(spread)
+    }
+
+    /// Parameters that change no prediction: their rows are zero.
+    fn unseen(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.moves.len()).filter(|k| self.curvature[(*k, *k)] == 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_that_is_not_reached_yet_does_not_keep_the_other_from_being_found() {
+        let mut trial = Trial::new(Vec::new(), vec![0.1, 0.1], 0, 1, None);
+        (trial.slope[0], trial.curvature[(0, 0)]) = (2.0, 4.0);
+        let (step, gain) = trial.newton().expect("a step");
+        assert_eq!((step.as_slice(), gain), (&[-0.5, 0.0][..], 0.5));
+        assert_eq!(trial.spread().expect("a spread"), [0.5, f64::INFINITY]);
+        // What is not a number is no step.
+        trial.slope[0] = f64::NAN;
+        assert!(trial.newton().is_none());
     }
 }

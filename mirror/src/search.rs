@@ -117,9 +117,13 @@ impl Search {
         // Sizes follow from what moved; what was found keeps its place when the list is the same.
         let best = self.fits.iter().flatten().map(|f| f.score).fold(f64::NEG_INFINITY, f64::max);
         let behind = |f: &Fit| f.settled && f.score < best - HOPELESS.0 && f.score < HOPELESS.1 * best;
-        let hopeless = |f: &Option<Fit>| f.as_ref().is_some_and(behind);
+        let is_behind: Vec<bool> = self.fits.iter().map(|f| f.as_ref().is_some_and(behind)).collect();
         if fresh.len() == self.candidates.len() {
-            self.hopeless = self.fits.iter().map(hopeless).collect();
+            // What holds another as a special case is at least as likely: limits to both sides are not given up before one is.
+            let all_are = |c: &Candidate| {
+                self.candidates.iter().zip(&is_behind).all(|(other, behind)| *behind || !c.is_same(other))
+            };
+            self.hopeless = self.candidates.iter().map(all_are).collect();
             self.candidates = fresh;
         } else {
             (self.hopeless, self.fits) = (vec![false; fresh.len()], vec![None; fresh.len()]);
