@@ -1,6 +1,7 @@
 //! A designed law at work, one call a period.
 
 pub(crate) mod lanes;
+mod takeover;
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::LinearModel;
@@ -8,6 +9,7 @@ use whirlstand_vehicle::LinearModel;
 use crate::actuation::Actuation;
 use crate::compensation::{self, Compensation, Declined};
 use crate::design::{Design, Switching};
+use crate::handover::Handover;
 use crate::kernel::{Block, Packed, blocks};
 use crate::options::AntiWindup;
 use crate::outcome::Outcome;
@@ -79,6 +81,7 @@ pub struct Controller {
     added: Vec<f64>,
     command: Vec<f64>,
     refusals: u32,
+    handover: Handover,
 }
 
 /// The nonlinear part of sliding mode.
@@ -154,6 +157,7 @@ impl Controller {
             added: vec![0.0; m],
             command: neutral.clone(),
             refusals: 0,
+            handover: Handover::new(design),
             actuation,
         };
         controller.reset();
@@ -172,6 +176,7 @@ impl Controller {
         self.reference.fill(0.0);
         self.target.track(0);
         self.refusals = 0;
+        self.handover.reset();
         if let Some(sliding) = &mut self.sliding {
             sliding.twist.fill(0.0);
         }
@@ -269,6 +274,7 @@ impl Controller {
                 wanted.zip(&self.steady_u).for_each(|(w, u)| *w = u + self.loop_gain * (*w - u));
             }
             self.wanted.as_flattened_mut().iter_mut().zip(&self.added).for_each(|(w, a)| *w += a);
+            self.handover.add(self.wanted.as_flattened_mut());
             self.actuation.meet_friction(&self.predicted.as_flattened()[..self.n]);
             let wanted = self.wanted.as_flattened();
             outcome.saturated = self.actuation.limit(wanted, &self.in_force, &mut self.command);

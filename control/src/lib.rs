@@ -8,6 +8,7 @@ mod actuation;
 mod compensation;
 mod controller;
 pub mod design;
+mod handover;
 mod hessenberg;
 mod input_limits;
 pub mod kalman;

@@ -10,6 +10,7 @@
 //! [`SampledModel::reduction`](crate::SampledModel::reduction).
 
 mod controllability;
+mod dwell;
 mod error;
 mod estimated;
 mod linear_law;
