@@ -129,8 +129,11 @@ pub(crate) fn adjusted(scene: &Scene, m: &Adjustment) -> Option<Event> {
 /// What the mirror says; `None` for a message of another version.
 pub(crate) fn found(scene: &Scene, m: &Finding) -> Option<Event> {
     let outputs: Vec<&str> = scene.outputs.iter().map(|o| o.name.as_str()).collect();
-    let over = m.stage == FindingStage::Over as u32;
-    let kind = if over { EventKind::Note } else { EventKind::Warning };
+    let is_good = [FindingStage::Over, FindingStage::Law, FindingStage::FirstLaw];
+    let kind = match is_good.iter().any(|s| *s as u32 == m.stage) {
+        true => EventKind::Note,
+        false => EventKind::Warning,
+    };
     let text = format!("mirror: {}", finding_text(m, &outputs)?);
     Some(Event { t: seconds(m.head.stamp_ns), kind, text })
 }

@@ -16,6 +16,14 @@ pub fn finding_text(finding: &Finding, outputs: &[&str]) -> Option<String> {
             format!("what was said does not hold; the prediction of {output} is wrong {since}")
         }
         FindingStage::Over => "prediction is right again".into(),
+        FindingStage::Law if finding.evidence > 0.0 => {
+            let cost = number(finding.evidence);
+            format!("the law for {} flies from here on; cost {cost} of that before", cause(finding))
+        }
+        FindingStage::Law => {
+            format!("the law for {} flies from here on; the one before is lost", cause(finding))
+        }
+        FindingStage::FirstLaw => "the first law flies again".into(),
     })
 }
 
@@ -74,6 +82,15 @@ mod tests {
             "since 12.30 s: sensor_bias on roll_rate: offset 0.573 deg/s (0.516 to 0.630 deg/s); or input_bias on u_roll, \
              which would look the same"
         );
+        finding.alike = 0;
+        (finding.stage, finding.evidence) = (FindingStage::Law as u32, 0.62);
+        assert_eq!(
+            text(&finding).unwrap(),
+            "the law for sensor_bias on roll_rate: offset 0.573 deg/s (0.516 to 0.630 deg/s) flies from here on; cost 0.620 of \
+             that before"
+        );
+        finding.stage = FindingStage::FirstLaw as u32;
+        assert_eq!(text(&finding).unwrap(), "the first law flies again");
         finding.stage = 9;
         assert_eq!(text(&finding), None);
     }

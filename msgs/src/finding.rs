@@ -62,12 +62,16 @@ pub enum FindingStage {
     Withdrawn = 4,
     /// Prediction is right again.
     Over = 5,
+    /// The law that was designed for the cause flies from here on; `evidence` is its cost over that of the law before.
+    Law = 6,
+    /// The first law flies again, because what the other was designed for is withdrawn or over.
+    FirstLaw = 7,
 }
 
 impl FindingStage {
     /// The stage for a number in [`Finding::stage`]; `None` for one that this version does not know.
     pub fn from_u32(value: u32) -> Option<Self> {
-        [Self::Wrong, Self::Named, Self::Revised, Self::Withdrawn, Self::Over]
+        [Self::Wrong, Self::Named, Self::Revised, Self::Withdrawn, Self::Over, Self::Law, Self::FirstLaw]
             .into_iter()
             .find(|s| *s as u32 == value)
     }

@@ -26,6 +26,8 @@ pub mod flags {
     /// A controller that lives and has no usable command for this step; `count` is zero. A plant in lockstep, which
     /// would wait for a command, counts a miss.
     pub const WITHHELD: u32 = 32;
+    /// The command is of a law that took the place of the first one in flight.
+    pub const SUCCEEDED: u32 = 64;
 }
 
 /// Values of `in_charge` in [`Sent`]: whose will the outputs of a bridge to a vehicle follow.

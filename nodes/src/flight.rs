@@ -8,7 +8,7 @@ mod lanes;
 
 use whirlstand_control::Estimator;
 use whirlstand_msgs::{Command, Head, MAX_OUTPUTS, Message, Setpoint, flags};
-use whirlstand_vehicle::Simulator;
+use whirlstand_vehicle::{Simulator, Vehicle};
 
 use crate::config::{ControllerConfig, Engine, EstimatorConfig, NodeConfig, VehicleSource};
 use crate::controller::{Law, Profile};
@@ -125,13 +125,28 @@ impl Pilot {
         Ok(Self { known, setup, estimator: self.estimator.clone(), law: self.law.clone() })
     }
 
+    /// The same filter before the law that this bench would design for another model.
+    ///
+    /// # Errors
+    /// [`NodeError`] for a law that cannot be designed for it.
+    pub(crate) fn under_the_law_for(&self, config: &NodeConfig, model: &Vehicle) -> Result<Self, NodeError> {
+        let setup = Setup { model: model.clone(), ..self.setup.clone() };
+        let law = Law::new(config, &setup)?;
+        Ok(Self {
+            known: self.known.clone(),
+            setup: self.setup.clone(),
+            estimator: self.estimator.clone(),
+            law,
+        })
+    }
+
     /// Whether it is the one that this bench would design.
     pub fn is_of(&self, config: &NodeConfig) -> bool {
         self.known.is_of(config)
     }
 
     /// The vehicle, without the effects of the launch file.
-    pub fn vehicle(&self) -> &whirlstand_vehicle::Vehicle {
+    pub fn vehicle(&self) -> &Vehicle {
         &self.setup.vehicle
     }
 

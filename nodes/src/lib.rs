@@ -68,6 +68,7 @@ pub mod recorder;
 pub mod relay;
 pub mod setup;
 pub mod signals;
+mod succession;
 pub mod topics;
 mod wait_report;
 

@@ -19,4 +19,6 @@ pub enum OnFinding {
     Tell,
     /// The controller withholds its commands, so that the plant brings its inputs to neutral, until prediction is right again.
     Failsafe,
+    /// The law that is designed for the cause takes the place of the one that flies, once it is the better one on draws.
+    Law,
 }

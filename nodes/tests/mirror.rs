@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bus::{Bus, BusConfig, Subscriber};
 use whirlstand_msgs::{Command, Estimate, Finding, FindingStage, Imu, Message, Truth, flags, text_of};
 use whirlstand_nodes::clock::Turn;
-use whirlstand_nodes::config::{MirrorConfig, NodeConfig, OnFinding, SignalChange};
+use whirlstand_nodes::config::{LawKind, MirrorConfig, NodeConfig, OnFinding, SignalChange};
 use whirlstand_nodes::inproc::Bench;
 use whirlstand_vehicle::{Effect, Kind, Window};
 
@@ -131,4 +131,87 @@ fn commands_are_withheld_from_the_first_word_on_where_the_launch_file_says_so() 
     config.mirror = Some(MirrorConfig::default());
     config.bench = common::unique("mirror-tell");
     assert!(run(&config).failsafe.is_empty());
+}
+
+fn messages<M: Message>(bytes: &[u8]) -> Vec<M> {
+    bytes.chunks_exact(size_of::<M>()).map(bytemuck::pod_read_unaligned).collect()
+}
+
+/// Mean square of roll's error from a step on, in parts of 2 deg, and of the input that turns it, in parts of what it can do.
+fn cost(said: &Said, config: &NodeConfig, from: u64) -> f64 {
+    let mut wanted = 0.0;
+    let mut sum = 0.0;
+    let truths = messages::<Truth>(&said.bits[3]);
+    for truth in truths.iter() {
+        let at_s = truth.head.stamp_ns as f64 * 1e-9;
+        wanted = config.setpoint.iter().rfind(|c| c.at_s <= at_s + 1e-9).map_or(wanted, |c| c.values["roll"]);
+        if truth.head.step >= from {
+            sum += ((truth.x[0] - wanted) / 0.035).powi(2) + (truth.u[0] / 20.0).powi(2);
+        }
+    }
+    sum / (truths.len() as u64 - from) as f64
+}
+
+/// Flies a quadrotor that changes after 8 s, with and without a law that follows what is found: finding and command of the change, and
+/// the costs from 2 s after it on.
+fn succeeded(name: &str, effect: &Effect, law: LawKind) -> (Said, u64, [f64; 2]) {
+    let mut config = flight(name, 40);
+    config.controller.law = law;
+    let late = Window { from_s: Some(8.0), until_s: None };
+    config.effects.push(effect.clone().during(late).unwrap());
+    config.mirror = Some(MirrorConfig { on_finding: OnFinding::Law });
+    let with = run(&config);
+    let change = with.findings.iter().find(|f| f.stage == FindingStage::Law as u32);
+    let change = change.unwrap_or_else(|| panic!("{name}: no law: {:?}", with.findings));
+    assert!(change.evidence > 0.0 && change.evidence < 1.0, "its cost on draws: {change:?}");
+    let commands = messages::<Command>(&with.bits[2]);
+    let is_other = |c: &&Command| c.flags & flags::SUCCEEDED != 0;
+    let from = commands.iter().find(is_other).expect("another law is in charge").head.step;
+    let said = change.head.step;
+    assert!((said + 96..said + 400).contains(&from), "asked for at {said}, in charge from {from}");
+    let again = run(&NodeConfig { bench: common::unique(name), ..config.clone() });
+    assert!(again.bits == with.bits, "a run in lockstep repeats itself");
+    let tell = MirrorConfig { on_finding: OnFinding::Tell };
+    let told = run(&NodeConfig { mirror: Some(tell), bench: common::unique(name), ..config.clone() });
+    assert!(told.findings.iter().all(|f| f.stage != FindingStage::Law as u32));
+    assert!(messages::<Command>(&told.bits[2]).iter().all(|c| c.flags & flags::SUCCEEDED == 0));
+    // No bump: the command changes at the first step of the new law as it did at those before, with no step of the setpoint there.
+    let change_at = |step: u64| {
+        let pair = [step - 1, step].map(|k| commands.iter().find(|c| c.head.step == k).expect("a command"));
+        (pair[1].u[0] - pair[0].u[0]).abs()
+    };
+    let usual = (from - 20..from).map(change_at).fold(0.0, f64::max);
+    assert!(change_at(from) < 2.0 * usual + 0.01, "{name}: {} after {usual}", change_at(from));
+    let costs = [&told, &with].map(|said| cost(said, &config, from + 400));
+    println!(
+        "{name}: asked for at {said}, in charge from {from}, cost on draws {:.3}, flown {costs:.4?}",
+        change.evidence
+    );
+    (with, from, costs)
+}
+
+#[test]
+fn the_law_for_a_loss_of_effectiveness_takes_over_without_a_bump_and_flies_better() {
+    let weak = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.5)]).unwrap();
+    let (said, from, [tell, law]) = succeeded("law-gain", &weak, LawKind::Lqr);
+    assert!(law < 0.97 * tell, "cost {tell} without, {law} with");
+    assert!(from < 8 * 200 + 12 * 200, "in charge from {from}");
+    let laws = said.findings.iter().filter(|f| f.stage >= FindingStage::Law as u32).count();
+    assert!(laws <= 2, "it does not go to and fro: {:?}", said.findings);
+}
+
+#[test]
+fn the_first_law_comes_back_when_the_vehicle_is_itself_again() {
+    let mut config = flight("law-back", 60);
+    let gain = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.5)]).unwrap();
+    config.effects.push(gain.during(Window { from_s: Some(8.0), until_s: Some(22.0) }).unwrap());
+    config.mirror = Some(MirrorConfig { on_finding: OnFinding::Law });
+    let said = run(&config);
+    let stages: Vec<u32> =
+        said.findings.iter().map(|f| f.stage).filter(|s| *s >= FindingStage::Law as u32).collect();
+    assert_eq!(stages.first(), Some(&(FindingStage::Law as u32)), "{:?}", said.findings);
+    assert_eq!(stages.last(), Some(&(FindingStage::FirstLaw as u32)), "{:?}", said.findings);
+    let commands = messages::<Command>(&said.bits[2]);
+    assert_eq!(commands.last().expect("commands").flags & flags::SUCCEEDED, 0);
+    assert!(commands.iter().any(|c| c.flags & flags::SUCCEEDED != 0));
 }

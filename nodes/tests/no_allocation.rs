@@ -43,3 +43,52 @@ fn steps_of_every_vehicle_law_and_filter_allocate_nothing() {
         }
     }
 }
+
+/// Steps around a change of the law: the design is made elsewhere, and the step that changes allocates nothing.
+#[test]
+fn a_step_that_changes_the_law_allocates_nothing() {
+    use whirlstand_bus::{Bus, BusConfig};
+    use whirlstand_msgs::{Command, Finding, FindingStage, Head, Message, flags, text_field};
+    use whirlstand_nodes::config::{MirrorConfig, OnFinding};
+
+    let mut config = common::config("law-allocations", u64::MAX);
+    // The mirror sees nothing wrong in this flight: its word comes from here.
+    config.mirror = Some(MirrorConfig { on_finding: OnFinding::Law });
+    let bus = Bus::open(&BusConfig::new(&config.bench, "word", config.transport)).unwrap();
+    let (mut words, mut commands) =
+        (bus.publisher::<Finding>().unwrap(), bus.subscriber::<Command>(4).unwrap());
+    let mut bench = Bench::open(&config).unwrap();
+    for _ in 0..2000 {
+        bench.round().unwrap();
+    }
+    let mut last = || {
+        let mut last = None;
+        while let Some(command) = commands.try_recv().unwrap() {
+            last = Some(command);
+        }
+        last
+    };
+    let step = last().expect("it flies").head.step;
+    let mut word = Finding { number: 1, stage: FindingStage::Law as u32, count: 1, ..Finding::zeroed() };
+    word.head = Head { seq: 0, step, stamp_ns: step * config.period_ns };
+    (word.effect, word.place) = (text_field("input_delay"), text_field("u_roll"));
+    (word.names, word.value[0]) = (text_field("delay_s"), 0.05);
+    words.send(&word).unwrap();
+    let (mut changed, mut all) = (false, 0);
+    for _ in 0..4000 {
+        let counted = measure(|| {
+            bench.round().unwrap();
+        });
+        let now = last().is_some_and(|c| c.flags & flags::SUCCEEDED != 0);
+        assert!(
+            counted.count_total == 0 || now == changed,
+            "{} allocations at the change",
+            counted.count_total
+        );
+        all += counted.count_total;
+        changed |= now;
+    }
+    assert!(changed, "the law has changed");
+    // A lockstep loop waits for the design, for which the channel makes its waiting place, once.
+    assert!(all <= 4, "{all} allocations around it");
+}

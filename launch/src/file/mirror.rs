@@ -1,6 +1,6 @@
 //! `[mirror]`: who holds the flight against the vehicle file, and what is done about a finding.
 
-use whirlstand_nodes::config::{MirrorConfig, OnFinding};
+use whirlstand_nodes::config::{LawKind, MirrorConfig, OnFinding, Role};
 
 use super::document::{LaunchError, at};
 use super::plan::Planner;
@@ -20,16 +20,31 @@ impl Planner<'_> {
                 );
             }
             "failsafe" => OnFinding::Failsafe,
-            "law" => {
+            "law" if file.has_autopilot() => {
                 return fail(
-                    "a law is not changed in flight yet: use \"tell\" or \"failsafe\", and `whirlstand tune` after the flight"
-                        .into(),
+                    "an autopilot has its own laws, which the bench does not design: use \"tell\"".into(),
                 );
             }
-            other => return fail(unknown("value", other, ["tell", "failsafe"])),
+            "law" if file.controller.law == LawKind::Manual => {
+                return fail(
+                    "controller.law = \"manual\" has no law to design: use \"tell\" or \"failsafe\"".into(),
+                );
+            }
+            "law" if is_foreign(file) => {
+                return fail(
+                    "a controller that is a program of its own designs its own laws: use \"tell\"".into(),
+                );
+            }
+            "law" => OnFinding::Law,
+            other => return fail(unknown("value", other, ["tell", "failsafe", "law"])),
         };
         Ok(section.enabled.then_some(MirrorConfig { on_finding }))
     }
+}
+
+/// Whether the controller is a program or hardware that is not the bench's.
+fn is_foreign(file: &LaunchFile) -> bool {
+    file.nodes.get(Role::Controller.name()).is_some_and(|n| n.exec.is_some() || n.external)
 }
 
 #[cfg(test)]
@@ -43,7 +58,11 @@ mod tests {
     use crate::file::plan::Plan;
 
     fn plan(section: &str) -> Result<Plan, LaunchError> {
-        let text = format!("vehicle = 'quadrotor'\ncontroller.law = 'smc'\n{section}");
+        plan_under("smc", section)
+    }
+
+    fn plan_under(law: &str, section: &str) -> Result<Plan, LaunchError> {
+        let text = format!("vehicle = 'quadrotor'\ncontroller.law = '{law}'\n{section}");
         let document = Document::parse("a.toml", &text)?;
         let file = FoundFile { document, name: "a".into(), folder: ".".into() };
         Ok(jobs_of(&file, &OverrideArgs::default(), false)?.runs.remove(0).plan)
@@ -61,9 +80,14 @@ mod tests {
         assert_eq!(safe.config.mirror.unwrap().on_finding, OnFinding::Failsafe);
         let off = plan("[mirror]\nenabled = false\n").unwrap();
         assert!(!flies(&off) && off.config.mirror.is_none());
-        for (value, word) in
-            [("law", "not changed in flight"), ("tel", "did you mean 'tell'"), ("x", "known are")]
-        {
+        let law = plan("[mirror]\non_finding = 'law'\n").unwrap();
+        assert_eq!(law.config.mirror.unwrap().on_finding, OnFinding::Law);
+        let stick = plan_under("manual", "[mirror]\non_finding = 'law'\n").unwrap_err();
+        assert!(stick.message.contains("no law to design"), "{stick}");
+        let foreign =
+            plan("[mirror]\non_finding = 'law'\n[nodes.controller]\nexec = ['true']\n").unwrap_err();
+        assert!(foreign.message.contains("program of its own"), "{foreign}");
+        for (value, word) in [("tel", "did you mean 'tell'"), ("x", "known are")] {
             let error = plan(&format!("[mirror]\non_finding = '{value}'\n")).unwrap_err();
             assert!(error.place.contains("line 4") && error.message.contains(word), "{error}");
         }

@@ -148,7 +148,7 @@ impl Default for PlantSection {
 pub(crate) struct MirrorSection {
     /// Whether it flies, so that variants can leave it out.
     pub enabled: bool,
-    /// What is done about a finding: `tell` or `failsafe`.
+    /// What is done about a finding: `tell`, `failsafe` or `law`.
     pub on_finding: String,
 }
 

@@ -125,6 +125,24 @@ impl Law {
         }
     }
 
+    /// Steps until a law that flies along has only true commands in its memory.
+    pub(super) fn memory_steps(&self) -> u64 {
+        match self {
+            Self::Manual => 0,
+            Self::Designed { controller, .. } => controller.memory_steps() as u64,
+        }
+    }
+
+    /// Flies along with the law in charge, which has just taken the step, so that it can take over in the next.
+    pub(super) fn fly_along(&mut self, flying: &Self, x: &[f64], setpoint: &Setpoint) {
+        if let (Self::Designed { controller, states, .. }, Self::Designed { controller: other, .. }) =
+            (self, flying)
+        {
+            let (x, wanted) = (&x[..*states], &setpoint.x[..*states]);
+            controller.fly_along(other, x, wanted, setpoint.tracked);
+        }
+    }
+
     /// Back to rest, for a new run.
     pub(super) fn reset(&mut self) {
         if let Self::Designed { controller, .. } = self {

@@ -5,6 +5,8 @@
 //! the plant was restarted, and reset the law; a repeated step is answered with the same command again.
 
 mod caution;
+mod draftsman;
+mod heirs;
 mod law;
 mod outside;
 mod profile;
@@ -22,6 +24,7 @@ use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
 use caution::Caution;
+use heirs::InCharge;
 pub(crate) use law::Law;
 pub use law::{controller_of, left_out};
 use outside::Outside;
@@ -41,7 +44,7 @@ pub struct Controller {
     telemetry: bool,
     always_telemetry: bool,
     peers: Peers,
-    law: Law,
+    law: InCharge,
     profile: Profile,
     last: Option<Command>,
     states: usize,
@@ -57,7 +60,7 @@ impl Controller {
     /// [`NodeError`] for a law that cannot be designed for the vehicle, or ports that cannot be opened.
     pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let profile = Profile::new(config, &setup.vehicle)?;
-        let law = Law::new(config, setup)?;
+        let law = InCharge::open(bus, config, setup)?;
         let listens_to = if config.peers.contains(&Role::Estimator) { vec![Role::Estimator] } else { vec![] };
         // What the plant may do at its start is its own affair: here the bounds are those of a vehicle at rest.
         let bounds = setup.vehicle.state_bounds(&vec![0.0; setup.vehicle.states.len()]);
@@ -101,10 +104,10 @@ impl Controller {
             _ => {}
         }
         let withholds = self.caution.withholds(step, &mut self.refused)?;
-        self.outside.take(estimate.head, &mut self.law)?;
+        self.outside.take(estimate.head, self.law.law())?;
         let setpoint = self.outside.setpoint(self.profile.at(estimate.head));
         let mut command = Command { head: estimate.head, count: self.inputs as u32, ..Command::zeroed() };
-        command.flags = self.law.step(step, &estimate.x, setpoint, &mut command.u);
+        command.flags = self.law.step(step, &estimate.x, setpoint, &mut command.u, &mut self.refused)?;
         if withholds {
             command = Command { head: estimate.head, flags: flags::WITHHELD, ..Command::zeroed() };
         }

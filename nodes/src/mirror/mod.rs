@@ -4,7 +4,10 @@
 //! whatever else the launch file adds is what it has to find. It looks at its queues at a steady pace, as the recorder does, so that nobody in the loop pays
 //! for it, and nobody hears it but who asks to (`on_finding = "failsafe"`).
 
+mod check;
+mod declared;
 mod inputs;
+mod laws;
 mod message;
 
 use std::time::Instant;
@@ -13,20 +16,22 @@ use whirlstand_bus::{Bus, Publisher, Subscriber};
 use whirlstand_logs::finding_text::finding_text;
 use whirlstand_mirror::{Mirror as Watcher, Options, Sample};
 use whirlstand_msgs::{
-    Adjustment, AdjustmentKind, AdjustmentVerdict, Finding, Health, Imu, MAX_OUTPUTS, Message, NodeState,
-    Odometry, Outputs, Progress,
+    Adjustment, AdjustmentKind, AdjustmentVerdict, Finding, Head, Health, Imu, MAX_OUTPUTS, Message,
+    NodeState, Odometry, Outputs, Progress,
 };
-use whirlstand_vehicle::{Engine, Kind, Vehicle};
+use whirlstand_vehicle::Engine;
 
 use crate::clock::Turn;
 use crate::companion::Companion;
-use crate::config::{NodeConfig, Role};
+use crate::config::{NodeConfig, OnFinding, Role};
 use crate::error::NodeError;
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
 use crate::signals::{Measurement, OutputMap};
+use declared::declared;
 use inputs::{Acting, Inputs};
+use laws::Laws;
 use message::message;
 
 /// Queue of each topic.
@@ -49,6 +54,7 @@ pub struct Mirror {
     adjusted: Subscriber<Adjustment>,
     inputs: Inputs,
     findings: Publisher<Finding>,
+    laws: Option<Laws>,
     progress: Publisher<Progress>,
     peers: Peers,
     period_ns: u64,
@@ -63,36 +69,20 @@ pub struct Mirror {
 /// Turns that a measurement waits for its inputs and the other sensors before it is left out.
 const PATIENCE: u32 = 40;
 
-/// The vehicle with all that is declared of the flight: disturbances of the launch file are, its other effects are not.
-fn declared(setup: &Setup, config: &NodeConfig) -> Result<Vehicle, NodeError> {
-    let mut vehicle = setup.model.clone();
-    let disturbs = |kind: Kind| {
-        matches!(
-            kind,
-            Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance | Kind::Turbulence
-        )
-    };
-    for effect in config.effects.iter().filter(|e| disturbs(e.kind())) {
-        let reason = |e: whirlstand_vehicle::EffectError| e.to_string();
-        let origin = config.vehicle.origin.clone();
-        vehicle.add_effect(effect.clone()).map_err(|e| NodeError::Vehicle { origin, reason: reason(e) })?;
-    }
-    Ok(vehicle)
-}
-
 impl Mirror {
     /// Prepares the predictor and opens the ports.
     ///
     /// # Errors
     /// [`NodeError`] for a vehicle that cannot be mirrored, or ports that cannot be opened.
     pub fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
-        if config.mirror.is_none() {
+        let Some(options) = config.mirror else {
             return Err(NodeError::Config {
                 field: "mirror".into(),
                 value: "nothing".into(),
                 reason: "a mirror flies where the launch file has [mirror]".into(),
             });
-        }
+        };
+        let changes_laws = options.on_finding == OnFinding::Law;
         let real = config.bridge.as_ref().is_some_and(|b| b.kind.is_vehicle());
         let vehicle = declared(setup, config)?;
         let period_s = Setup::period_s(config);
@@ -108,6 +98,7 @@ impl Mirror {
             adjusted: bus.subscriber(QUEUE_DEPTH)?,
             inputs: Inputs::open(bus, setup.limits, real, QUEUE_DEPTH)?,
             findings: bus.publisher()?,
+            laws: changes_laws.then(|| Laws::new(config, setup)),
             progress: bus.publisher_on(PACE_TOPIC)?,
             peers: Peers::open(bus, Role::Mirror, vec![Role::Plant])?,
             period_ns: config.period_ns,
@@ -173,6 +164,9 @@ impl Mirror {
                 tracing::warn!(step, "the plant began a new run: the mirror begins anew");
                 self.inputs.restart();
                 self.watcher.restart();
+                if let Some(laws) = &mut self.laws {
+                    laws.restart();
+                }
             }
             _ => {}
         }
@@ -203,13 +197,25 @@ impl Mirror {
         let found = self.watcher.observe(&Sample { step, y: &y[..count], fresh, u: &u[..inputs] });
         if let Some(found) = found {
             let mut finding = message(&found, self.watcher.vehicle(), self.period_ns);
-            finding.head = whirlstand_msgs::Head { seq: 0, ..imu.head };
-            let names: Vec<&str> = self.outputs_of.iter().map(String::as_str).collect();
-            tracing::warn!("{}", finding_text(&finding, &names).unwrap_or_default());
-            self.findings.send(&finding)?;
+            finding.head = Head { seq: 0, ..imu.head };
+            if let Some(laws) = &mut self.laws {
+                laws.hear(&finding);
+            }
+            self.say(&finding)?;
+        }
+        if let Some(laws) = &mut self.laws
+            && let Some(law) = laws.turn(imu.head)?
+        {
+            self.say(&law)?;
         }
         self.done(step)?;
         Ok(true)
+    }
+
+    fn say(&mut self, finding: &Finding) -> Result<(), NodeError> {
+        let names: Vec<&str> = self.outputs_of.iter().map(String::as_str).collect();
+        tracing::warn!("{}", finding_text(finding, &names).unwrap_or_default());
+        Ok(self.findings.send(finding)?)
     }
 
     fn done(&mut self, step: u64) -> Result<(), NodeError> {

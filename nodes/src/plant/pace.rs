@@ -3,12 +3,13 @@
 use whirlstand_bus::{Bus, Subscriber, Transport};
 use whirlstand_msgs::{Message, Progress};
 
-use crate::config::{Mode, NodeConfig, Role};
+use crate::config::{Mode, NodeConfig, OnFinding, Role};
 use crate::error::NodeError;
 use crate::mirror::PACE_TOPIC;
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::recorder::QUEUE_DEPTH;
+use crate::succession;
 
 /// Steps that may be on their way to the recorder. Half its queue, because a step's estimate and command can
 /// come after the next step's measurement.
@@ -29,7 +30,14 @@ impl Paces {
             (Role::Mirror, config.mirror.is_some(), PACE_TOPIC),
         ];
         let followers = followers.into_iter().filter(|(_, flies, _)| *flies && lockstep);
-        let open = |(role, _, topic)| Ok((role, Pace::open(bus, config.transport, topic)?));
+        let changes_laws = config.mirror.is_some_and(|m| m.on_finding == OnFinding::Law);
+        let open = |(role, _, topic)| {
+            let mut pace = Pace::open(bus, config.transport, topic)?;
+            if role == Role::Mirror && changes_laws {
+                pace.window = pace.window.min(succession::WINDOW);
+            }
+            Ok((role, pace))
+        };
         Ok(Self(followers.map(open).collect::<Result<_, NodeError>>()?))
     }
 
