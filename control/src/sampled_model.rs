@@ -232,50 +232,6 @@ impl SampledModel {
         }
         Ok(total)
     }
-
-    /// What a step of the commands does to the states over whole delays: the Artstein reduction (IEEE Trans. Autom. Control
-    /// 27, 1982), here in discrete time. With `M` and `b` returned, `p = M s` obeys `p+ = phi p + b u` for states z that obey
-    /// `z+ = phi z + ...`, and registers that have nothing to do with p but through it. `phi` is `count` x `count` for the
-    /// first states of `f` and `extra` further ones (integrals) that those drive through `phi`.
-    pub fn reduction(&self, phi: &DMatrix<f64>, extra: usize) -> (DMatrix<f64>, DMatrix<f64>) {
-        let (motion, known, m) = (self.layout.motion(), self.layout.known(), self.g.ncols());
-        let count = motion + extra;
-        let longest = self.layout.commands.iter().copied().max().unwrap_or(0);
-        // What the state at the end of this period has of a command: at once, and out of the register `back`.
-        let entry = |i: usize, back: usize| {
-            let mut column = nalgebra::DVector::zeros(count);
-            let source =
-                if back == 0 { self.g.column(i) } else { self.f.column(self.layout.command(i, back)) };
-            column.rows_mut(0, motion).copy_from(&source.rows(0, motion));
-            column
-        };
-        let mut powers = vec![DMatrix::identity(count, count)];
-        (0..longest).for_each(|k| powers.push(phi * &powers[k]));
-        let mut map = DMatrix::zeros(count, known + extra);
-        map.columns_mut(0, motion).copy_from(&powers[longest].columns(0, motion));
-        map.columns_mut(known, extra).copy_from(&powers[longest].columns(motion, extra));
-        let mut input = DMatrix::zeros(count, m);
-        for (i, &registers) in self.layout.commands.iter().enumerate() {
-            // A command of k periods ago enters at register r after r - k further periods; `longest` periods ahead its part
-            // has moved on for the rest of them.
-            for back in 0..=registers {
-                let mut sum = nalgebra::DVector::zeros(count);
-                for r in back..=registers {
-                    let periods = longest + usize::from(back == 0);
-                    let moved = periods - 1 - (r - back);
-                    if r - back < periods {
-                        sum += &powers[moved] * entry(i, r);
-                    }
-                }
-                if back == 0 {
-                    input.set_column(i, &sum);
-                } else {
-                    map.set_column(self.layout.command(i, back), &sum);
-                }
-            }
-        }
-        (map, input)
-    }
 }
 
 /// The whole step and what is seen at its beginning, by `[s; u]`: the continuous states at its end are `state`, and registers

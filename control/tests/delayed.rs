@@ -9,6 +9,7 @@ use whirlstand_control::{
     Controller, Design, Estimator, EstimatorOptions, InputLimits, LawOptions, LqrOptions, SampledModel,
     SampledPlant, Selector, Sensors, Weights,
 };
+use whirlstand_linalg::eigenvalues;
 use whirlstand_vehicle::{Effect, Kind, LinearModel, Simulator, Vehicle};
 
 const PERIOD: f64 = 0.005;
@@ -195,6 +196,14 @@ fn the_closed_loop_has_the_poles_that_were_asked_for_whatever_the_delay() {
         assert!(wanted.iter().all(near), "{roll_s} {pitch_s}: {:?}", design.closed_loop_poles);
         let others = design.closed_loop_poles.iter().filter(|p| p.continuous.is_none()).count();
         assert_eq!(others + wanted.len(), design.closed_loop_poles.len());
+        // Those of the loop as it runs, past commands and all; what is left of registers is a ring that rounding makes.
+        let runs = eigenvalues(&design.linear.closed_loop(&design.plant)).expect("converges");
+        let slow: Vec<Complex<f64>> = runs.into_iter().filter(|p| p.norm() > 0.6).collect();
+        let asked: Vec<Complex<f64>> =
+            wanted.iter().map(|p| (Complex::new(p[0], p[1]) * PERIOD).exp()).collect();
+        assert_eq!(slow.len(), asked.len(), "{roll_s} {pitch_s}: {slow:?}");
+        let off = distance(&slow, &asked);
+        assert!(off < 1e-7, "{roll_s} {pitch_s}: {slow:?} off by {off:e}");
     }
 }
 
@@ -269,7 +278,7 @@ fn a_law_that_knows_the_delay_flies_it_better() {
     for law in ["lqr", "ppc", "smc"] {
         let (old, new) = (gust(&later, &plain, law), gust(&later, &later, law));
         println!("{law}, 400 ms: peak {:.2} -> {:.2} deg; cost {:.5} -> {:.5}", old.0, new.0, old.1, new.1);
-        assert!(new.1 < old.1 || law == "ppc", "{law}: {old:?} before, {new:?} after");
+        assert!(new.1 < old.1, "{law}: {old:?} before, {new:?} after");
     }
 }
 

@@ -6,9 +6,10 @@
 //! input. Poles and margins reported are those of the delayed loop.
 //!
 //! A plant whose inputs are late by more ([`SampledPlant::delays_s`]) has past commands as states, and the laws feed back
-//! these as well: the regulator by its equation, the others through the reduction of
-//! [`SampledModel::reduction`](crate::SampledModel::reduction).
+//! these as well: the regulator by its equation, pole placement by a prediction for each input as far as it is late, sliding
+//! mode by one for all inputs as far as the latest reaches.
 
+mod ahead;
 mod controllability;
 mod dwell;
 mod error;

@@ -16,7 +16,7 @@ pub fn ppc(
     o: &PpcOptions,
     integral: &[usize],
 ) -> Result<(LinearLaw, Option<ReducedLoop>), DesignError> {
-    let reduced = Reduced::new(plant, integral);
+    let reduced = Reduced::of_each(plant, integral);
     let (phi, gamma) = (&reduced.phi, &reduced.gamma);
     let poles: Vec<_> = match &o.poles {
         Some(list) => {

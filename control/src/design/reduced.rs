@@ -2,7 +2,9 @@
 
 use nalgebra::DMatrix;
 
+use super::ahead::{Lookahead, to_the_latest};
 use super::linear_law::LinearLaw;
+use crate::sampled_model::SampledModel;
 use crate::sampled_plant::SampledPlant;
 
 /// A closed loop on the state that a late input can still change.
@@ -46,28 +48,54 @@ pub fn with_integrals_of(
     (phi, gamma)
 }
 
-/// The plant that pole placement and sliding mode are designed for: with late inputs, the state as far ahead as the latest
-/// of them reaches, `p = map [s; integrals]` ([`crate::SampledModel::reduction`]).
+/// The plant that pole placement and sliding mode are designed for: without delay, its state ahead of that of the vehicle.
 pub struct Reduced {
     /// Its transition.
     pub phi: DMatrix<f64>,
     /// Its input matrix.
     pub gamma: DMatrix<f64>,
-    /// Absent when no input is late.
-    map: Option<DMatrix<f64>>,
+    ahead: Ahead,
+}
+
+/// How far ahead of the vehicle the state is that is fed back.
+enum Ahead {
+    /// No input is late.
+    Nothing,
+    /// As far as the latest input reaches, for all of them: `p = map [s; integrals]` ([`to_the_latest`]).
+    Latest(DMatrix<f64>),
+    /// For each input as far as it is late.
+    Each(Lookahead),
 }
 
 impl Reduced {
-    /// The plant with integrals, and what reduces it.
-    pub fn new(plant: &SampledPlant, integral: &[usize]) -> Self {
+    /// The plant with integrals, for a law that is not linear: all inputs look as far ahead as the latest reaches, over commands
+    /// that are known, whatever the law will ask for.
+    pub fn to_the_latest(plant: &SampledPlant, integral: &[usize]) -> Self {
+        Self::new(plant, integral, |model, phi| {
+            let (map, gamma) = to_the_latest(model, phi, integral.len());
+            (gamma, Ahead::Latest(map))
+        })
+    }
+
+    /// The plant with integrals, for a linear law: each input looks as far ahead as it is late.
+    pub fn of_each(plant: &SampledPlant, integral: &[usize]) -> Self {
+        Self::new(plant, integral, |model, phi| {
+            let ahead = Lookahead::new(model, plant.delays_s(), plant.period_s(), phi, integral.len());
+            (ahead.input.clone(), Ahead::Each(ahead))
+        })
+    }
+
+    fn new(
+        plant: &SampledPlant,
+        integral: &[usize],
+        reduce: impl FnOnce(&SampledModel, &DMatrix<f64>) -> (DMatrix<f64>, Ahead),
+    ) -> Self {
         let (phi, gamma) = with_integrals(plant, integral);
-        match plant.delayed() {
-            None => Self { phi, gamma, map: None },
-            Some(model) => {
-                let (map, gamma) = model.reduction(&phi, integral.len());
-                Self { phi, gamma, map: Some(map) }
-            }
-        }
+        let (gamma, ahead) = match plant.delayed() {
+            None => (gamma, Ahead::Nothing),
+            Some(model) => reduce(model, &phi),
+        };
+        Self { phi, gamma, ahead }
     }
 
     /// The loop that a feedback on the reduced state closes, with further states of the law behind it.
@@ -77,7 +105,9 @@ impl Reduced {
         integral: &[usize],
         feedback: &DMatrix<f64>,
     ) -> Option<ReducedLoop> {
-        self.map.as_ref()?;
+        if matches!(self.ahead, Ahead::Nothing) {
+            return None;
+        }
         Some(ReducedLoop {
             matrix: &self.phi - &self.gamma * feedback,
             scales: scaling(plant, integral).0,
@@ -87,7 +117,11 @@ impl Reduced {
 
     /// A feedback on the reduced state as one on the states and integrals.
     pub fn whole(&self, feedback: &DMatrix<f64>) -> DMatrix<f64> {
-        self.map.as_ref().map_or_else(|| feedback.clone(), |map| feedback * map)
+        match &self.ahead {
+            Ahead::Nothing => feedback.clone(),
+            Ahead::Latest(map) => feedback * map,
+            Ahead::Each(ahead) => ahead.whole(feedback),
+        }
     }
 }
 

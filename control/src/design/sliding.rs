@@ -62,7 +62,7 @@ pub fn smc(
     integral: &[usize],
 ) -> Result<(LinearLaw, SlidingLaw, Option<ReducedLoop>), DesignError> {
     let dt = plant.period_s();
-    let reduced = Reduced::new(plant, integral);
+    let reduced = Reduced::to_the_latest(plant, integral);
     let shaping = shaping(plant, o, integral)?;
     let mut surface = Surface::design(&reduced.phi, &reduced.gamma, dt, &shaping)?;
     let on_reduced = surface.clone();
