@@ -123,8 +123,44 @@ fn a_signal_that_the_log_does_not_have_is_answered_with_those_it_has() -> Outcom
     Ok(())
 }
 
+/// The crazyflie's roll axis against a vehicle whose motors are prompt: their lag is found, and the law that knows of it costs
+/// less on every draw, at a lower peak of the sensitivity.
+fn the_law_for_a_crazyflie_learns_of_its_motors_lag() -> Outcome {
+    let record = data()?.join("crazyflie/roll_pitch.csv");
+    let vehicle = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/diagnose/crazyflie-roll.toml");
+    let dir = tempfile::tempdir().unwrap();
+    let (launch, out) = (dir.path().join("crazyflie.toml"), dir.path().join("tuned"));
+    let text = format!(
+        "vehicle = '{}'\nmode = 'lockstep'\nrate_hz = 250.0\nduration_s = 6.0\n[controller]\nlaw = 'lqr'\n\
+         [[setpoint]]\nat_s = 1.0\nroll_rate = '1 rad/s'\n[[setpoint]]\nat_s = 3.0\nroll_rate = '-1 rad/s'\n",
+        vehicle.display()
+    );
+    std::fs::write(&launch, text).unwrap();
+    let mut call = vec!["tune", record.to_str().unwrap(), "--launch", launch.to_str().unwrap(), "--period"];
+    call.extend(["4ms", "--to", "5", "--draws", "20", "--json", "-", "--out", out.to_str().unwrap()]);
+    let answer: Value = serde_json::from_str(&run(call).success().stdout).unwrap();
+    println!("{}\n{}", answer["causes"], answer["gain"]);
+    // Published: 0.072 s, lag and delay together.
+    let found = |effect: &str, parameter: &str| {
+        let cause = answer["causes"].as_array().unwrap().iter().find(|c| c["effect"] == effect);
+        cause.unwrap_or_else(|| panic!("no {effect}: {}", answer["causes"]))["parameters"][parameter]["value"]
+            .as_f64()
+            .unwrap()
+    };
+    let (lag, delay) = (found("actuator_lag", "time_constant_s"), found("input_delay", "delay_s"));
+    assert!((lag + delay - 0.067).abs() < 0.007, "{lag} and {delay} s");
+    let gain = &answer["gain"];
+    assert_eq!((&gain["certain"], &gain["better_share"]), (&true.into(), &1.0.into()), "{gain}");
+    assert!(gain["cost_ratio_high"].as_f64().unwrap() < 0.95, "{gain}");
+    let peak = |of: &str| answer[of]["multivariable_margins"]["max_sensitivity"].as_f64().unwrap();
+    let (before, after) = (peak("loop_before"), peak("loop_after"));
+    assert!(after < before - 0.1, "peak of the sensitivity {before} -> {after}");
+    Ok(())
+}
+
 whirlstand_test_harness::tests!(
     a_real_stick_record_drives_the_model_of_another_helicopter,
     the_comparison_shows_what_the_record_holds,
     a_signal_that_the_log_does_not_have_is_answered_with_those_it_has,
+    the_law_for_a_crazyflie_learns_of_its_motors_lag,
 );

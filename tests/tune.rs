@@ -189,3 +189,27 @@ fn figure_12_from_a_flight_by_hand_is_held_level() {
     std::fs::write(out.join("cells.jsonl"), "{}\n").unwrap();
     refused(&["bench", "tune", "--table", "--out", text(&out)], &["cells.jsonl, line 1", "flown again"]);
 }
+
+/// One cell with every node a process of its own: what is judged is what the logs say.
+#[test]
+fn a_cell_is_flown_over_processes() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("proof");
+    let call = ["bench", "tune", "--only", "quadrotor/lqr/input_delay", "--draws", "20", "--out", text(&out)];
+    let processes = ["--processes", "lockstep", "--seeds", "2", "--json"];
+    let told: Value = serde_json::from_str(&tune(&[&call[..], &processes].concat()).stdout).unwrap();
+    println!("{told}");
+    let cell = &told["cells"][0];
+    assert_eq!((&cell["processes"], &told["to_gain"]), (&"lockstep".into(), &1.into()));
+    let flown = &cell["result"]["flown"];
+    assert!(flown["share"].as_f64().unwrap() > 0.9, "{flown}");
+    // The table has 4.805 and 3.662 over 40 seeds in one thread.
+    for (law, cost) in [("before", 4.805), ("after", 3.662), ("designed", 3.662)] {
+        let found = flown[law]["cost"].as_f64().unwrap();
+        assert!((found / cost - 1.0).abs() < 0.05, "{law}: {found}, in one thread {cost}");
+    }
+    // Flights in one thread are a table of their own.
+    let thread = run(["bench", "tune", "--table", "--out", text(&out)]).success().stdout;
+    assert!(thread.contains("0 cells"), "{thread}");
+    refused(&[&call[..], &["--seeds", "3"]].concat(), &["--processes"]);
+}

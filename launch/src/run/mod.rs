@@ -13,6 +13,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 pub(crate) use one::{FinishedRun, fly};
+pub(crate) use progress::Progress;
 pub(crate) use start::{folder_name, unique_bench};
 
 use whirlstand_bridge::autopilot::AutopilotConfig;

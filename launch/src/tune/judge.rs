@@ -79,7 +79,7 @@ impl Judged {
 
 /// Mean square of the errors of all states and of all inputs, each measured by its size, rates a hundredth of that (Bryson's
 /// rule, as the regulator's default): one number for how well was flown and at what effort, the same for every law.
-pub(super) fn cost(flight: &Flight, plant: &SampledPlant) -> f64 {
+pub(crate) fn cost(flight: &Flight, plant: &SampledPlant) -> f64 {
     let (n, m) = (plant.own_count(), plant.input_count());
     let mut weights: Vec<f64> = plant.scales()[..n].iter().map(|s| 1.0 / (s * s)).collect();
     for (rate, _) in plant.kinematic_rows().into_iter().flatten() {
@@ -178,6 +178,16 @@ pub(crate) struct Gain {
     pub certain: bool,
     /// Why, in a sentence.
     pub why: String,
+}
+
+/// Compares the costs of two laws, flight by flight, none of which was lost.
+pub(crate) fn compare_costs(old: &[f64], new: &[f64]) -> Gain {
+    let judged = |costs: &[f64]| -> Vec<Judged> {
+        let flown =
+            |cost: &f64| Judged { lost: false, violates: false, of_limit: None, cost: *cost, figures: None };
+        costs.iter().map(flown).collect()
+    };
+    compare(&judged(old), &judged(new))
 }
 
 /// Compares both laws draw by draw.

@@ -17,4 +17,4 @@ mod tuned;
 
 pub(crate) use answer::Tuning;
 pub(crate) use circle::{circle, tune};
-pub(crate) use judge::LawFigures;
+pub(crate) use judge::{LawFigures, compare_costs, cost};

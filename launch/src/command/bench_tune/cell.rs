@@ -1,6 +1,6 @@
 //! One cell: the record is flown and tuned, and three laws fly the truth.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,8 @@ use whirlstand_nodes::inproc::run_inproc;
 use whirlstand_nodes::os::StopFlag;
 use whirlstand_vehicle::Vehicle;
 
-use super::cells::Scene;
+use super::cells::{IN_THIS_THREAD, Scene};
+use super::processes::Processes;
 use crate::cli::{JsonArg, RecordArgs, TuneArgs, TunedLaw};
 use crate::command::write;
 use crate::error::Failure;
@@ -21,6 +22,9 @@ use crate::tune::{LawFigures, Tuning, circle};
 pub(super) struct Cell {
     /// Vehicle, law and effect.
     pub cell: String,
+    /// Who keeps the time of flights over processes; absent for flights in one thread.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub processes: Option<String>,
     /// What was flown.
     pub result: Answer,
     /// Time that it took, s.
@@ -76,69 +80,93 @@ impl OnTruth {
 }
 
 /// Flies a cell; what fails of it is told in it. `None` when a signal ended it.
-pub(super) fn fly(scene: &Scene, draws: u64) -> Result<Option<Cell>, Failure> {
+pub(super) fn fly(scene: &Scene, draws: u64, processes: Option<Processes>) -> Result<Option<Cell>, Failure> {
     let began = Instant::now();
     let folder = tempfile::Builder::new()
         .prefix("whirlstand-bench-tune-")
         .tempdir()
         .map_err(|e| Failure::Run(format!("no folder can be made for the flights: {e}")))?;
-    let result = match tuned(scene, draws, folder.path()) {
+    let result = match tuned(scene, draws, processes, folder.path()) {
         Ok(None) => return Ok(None),
         Ok(Some(answer)) => answer,
         Err(failure) => Answer::Failed(failure.to_string()),
     };
-    Ok(Some(Cell { cell: scene.name(), result, wall_s: began.elapsed().as_secs_f64() }))
+    let processes = processes.map(|p| p.mode.word().to_owned());
+    Ok(Some(Cell { cell: scene.name(), processes, result, wall_s: began.elapsed().as_secs_f64() }))
 }
 
-fn tuned(scene: &Scene, draws: u64, folder: &Path) -> Result<Option<Answer>, Failure> {
+fn tuned(
+    scene: &Scene,
+    draws: u64,
+    processes: Option<Processes>,
+    folder: &Path,
+) -> Result<Option<Answer>, Failure> {
     let path = |name: &str| folder.join(name);
     let shown = |name: &str| path(name).display().to_string();
     let plain = Vehicle::builtin(scene.vehicle_file()).map_err(Failure::run)?;
-    write(&path("launch.toml"), &scene.launch())?;
+    let how = processes.map_or(IN_THIS_THREAD.into(), Processes::words);
+    write(&path("launch.toml"), &scene.launch(scene.law, &how))?;
     write(&path("truth.toml"), &(plain.source_text + &scene.hidden_tables()))?;
-    record(&shown("launch.toml"), &shown("log.mcap"))?;
+    let designed = format!("model = 'truth.toml'\n{}", scene.launch(scene.law_afterwards(), &how));
+    write(&path("designed.toml"), &designed)?;
+    let log = match processes {
+        None => record(&shown("launch.toml"), path("log.mcap"))?,
+        Some(processes) => match processes.record(&shown("launch.toml"), &path("record"))? {
+            Some(log) => log,
+            None => return Ok(None),
+        },
+    };
     let law = match scene.law_afterwards() {
         law if law == scene.law => None,
         _ => Some(TunedLaw::Smc),
     };
     let args = TuneArgs {
-        logs: vec![path("log.mcap")],
+        logs: vec![log],
         launch: shown("launch.toml"),
         law,
         draws,
         retune: false,
         max_sensitivity: TuneArgs::MAX_SENSITIVITY,
         part: RecordArgs::default(),
-        truth: Some(shown("truth.toml")),
+        truth: processes.is_none().then(|| shown("truth.toml")),
         out: path("tuned"),
         json: JsonArg::default(),
     };
-    Ok(circle(&args)?.map(|tuning| outcome(&tuning)))
+    let Some(tuning) = circle(&args)? else { return Ok(None) };
+    match processes {
+        None => Ok(Some(outcome(&tuning))),
+        Some(processes) => processes.outcome(&tuning, named(&tuning), folder),
+    }
 }
 
 /// Flies a launch file in this thread, into a log. A flight that loses the vehicle is a record too.
-fn record(launch: &str, log: &str) -> Result<(), Failure> {
+fn record(launch: &str, log: PathBuf) -> Result<PathBuf, Failure> {
     let found = find(launch)?;
     let mut config = plan(&found.document, &found.name, &found.folder).map_err(Failure::mend)?.config;
     config.bench = format!("bench-tune-{}", std::process::id());
     if let Some(recorder) = &mut config.recorder {
-        recorder.path = log.into();
+        recorder.path = log.display().to_string();
     }
     match run_inproc(&config, &StopFlag::default()) {
-        Ok(_) | Err(NodeError::Diverged { .. }) => Ok(()),
+        Ok(_) | Err(NodeError::Diverged { .. }) => Ok(log),
         Err(error) => Err(Failure::run(error)),
     }
 }
 
-fn outcome(tuning: &Tuning) -> Answer {
-    let Some(truth) = &tuning.truth else { return Answer::Failed("no law flew the truth".into()) };
+/// What the diagnosis named, in words.
+fn named(tuning: &Tuning) -> Vec<String> {
     let named = tuning.causes.iter().map(|cause| {
         let values: Vec<String> =
             cause.parameters.iter().map(|(name, e)| format!("{name} {}", rounded(e.value))).collect();
         format!("`{}` {}: {}", cause.effect, cause.place, values.join(", "))
     });
+    named.collect()
+}
+
+fn outcome(tuning: &Tuning) -> Answer {
+    let Some(truth) = &tuning.truth else { return Answer::Failed("no law flew the truth".into()) };
     Answer::Flown(Box::new(Outcome {
-        named: named.collect(),
+        named: named(tuning),
         kept: tuning.gain.certain,
         before: OnTruth::of(&truth.before),
         after: OnTruth::of(&truth.after),

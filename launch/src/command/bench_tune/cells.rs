@@ -54,6 +54,9 @@ const POSITIONS: [(f64, &str); 4] = [
     (22.0, "lateral_position = 0.0"),
 ];
 
+/// A flight in this thread, with a clock that waits.
+pub(super) const IN_THIS_THREAD: &str = "mode = 'lockstep'\ntransport = 'inproc'";
+
 /// By hand, the stick moves both axes.
 const STICK: [(f64, &str); 9] = [
     (2.0, "u_roll = 2.0"),
@@ -143,8 +146,8 @@ impl Scene {
         if self.law == "manual" { "smc" } else { self.law }
     }
 
-    /// The launch file of the record.
-    pub fn launch(&self) -> String {
+    /// The launch file of the record under a law; `how` are the lines that say who keeps the time.
+    pub fn launch(&self, law: &str, how: &str) -> String {
         let (kind, steps): (_, &[(f64, &str)]) = match (self.vehicle, self.law) {
             (FIGURE_12, "manual") => ("stick", &STICK),
             (FIGURE_12, _) => ("setpoint", &[]),
@@ -154,10 +157,9 @@ impl Scene {
         let steps: String =
             steps.iter().map(|(at, what)| format!("\n[[{kind}]]\nat_s = {at:?}\n{what}\n")).collect();
         format!(
-            "vehicle = '{}'\nmode = 'lockstep'\ntransport = 'inproc'\nrate_hz = 100.0\nduration_s = 32.0\n\
-             controller.law = '{}'\n{steps}{}{}",
+            "vehicle = '{}'\n{how}\nrate_hz = 100.0\nduration_s = 32.0\n\
+             controller.law = '{law}'\n{steps}{}{}",
             self.vehicle_file(),
-            self.law,
             table_of(GUST),
             self.hidden_tables()
         )
@@ -185,7 +187,7 @@ mod tests {
         let all = wanted(&[]).unwrap();
         assert_eq!(all.len(), 302);
         for scene in all {
-            let document = Document::parse(&scene.name(), &scene.launch()).unwrap();
+            let document = Document::parse(&scene.name(), &scene.launch(scene.law, IN_THIS_THREAD)).unwrap();
             let plan = plan(&document, "cell", Path::new(".")).unwrap();
             let plain = whirlstand_vehicle::Vehicle::builtin(scene.vehicle_file()).unwrap();
             let text = plain.source_text + &scene.hidden_tables();

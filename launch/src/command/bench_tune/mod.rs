@@ -2,6 +2,7 @@
 
 mod cell;
 mod cells;
+mod processes;
 mod table;
 
 use std::io::Write;
@@ -10,22 +11,28 @@ use std::process::ExitCode;
 
 use self::cell::{Answer, Cell};
 use self::cells::{Scene, wanted};
+use self::processes::Processes;
 use self::table::Tally;
 use super::{INTERRUPTED, print, tell, write};
-use crate::cli::BenchTuneArgs;
+use crate::cli::{BenchTuneArgs, ModeArg};
 use crate::error::Failure;
 
 /// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: cells that were flown by then are kept.
 pub(crate) fn bench_tune(args: &BenchTuneArgs) -> Result<ExitCode, Failure> {
     let scenes = wanted(&args.only)?;
     let journal = args.out.join("cells.jsonl");
+    let processes = args.processes.map(|mode| Processes { mode, seeds: args.seeds });
     let mut cells = read(&journal)?;
+    // What others flew is a table of its own.
+    cells.retain(|cell| cell.processes.as_deref() == args.processes.map(ModeArg::word));
     if !args.table {
         for scene in &scenes {
             if cells.iter().any(|cell| cell.cell == scene.name()) {
                 continue;
             }
-            let Some(cell) = cell::fly(scene, args.draws)? else { return Ok(ExitCode::from(INTERRUPTED)) };
+            let Some(cell) = cell::fly(scene, args.draws, processes)? else {
+                return Ok(ExitCode::from(INTERRUPTED));
+            };
             append(&journal, &cell)?;
             if !args.json.is_printed() {
                 print(&line(&cell))?;

@@ -213,7 +213,7 @@ mod tests {
             after_over_before_low: ratio(1),
             designed_over_before_high: ratio(2),
         };
-        Cell { cell: name.into(), result: Answer::Flown(Box::new(outcome)), wall_s: 1.0 }
+        Cell { cell: name.into(), processes: None, result: Answer::Flown(Box::new(outcome)), wall_s: 1.0 }
     }
 
     #[test]
