@@ -261,24 +261,22 @@ fn strangers_at_an_autopilots_port_are_refused_while_it_flies() -> Outcome {
     Ok(())
 }
 
-/// Its switch is on, and it has two reasons: they are told, each with what it means, and the bench says so while it waits.
+/// It has two reasons, or no switch that arms it, for which it has no flag: that is told with what it means.
 fn betaflight_that_does_not_arm_says_why() -> Outcome {
-    let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
-    let msp = free_tcp();
-    let (mut arguments, options) = betaflight(ports);
-    arguments.extend([
-        "--msp".into(),
-        msp.to_string(),
-        "--blocked".into(),
-        format!("{:#x}", 1 << 28 | 1 << 23 | 1 << 7),
-    ]);
-    let mut options = options.to_vec();
-    options.push(format!("bridge.betaflight.msp=tcpout://127.0.0.1:{msp}"));
-    let mut flying =
-        take_off("betaflight-sitl", "betaflight.py", &arguments, &options, &["--mode", "realtime"])?;
-    flying.wait_for(
-        "Betaflight cannot be armed: THROTTLE (the throttle is not low), ACC_CALIB (the accelerometer is not calibrated)",
-    );
+    let blocked = format!("--blocked={:#x}", 1 << 28 | 1 << 23 | 1 << 7);
+    for (how, words) in [
+        (&*blocked, "THROTTLE (the throttle is not low), ACC_CALIB (the accelerometer is not calibrated)"),
+        ("--no-switch", "no switch of its pilot arms it: 'aux 0 0 0 1700 2100 0 0'"),
+    ] {
+        let (mut arguments, options) = betaflight(std::array::from_fn(|_| free_udp()));
+        let msp = free_tcp();
+        arguments.extend(["--msp".into(), msp.to_string(), how.into()]);
+        let mut options = options.to_vec();
+        options.push(format!("bridge.betaflight.msp=tcpout://127.0.0.1:{msp}"));
+        let rest = ["--mode", "realtime"];
+        let mut flying = take_off("betaflight-sitl", "betaflight.py", &arguments, &options, &rest)?;
+        flying.wait_for(&format!("Betaflight cannot be armed: {words}"));
+    }
     Ok(())
 }
 

@@ -17,11 +17,23 @@ const HEAD: usize = 5;
 const STATUS_EX: u8 = 150;
 const FURTHER_MODES: usize = 15;
 
+/// Number of MSP_MODE_RANGES: for each range u8 mode, u8 AUX channel from 0, u8 begin and end in steps of 25 us from 900 us. A range
+/// that does not end after its begin is not in use.
+const MODE_RANGES: u8 = 34;
+const RANGE: usize = 4;
+const RANGES: usize = 20;
+/// The mode that arms.
+const ARM: u8 = 0;
+const FIRST_AUX: usize = 5;
+
 /// The question for the attitude: no payload.
 pub(crate) const ATTITUDE_REQUEST: [u8; 6] = request(ATTITUDE);
 
 /// The question for the state, in which the arming flags are.
 pub(crate) const STATUS_REQUEST: [u8; 6] = request(STATUS_EX);
+
+/// The question for the switches that turn modes on.
+pub(crate) const RANGES_REQUEST: [u8; 6] = request(MODE_RANGES);
 
 const fn request(command: u8) -> [u8; 6] {
     [b'$', b'M', b'<', 0, command, command]
@@ -34,6 +46,33 @@ pub(crate) enum Answer {
     Attitude([f64; 3]),
     /// What keeps it from being armed.
     Arming(ArmingFlags),
+    /// Where its pilot's arm switch is.
+    Switch(ArmSwitch),
+}
+
+/// The channels and pulses that arm it, as far as there are some.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ArmSwitch([Option<(usize, [u16; 2])>; RANGES]);
+
+impl ArmSwitch {
+    /// Why this pulse of a channel, from 1, arms nothing; `None` when it does. Betaflight has no flag for that.
+    pub(crate) fn reason(&self, channel: usize, pulse: u16) -> Option<String> {
+        let ranges = || self.0.iter().flatten();
+        if ranges().any(|(at, [begin, end])| *at == channel && (*begin..*end).contains(&pulse)) {
+            return None;
+        }
+        let aux = (channel + 1).saturating_sub(FIRST_AUX);
+        Some(match ranges().next() {
+            Some((at, [begin, end])) => format!(
+                "it is armed by channel {at} between {begin} and {end} us, and bridge.rc.arm_channel is {channel} with {pulse} us"
+            ),
+            None => format!(
+                "no switch of its pilot arms it: 'aux 0 0 {} 1700 2100 0 0' and 'save' in its command line make channel {} one",
+                aux.saturating_sub(1),
+                channel.max(FIRST_AUX)
+            ),
+        })
+    }
 }
 
 /// Betaflight's reasons not to be armed, one bit each.
@@ -111,6 +150,7 @@ impl Parser {
             let answer = match head[4] {
                 ATTITUDE if whole => attitude(payload),
                 STATUS_EX if whole => arming(payload),
+                MODE_RANGES if whole => Some(switch(payload)),
                 _ => None,
             };
             self.0.skip(if whole { HEAD + length + 1 } else { 1 });
@@ -127,6 +167,16 @@ fn attitude(payload: &[u8]) -> Option<Answer> {
     let value = |at: usize| f64::from(i16::from_le_bytes([payload[at], payload[at + 1]]));
     let angles = [0.1 * value(0), -0.1 * value(2), value(4)].map(f64::to_radians);
     Some(Answer::Attitude(angles))
+}
+
+fn switch(payload: &[u8]) -> Answer {
+    let mut switch = ArmSwitch([None; RANGES]);
+    let ranges = payload.chunks_exact(RANGE).filter(|r| r[0] == ARM && r[2] < r[3]);
+    for (slot, range) in switch.0.iter_mut().zip(ranges) {
+        let pulse = |steps: u8| 900 + 25 * u16::from(steps);
+        *slot = Some((FIRST_AUX + usize::from(range[1]), [pulse(range[2]), pulse(range[3])]));
+    }
+    Answer::Switch(switch)
 }
 
 fn arming(payload: &[u8]) -> Option<Answer> {
@@ -177,6 +227,28 @@ mod tests {
         );
         // In 4.2 the switch was bit 22.
         assert_eq!(said(1, 23, 1 << 22 | 1 << 9).unwrap(), "BOOTGRACE (it started a moment ago)");
+    }
+
+    #[test]
+    fn a_switch_that_arms_nothing_is_told_with_what_would() {
+        let reason = |ranges: &[[u8; 4]], channel, pulse| {
+            let mut payload = ranges.concat();
+            payload.resize(RANGE * RANGES, 0);
+            let mut parser = Parser::default();
+            parser.push(&frame(MODE_RANGES, &payload));
+            match parser.next_answer() {
+                Some(Answer::Switch(switch)) => switch.reason(channel, pulse),
+                other => panic!("{other:?}"),
+            }
+        };
+        // Angle mode on AUX 2, and arming on AUX 1 between 1700 and 2100 us.
+        let set_up = [[1, 1, 32, 48], [ARM, 0, 32, 48]];
+        assert_eq!(reason(&set_up, 5, 2000), None);
+        let elsewhere =
+            "it is armed by channel 5 between 1700 and 2100 us, and bridge.rc.arm_channel is 7 with 2000 us";
+        assert_eq!(reason(&set_up, 7, 2000).unwrap(), elsewhere);
+        let nowhere = reason(&[[1, 1, 32, 48]], 6, 2000).unwrap();
+        assert!(nowhere.contains("'aux 0 0 1 1700 2100 0 0'") && nowhere.contains("channel 6"), "{nowhere}");
     }
 
     proptest! {

@@ -1,10 +1,10 @@
 """A stand-in for Betaflight's software-in-the-loop build, strict about pace, layout and arming.
 
-    betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT] [--blocked FLAGS]
+    betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT] [--blocked FLAGS] [--no-switch]
 
 Its clock follows the ratio of simulated to wall time as Betaflight's does; it arms after its boot grace on AUX 1 going
 from low to high at low throttle. `--msp`: tells its attitude there, over TCP, and
-its arming flags; `--blocked`: with these it is never armed.
+its arming flags; `--blocked`: with these it is never armed. `--no-switch`: fresh settings, in which no switch arms it.
 """
 
 import argparse
@@ -22,8 +22,9 @@ FDM = struct.Struct("<18d")
 RC = struct.Struct("<d16H")
 
 
-def tell(port, attitude, blocked):
-    """Answers MSP_ATTITUDE, pitch positive nose down and heading 0 to 359 degrees, and MSP_STATUS_EX as 2025.12 lays it out."""
+def tell(port, attitude, blocked, switch):
+    """Answers MSP_ATTITUDE, pitch positive nose down and heading 0 to 359 degrees, MSP_STATUS_EX as 2025.12 lays it out, and
+    MSP_MODE_RANGES."""
     with socket.create_server(("127.0.0.1", port)) as server:
         while True:
             link, _ = server.accept()
@@ -33,13 +34,16 @@ def tell(port, attitude, blocked):
                 while len(asked) >= 6:
                     request, asked = asked[:6], asked[6:]
                     assert request[:4] == b"$M<\x00" and request[4] == request[5], request
-                    link.sendall(answer(request[4], attitude, blocked))
+                    link.sendall(answer(request[4], attitude, blocked, switch))
 
 
-def answer(command, attitude, blocked):
+def answer(command, attitude, blocked, switch):
     if command == 108:
         roll, pitch, yaw = (math.degrees(angle) for angle in attitude.told(None))
         body = struct.pack("<3h", round(10 * roll), round(-10 * pitch), round(yaw) % 360)
+    elif command == 34:
+        # Arming on AUX 1 and angle mode on AUX 2 between 1700 and 2100 us, of twenty.
+        body = bytes([0, 0, 32, 48, 1, 1, 32, 48] if switch else []).ljust(80, b"\x00")
     else:
         assert command == 150, command
         # Cycle time, errors, sensors, modes, profile, load, profiles, rate profile; further modes; flags.
@@ -58,6 +62,7 @@ def main():
     parser.add_argument("report")
     parser.add_argument("--msp", type=int)
     parser.add_argument("--blocked", type=lambda text: int(text, 0), default=0)
+    parser.add_argument("--no-switch", action="store_true")
     args = parser.parse_args()
     report = flight.Report(args.report)
     report["disarmed"] = False
@@ -70,7 +75,7 @@ def main():
     attitude, last, last_wall, clock = flight.Attitude(), None, None, 0.0
     began = None
     if args.msp:
-        threading.Thread(target=tell, args=(args.msp, attitude, args.blocked), daemon=True).start()
+        threading.Thread(target=tell, args=(args.msp, attitude, args.blocked, not args.no_switch), daemon=True).start()
     armed, seen_low, aux, throttle = False, False, 1000, 1000
     report["rates"] = []
     report["armed_at"] = report["rc"] = None
@@ -88,7 +93,7 @@ def main():
             grace_over = began is not None and now - began > BOOT_GRACE_S
             if grace_over and aux < 1300 and throttle <= 1050:
                 seen_low = True
-            if not armed and aux > 1700 and not args.blocked:
+            if not armed and aux > 1700 and not (args.blocked or args.no_switch):
                 report.demand(grace_over and seen_low and throttle <= 1050, "armed too early or with throttle up")
                 armed = grace_over and seen_low and throttle <= 1050
                 report["armed_at"] = now - began if began else None

@@ -140,6 +140,11 @@ impl Rc {
         self.stage
     }
 
+    /// The channel of the arming switch, from 1, and its pulse when it is on, us.
+    pub fn switch(&self) -> (usize, u16) {
+        (self.options.arm_channel, HIGH)
+    }
+
     /// Lets time pass; `linked` says that the autopilot is there, `permitted` that it may be armed. Whoever is not
     /// permitted any more is disarmed at once.
     pub fn turn(&mut self, linked: bool, permitted: bool, now: Duration) -> Stage {

@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send, Stage};
 use crate::mixer::MAX_OUTPUTS;
-use crate::msp::{Answer, ArmingFlags, Parser, STATUS_REQUEST};
+use crate::msp::{Answer, ArmSwitch, ArmingFlags, Parser, RANGES_REQUEST, STATUS_REQUEST};
 use crate::note::{Note, Notes};
 use crate::peer::Pin;
 use crate::sensors::Sensors;
@@ -123,8 +123,9 @@ pub struct Betaflight {
     answers: Parser,
     turns: bool,
     next_ask: Duration,
-    /// Its flags, and why it is not armed, as they were told last.
+    /// Its flags, where its arm switch is, and why it is not armed, as that was told last.
     flags: ArmingFlags,
+    switch: Option<ArmSwitch>,
     said: Option<String>,
     told: Option<String>,
     notes: Notes,
@@ -147,6 +148,7 @@ impl Betaflight {
             turns: false,
             next_ask: Duration::ZERO,
             flags: ArmingFlags::default(),
+            switch: None,
             said: None,
             told: None,
             notes: Notes::default(),
@@ -159,11 +161,10 @@ impl Betaflight {
         let mut valid = false;
         while let Some(answer) = self.answers.next_answer() {
             valid = true;
-            if let Answer::Arming(flags) = answer
-                && self.flags != flags
-            {
-                self.flags = flags;
-                self.said = flags.reason();
+            match answer {
+                Answer::Arming(flags) => self.flags = flags,
+                Answer::Switch(switch) => self.switch = Some(switch),
+                Answer::Attitude(_) => {}
             }
         }
         valid
@@ -177,6 +178,10 @@ impl Betaflight {
         if now >= self.next_ask {
             self.next_ask = now + ASK;
             send(MSP, &STATUS_REQUEST);
+            if self.switch.is_none() {
+                send(MSP, &RANGES_REQUEST);
+            }
+            self.said = self.why_not(rc);
         }
         if matches!(rc.stage(), Stage::Arming | Stage::Flying) && self.told != self.said {
             if let Some(why) = &self.said {
@@ -184,6 +189,14 @@ impl Betaflight {
             }
             self.told.clone_from(&self.said);
         }
+    }
+
+    /// Why it cannot be armed, by what it answered.
+    fn why_not(&self, rc: &Rc) -> Option<String> {
+        let (channel, pulse) = rc.switch();
+        let switch = self.switch.and_then(|switch| switch.reason(channel, pulse));
+        let reasons: Vec<_> = switch.into_iter().chain(self.flags.reason()).collect();
+        (!reasons.is_empty()).then(|| reasons.join(", "))
     }
 
     fn outputs(&self, port: usize, bytes: &[u8]) -> Result<Outputs, PacketError> {

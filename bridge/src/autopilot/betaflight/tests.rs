@@ -187,7 +187,7 @@ fn packets_keep_their_pace() {
                 assert_eq!(u16::from_le_bytes([bytes[8 + 4], bytes[8 + 5]]), 1000, "throttle low");
                 channels += 1;
             }
-            MSP => assert_eq!(bytes, STATUS_REQUEST),
+            MSP => assert!([STATUS_REQUEST, RANGES_REQUEST].iter().any(|question| bytes == question)),
             _ => panic!("port {port}"),
         });
     }
@@ -225,25 +225,64 @@ fn it_is_asked_why_it_is_not_armed_and_that_is_told_once_its_switch_is_on() {
     let mut answer = vec![b'$', b'M', b'>', 22, 150];
     answer.extend([&[0; 15][..], &[1, 0, 29], &(1_u32 << 28 | 1 << 7).to_le_bytes()].concat());
     answer.push(answer[3..].iter().fold(0, |sum, b| sum ^ b));
-    let (mut asked, mut told) = (0, Vec::new());
+    // MSP_MODE_RANGES of one whose arm switch is AUX 1.
+    let mut ranges = vec![b'$', b'M', b'>', 4, 34, 0, 0, 32, 48];
+    ranges.push(ranges[3..].iter().fold(0, |sum, b| sum ^ b));
+    let (mut asked, mut asked_of_ranges, mut told) = (0, 0, Vec::new());
     for ms in (0..4000).step_by(4) {
         let now = Duration::from_millis(ms);
         rc.turn(true, true, now);
         let sensors = model.step(&Motion::default(), &Errors::default());
-        let mut question = false;
-        betaflight
-            .sense(&sensors, &rc, now, &mut |port, bytes| question |= port == MSP && bytes == STATUS_REQUEST);
+        let (mut question, mut of_ranges) = (false, false);
+        betaflight.sense(&sensors, &rc, now, &mut |port, bytes| {
+            question |= port == MSP && bytes == STATUS_REQUEST;
+            of_ranges |= port == MSP && bytes == RANGES_REQUEST;
+        });
+        if of_ranges {
+            asked_of_ranges += 1;
+            betaflight.receive(MSP, &ranges, now, &mut |_, _| panic!("nothing is asked"));
+        }
         if question {
             asked += 1;
             assert!(betaflight.receive(MSP, &answer, now, &mut |_, _| panic!("nothing is asked")));
         }
         told.extend(std::iter::from_fn(|| betaflight.note()).map(|note| (ms, note.text)));
     }
-    assert_eq!(asked, 8, "twice a second");
+    assert_eq!((asked, asked_of_ranges), (8, 1), "twice a second, and until it has answered");
     assert_eq!(told, [(1000, "Betaflight cannot be armed: THROTTLE (the throttle is not low)".to_string())]);
     assert_eq!(betaflight.said(), Some("THROTTLE (the throttle is not low)"));
     // Once its motors turn it flies, and nobody asks.
     assert!(betaflight.receive(RAW, &raw([1100.0; 16]), Duration::from_secs(4), &mut |_, _| {}));
     let sensors = model.step(&Motion::default(), &Errors::default());
     betaflight.sense(&sensors, &rc, Duration::from_secs(9), &mut |port, _| assert_ne!(port, MSP));
+}
+
+/// Betaflight has no flag for it: nothing keeps it from being armed, and nothing arms it.
+#[test]
+fn one_that_no_switch_arms_is_told_before_its_switch_is_on() {
+    let mut betaflight = Betaflight::new(BetaflightOptions::default(), true, PERIOD);
+    let mut rc = Rc::new(crate::autopilot::RcOptions { arm: true, ..Default::default() }).unwrap();
+    let mut model = SensorModel::new(SensorOptions::default(), PERIOD.as_nanos() as u64, 1);
+    let mut ranges = vec![b'$', b'M', b'>', 80, 34];
+    ranges.extend([0; 80]);
+    ranges.push(80 ^ 34);
+    let mut said_at = None;
+    for ms in (0..5000).step_by(4) {
+        let now = Duration::from_millis(ms);
+        rc.turn(true, true, now);
+        let sensors = model.step(&Motion::default(), &Errors::default());
+        let mut of_ranges = false;
+        betaflight.sense(&sensors, &rc, now, &mut |port, bytes| {
+            of_ranges |= port == MSP && bytes == RANGES_REQUEST
+        });
+        if of_ranges {
+            betaflight.receive(MSP, &ranges, now, &mut |_, _| panic!("nothing is asked"));
+        }
+        if said_at.is_none()
+            && betaflight.said().is_some_and(|why| why.contains("no switch of its pilot arms it"))
+        {
+            said_at = Some(ms);
+        }
+    }
+    assert!(said_at.is_some_and(|ms| ms < 1000), "{said_at:?}: {:?}", betaflight.said());
 }
