@@ -14,6 +14,7 @@ mod quantity;
 mod shard;
 mod source;
 mod table;
+mod together;
 mod variation;
 
 pub use correlation::{correlation_root, rank_correlation};

@@ -3,11 +3,10 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use crate::correlation::correlation_root;
 use crate::quantity::{Quantity, Spread, Variation};
+use crate::together::{Correlations, key, together};
 
 /// Schemas of the answers that are read.
 const IDENTIFICATION: &str = "whirlstand.identification.v1";
@@ -31,71 +30,6 @@ pub(crate) struct Answer {
     standard_errors_hold: Option<bool>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     causes: Vec<Cause>,
-}
-
-/// How the errors of the parameters hang together: of an identification row by row, of a diagnosis pair by pair.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-enum Correlations {
-    Matrix(Vec<Vec<f64>>),
-    Pairs(Vec<Pair>),
-}
-
-impl Default for Correlations {
-    fn default() -> Self {
-        Self::Pairs(Vec::new())
-    }
-}
-
-impl Correlations {
-    fn is_empty(&self) -> bool {
-        match self {
-            Self::Matrix(rows) => rows.is_empty(),
-            Self::Pairs(pairs) => pairs.is_empty(),
-        }
-    }
-
-    /// The element of a matrix; not a number where there is none.
-    fn at(&self, i: usize, j: usize) -> f64 {
-        let Self::Matrix(rows) = self else { return f64::NAN };
-        rows.get(i).and_then(|row| row.get(j)).copied().unwrap_or(f64::NAN)
-    }
-
-    /// That of two parameters by name; a pair that is not listed is independent.
-    fn between(&self, a: &str, b: &str) -> f64 {
-        let Self::Pairs(pairs) = self else { return 0.0 };
-        let is = |pair: &&Pair| {
-            let [first, second] = pair.between.each_ref().map(Place::key);
-            (first == a && second == b) || (first == b && second == a)
-        };
-        pairs.iter().find(is).map_or(0.0, |pair| pair.coefficient)
-    }
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Pair {
-    between: [Place; 2],
-    coefficient: f64,
-}
-
-/// A parameter of a cause.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Place {
-    effect: String,
-    #[serde(rename = "where")]
-    place: String,
-    parameter: String,
-}
-
-impl Place {
-    fn key(&self) -> String {
-        key(&self.effect, &self.place, &self.parameter)
-    }
-}
-
-/// How the parameter of a cause is named.
-fn key(effect: &str, place: &str, parameter: &str) -> String {
-    format!("{effect}({place}).{parameter}")
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -259,19 +193,6 @@ impl Answer {
     }
 }
 
-/// Keys that hang together as `correlation` says of two different ones, by their numbers.
-fn together(
-    keys: Vec<String>,
-    each: Vec<Spread>,
-    correlation: impl Fn(usize, usize) -> f64,
-) -> Result<Quantity, String> {
-    let n = keys.len();
-    let matrix = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 } else { correlation(i, j) });
-    let root =
-        correlation_root(&matrix).ok_or("the correlations of its parameters are not positive definite")?;
-    Ok(Quantity { keys, variation: Variation::Joint { each, root }, levels: None })
-}
-
 impl Estimate {
     /// A normal distribution over the interval; an even one where a normal one could lose the sign that the interval has, as
     /// that of a delay. `None` without an interval.
@@ -296,6 +217,8 @@ fn amount(value: f64, unit: &str) -> toml::Value {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::DMatrix;
+
     use super::*;
     use crate::quantity::Value;
 
