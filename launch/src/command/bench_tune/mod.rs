@@ -1,5 +1,6 @@
 //! `whirlstand bench tune`: what a tuning from one record is worth on a vehicle whose truth is known.
 
+mod answer;
 mod cell;
 mod cells;
 mod processes;
@@ -9,7 +10,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use self::cell::{Answer, Cell};
+use self::answer::{Answer, Cell};
 use self::cells::{Scene, wanted};
 use self::processes::Processes;
 use self::table::Tally;

@@ -10,7 +10,7 @@ use whirlstand_msgs::{Setpoint, Truth};
 use whirlstand_nodes::setup::Setup;
 use whirlstand_vehicle::Vehicle;
 
-use super::cell::{Answer, OnTruth, Outcome};
+use super::answer::{Answer, OnTruth, Outcome};
 use crate::cli::ModeArg;
 use crate::command::vehicles;
 use crate::error::Failure;

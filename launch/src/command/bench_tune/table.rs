@@ -3,7 +3,7 @@
 use serde::Serialize;
 use whirlstand_logs::stats;
 
-use super::cell::{Answer, Cell, OnTruth, Outcome};
+use super::answer::{Answer, Cell, OnTruth, Outcome};
 use super::cells::{Scene, scenes};
 
 /// There is something to gain where the law that knows the truth costs at least 5 % less, with its interval.
