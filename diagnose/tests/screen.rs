@@ -89,6 +89,55 @@ fn a_strong_fault_is_no_unit_and_no_other_vehicle() {
     }
 }
 
+/// A wrong vehicle is wrong in many of its gains, and one of them may come near a ratio of units by chance.
+#[test]
+fn the_record_of_another_vehicle_is_no_unit() {
+    let helicopters = ["helicopter-hover", "helicopter-lateral", "helicopter-longitudinal"];
+    for seed in 0..4 {
+        for flown in helicopters {
+            let vehicle = Vehicle::builtin(flown).unwrap();
+            let record = [flight(&vehicle, 60.0, &[0.0; 8], 2.0, Some(seed))];
+            for assumed in helicopters.into_iter().filter(|name| *name != flown) {
+                let units =
+                    screen::wrong_units(&record, &Vehicle::builtin(assumed).unwrap(), None).unwrap();
+                assert!(units.is_empty(), "{flown} read as {assumed}: {units:?}");
+            }
+        }
+    }
+}
+
+/// Products of several ratios come near any number: 30 is near 9.81 times 3.6.
+#[test]
+fn a_gain_that_no_unit_has_is_no_pair_of_units() {
+    for (factor, seed) in [(30.0, 1), (6.0, 2), (0.045, 3)] {
+        let mut truth = quadrotor();
+        truth.add_effect(Effect::new(Kind::InputGain, "u_roll", &[("factor", factor)]).unwrap()).unwrap();
+        let record = [flight(&truth, 30.0, &[0.0; 4], 3.0, Some(seed))];
+        let units = screen::wrong_units(&record, &quadrotor(), None).unwrap();
+        assert!(units.is_empty(), "{factor}: {units:?}");
+    }
+}
+
+/// What is wrong with the vehicle beside a unit does not hide the unit.
+#[test]
+fn a_unit_is_told_beside_a_strong_fault() {
+    let faults: [Fault; 4] = [
+        (Kind::InputDelay, "u_roll", &[("delay_s", 0.15)]),
+        (Kind::ActuatorLag, "u_roll", &[("time_constant_s", 0.2)]),
+        (Kind::InputGain, "u_pitch", &[("factor", 0.7)]),
+        (Kind::SensorScale, "pitch_rate", &[("factor", 1.3)]),
+    ];
+    for (kind, place, parameters) in &faults {
+        let mut truth = quadrotor();
+        truth.add_effect(Effect::new(*kind, place, parameters).unwrap()).unwrap();
+        let record = flight(&truth, 30.0, &[0.0; 4], 3.0, Some(2));
+        let record = [scaled(&record, &OUTPUTS, 180.0 / std::f64::consts::PI)];
+        let units = screen::wrong_units(&record, &quadrotor(), None).unwrap();
+        let told: Vec<&str> = units.iter().map(|f| f.place.as_str()).collect();
+        assert_eq!(told, [OUTPUTS.join(",").as_str()], "{kind:?} {parameters:?}: {units:?}");
+    }
+}
+
 #[test]
 fn a_record_with_the_commands_of_another_flight_is_refused() {
     let record = flight(&quadrotor(), 40.0, &[0.0; 4], 3.0, Some(5));

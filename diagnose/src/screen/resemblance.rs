@@ -29,16 +29,11 @@ enum Compared {
 /// of the `modes`, it is not refused.
 pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Option<DataFinding> {
     let judged = judged(vehicle, data);
-    let longest = ((default_horizon_s(vehicle, data) / data.period_s).round() as usize).max(1);
-    let horizons =
-        std::iter::successors(Some(LEAST_HORIZON_STEPS as usize), |h| Some(MEMORY_GROWTH as usize * h));
-    let horizons: Vec<usize> = horizons.take_while(|h| *h < longest).chain([longest]).collect();
-    let spans = Span::all(&horizons);
+    let (horizons, spans) = spans(vehicle, data);
     let mut worse = vec![false; data.channels.len()];
     for span in &spans {
-        let Some(predicted) = span.predicted(vehicle, data) else { continue };
-        for (c, range) in data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c)) {
-            match compared(&data.channels[c], data, &predicted[range], *span) {
+        for (c, compared) in compare(vehicle, data, &judged, *span) {
+            match compared {
                 Compared::Better => return None,
                 Compared::Worse => worse[c] = true,
                 Compared::Alike => {}
@@ -60,7 +55,38 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
         std::iter::once(vehicle.clone()).chain(modes.iter().cloned()).chain(late).collect();
     let looks = (others.len() * spans.len() * judged.len()) as f64;
     let tell = |other: &Vehicle| spans.iter().any(|span| commands_tell(other, data, &judged, *span, looks));
-    (!others.iter().any(tell)).then(|| finding(vehicle, data, &judged, (horizons[0], longest)))
+    let reach = (horizons[0], horizons[horizons.len() - 1]);
+    (!others.iter().any(tell)).then(|| finding(vehicle, data, &judged, reach))
+}
+
+/// True when the vehicle is plainly wrong about some output: it predicts it worse than mean or last value over one horizon,
+/// and better over none.
+pub(super) fn is_contradicted(vehicle: &Vehicle, data: &Data) -> bool {
+    let judged = judged(vehicle, data);
+    let (mut better, mut worse) = (vec![false; data.channels.len()], vec![false; data.channels.len()]);
+    let spans = spans(vehicle, data).1;
+    for (c, compared) in spans.into_iter().flat_map(|span| compare(vehicle, data, &judged, span)) {
+        better[c] |= compared == Compared::Better;
+        worse[c] |= compared == Compared::Worse;
+    }
+    judged.into_iter().any(|c| worse[c] && !better[c])
+}
+
+/// Horizons over which predictions are compared, steps, the longest last, and what is predicted over them.
+fn spans(vehicle: &Vehicle, data: &Data) -> (Vec<usize>, Vec<Span>) {
+    let longest = ((default_horizon_s(vehicle, data) / data.period_s).round() as usize).max(1);
+    let horizons =
+        std::iter::successors(Some(LEAST_HORIZON_STEPS as usize), |h| Some(MEMORY_GROWTH as usize * h));
+    let horizons: Vec<usize> = horizons.take_while(|h| *h < longest).chain([longest]).collect();
+    let spans = Span::all(&horizons);
+    (horizons, spans)
+}
+
+/// How the vehicle predicts the judged channels; none where it has no prediction.
+fn compare(vehicle: &Vehicle, data: &Data, judged: &[usize], span: Span) -> Vec<(usize, Compared)> {
+    let Some(predicted) = span.predicted(vehicle, data) else { return Vec::new() };
+    let ranges = data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c));
+    ranges.map(|(c, range)| (c, compared(&data.channels[c], data, &predicted[range], span))).collect()
 }
 
 fn finding(vehicle: &Vehicle, data: &Data, judged: &[usize], horizons: (usize, usize)) -> DataFinding {

@@ -7,6 +7,7 @@
 use whirlstand_vehicle::Vehicle;
 
 use super::gain::{self, Columns, Factor, scaled};
+use super::resemblance::is_contradicted;
 use super::responses::{Responses, linear};
 use crate::answer::compose::short;
 use crate::answer::schema::DataFinding;
@@ -74,8 +75,27 @@ pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
         let left = factor(best, beside, &unit.members)?;
         Some((unit, Factor { log: unit.ratio.ln() + left.log, ..left }))
     });
-    let certain = units.filter(|(unit, factor)| is_certain(unit, factor, unit.members[0] >= p));
-    certain.map(|(u, f)| finding(vehicle, data, u, &f)).collect()
+    // Products of several ratios come near any number, so that each of several must be met exactly.
+    let room = if best.units.len() == 1 { VEHICLE_GAIN_ERROR } else { 0.0 };
+    let certain = units.filter(|(unit, factor)| is_certain(unit, factor, unit.members[0] >= p, room));
+    let certain: Vec<_> = certain.collect();
+    // Of a vehicle that is wrong in more than units, any gain may come near one of their ratios.
+    if certain.is_empty() || is_contradicted(vehicle, &mended(data, certain.iter().map(|(unit, _)| *unit))) {
+        return Vec::new();
+    }
+    certain.iter().map(|(unit, factor)| finding(vehicle, data, unit, factor)).collect()
+}
+
+/// The record with its columns in the right units.
+fn mended<'u>(data: &Data, units: impl Iterator<Item = &'u WrongUnit>) -> Data {
+    let mut data = data.clone();
+    for (unit, source) in units.flat_map(|unit| unit.members.iter().map(move |source| (unit, *source))) {
+        match source.checked_sub(data.channels.len()) {
+            Some(j) => data.inputs.chunks_exact_mut(data.m).for_each(|row| row[j] /= unit.ratio),
+            None => data.channels[source].values.iter_mut().for_each(|v| *v /= unit.ratio),
+        }
+    }
+    data
 }
 
 /// The likeliest units under one predictor, one after the other.
@@ -147,13 +167,13 @@ fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
 }
 
 /// True when only the unit explains the factor: its interval holds the unit's ratio, and hardly any factor that the parts of a
-/// vehicle have. Beyond all of those, the gains of the vehicle file need to be right only as far as such files are.
-fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool) -> bool {
+/// vehicle have. Beyond all of those, the gains of the vehicle file may be off by `room`, as far as such files are.
+fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool, room: f64) -> bool {
     let (low, high) = (factor.log - factor.half, factor.log + factor.half);
     // A vehicle of a tenth of the strength answers as to a command recorded ten times too large.
     let (weakest, strongest) = if input { ((-high).exp(), (-low).exp()) } else { (low.exp(), high.exp()) };
     let physical = (strongest.min(GREATEST_PHYSICAL_FACTOR) - weakest).max(0.0);
-    let room = if physical > 0.0 { 0.0 } else { VEHICLE_GAIN_ERROR };
+    let room = if physical > 0.0 { 0.0 } else { room };
     let holds = |r: f64| low - room < r.ln() && r.ln() < high + room;
     let alone = !ratios().any(|r| r != unit.ratio && holds(r));
     // An interval as wide as the ratios are apart tells none of them.
@@ -188,7 +208,7 @@ fn finding(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) ->
         at(1.0),
         vehicle.name,
         if input { "answers to" } else { "does" },
-        mended(&own, unit.ratio)
+        mending(&own, unit.ratio)
     );
     if let Some((members, ratio)) = &unit.or {
         text.push_str(&format!(
@@ -215,7 +235,7 @@ fn too_large(signals: &[(String, String)], ratio: f64) -> String {
 }
 
 /// What to do about columns that are so many times too large.
-fn mended(signals: &[(String, String)], ratio: f64) -> String {
+fn mending(signals: &[(String, String)], ratio: f64) -> String {
     let columns = if signals.len() == 1 { "column" } else { "columns" };
     let maps =
         signals.iter().map(|(name, si)| Some(format!("--map {name}={name}[{}]", recorded(si, ratio)?)));
