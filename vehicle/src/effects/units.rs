@@ -53,10 +53,13 @@ impl ParameterUnit {
         format!("{} {symbol}", clean(value)).trim_end().to_string()
     }
 
-    /// Symbol of the unit that the vehicle file itself has for it, with `per` where none can be written in one.
+    /// Symbol of the unit that the vehicle file itself has for it, with `per` where none can be written in one, or only in more
+    /// base units than that takes: `A/s per V`, not `s^2*A^2/kg/m^2`.
     pub(crate) fn shown_symbol(&self) -> String {
+        let si = self.unit.si_symbol();
         match &self.symbol {
-            _ if self.unit.is_si() => self.unit.si_symbol(),
+            _ if self.unit.is_si() && (self.apart.is_empty() || si.len() <= self.apart.len()) => si,
+            _ if self.unit.is_si() => self.apart.clone(),
             Some(symbol) => symbol.clone(),
             None => self.apart.clone(),
         }
