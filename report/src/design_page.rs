@@ -60,7 +60,7 @@ fn verdict(design: &Design) -> String {
     };
     let advice = if m.max_sensitivity > 2.0 { ", which is more than the 2 that is customary" } else { "" };
     format!(
-        "The loop bears {gains} or {:.1} deg of phase at all inputs at once{delay}; peak sensitivity {:.2}{advice}.",
+        "The loop tolerates {gains} or {:.1} deg of phase at all inputs at once{delay}; peak sensitivity {:.2}{advice}.",
         m.disk_phase_deg, m.max_sensitivity
     )
 }
@@ -181,7 +181,8 @@ fn poles(design: &Design) -> Section {
         title: "Poles".into(),
         text: match delays {
             0 => String::new(),
-            n => format!("Beside these there are {n} of pure delay (z = 0)."),
+            1 => "One more is a pure delay (z = 0).".into(),
+            n => format!("{n} more are pure delays (z = 0)."),
         },
         tables: vec![Table {
             head: ["", "pole, 1/s", "frequency, rad/s", "damping"].map(String::from).to_vec(),

@@ -26,12 +26,12 @@ const OUTPUT_COLUMNS: [(&str, &str, Scale); 8] = [
 ];
 
 /// Figures of an input that the table shows: key, head and factor.
-const INPUT_COLUMNS: [(&str, &str, f64); 5] = [
-    ("mean", "mean", 1.0),
-    ("rms", "rms", 1.0),
-    ("peak", "peak", 1.0),
-    ("travel_per_s", "total variation per s", 1.0),
-    ("saturated", "time at a limit, %", 100.0),
+const INPUT_COLUMNS: [(&str, &str, f64, Scale); 5] = [
+    ("mean", "mean", 1.0, Scale::Unit),
+    ("rms", "rms", 1.0, Scale::Unit),
+    ("peak", "peak", 1.0, Scale::Unit),
+    ("travel_per_s", "total variation per s", 1.0, Scale::Unit),
+    ("saturated", "time at a limit, %", 100.0, Scale::Plain),
 ];
 
 /// Figures of the outputs: a row an output, or with several variants a group an output and a row a variant.
@@ -48,7 +48,7 @@ pub fn output_table(summaries: &[RunSummary]) -> Table {
     let rows = names.into_iter().map(|name| {
         let unit = &first.outputs[name].unit;
         let what = if tracked(name) { " (tracked)" } else { "" };
-        (format!("{name}, {}{what}", shown_unit(unit)), name.as_str(), Some(unit.as_str()))
+        (format!("{name}, {}{what}", shown_unit(unit)), name.as_str(), unit.as_str())
     });
     let columns: Vec<Column> = OUTPUT_COLUMNS
         .iter()
@@ -60,10 +60,14 @@ pub fn output_table(summaries: &[RunSummary]) -> Table {
 /// Figures of the inputs, laid out as those of the outputs.
 pub fn input_table(summaries: &[RunSummary]) -> Table {
     let Some(first) = summaries.first() else { return Table::default() };
-    let rows = first.inputs.keys().map(|name| (name.clone(), name.as_str(), None));
+    let rows = first.inputs.iter().map(|(name, input)| {
+        let unit = shown_unit(&input.unit);
+        let label = if unit.is_empty() { name.clone() } else { format!("{name}, {unit}") };
+        (label, name.as_str(), input.unit.as_str())
+    });
     let columns: Vec<Column> = INPUT_COLUMNS
         .iter()
-        .map(|(key, head, factor)| Column { key, head, factor: *factor, scale: Scale::Plain })
+        .map(|(key, head, factor, scale)| Column { key, head, factor: *factor, scale: *scale })
         .collect();
     table(summaries, rows, &columns)
 }
@@ -78,7 +82,7 @@ struct Column {
 /// Rows are `(label, name of the signal, SI unit)`.
 fn table<'a>(
     summaries: &[RunSummary],
-    rows: impl Iterator<Item = (String, &'a str, Option<&'a str>)>,
+    rows: impl Iterator<Item = (String, &'a str, &'a str)>,
     columns: &[Column],
 ) -> Table {
     let mut table = Table {
@@ -95,7 +99,7 @@ fn table<'a>(
                 let figures: Vec<Option<Figure>> =
                     summaries.iter().map(|s| s.figure(&format!("{name}.{}", column.key))).collect();
                 *used |= figures.iter().flatten().any(|f| *f != Figure::NoEvent);
-                let factor = unit.map_or(1.0, shown_factor);
+                let factor = shown_factor(unit);
                 let power = match column.scale {
                     Scale::Unit => factor,
                     Scale::Plain => 1.0,
