@@ -98,8 +98,7 @@ fn the_record_of_another_vehicle_is_no_unit() {
             let vehicle = Vehicle::builtin(flown).unwrap();
             let record = [flight(&vehicle, 60.0, &[0.0; 8], 2.0, Some(seed))];
             for assumed in helicopters.into_iter().filter(|name| *name != flown) {
-                let units =
-                    screen::wrong_units(&record, &Vehicle::builtin(assumed).unwrap(), None).unwrap();
+                let units = screen::wrong_units(&record, &Vehicle::builtin(assumed).unwrap(), None).unwrap();
                 assert!(units.is_empty(), "{flown} read as {assumed}: {units:?}");
             }
         }
