@@ -163,7 +163,7 @@ fn with(
     let steepest = (OF_MARGIN * margin).min(STEEPEST);
     if steepest < FLATTEST {
         return Err(format!(
-            "its inverse makes small commands up to {STEEPEST:.0} times as large, and the loop bears {margin:.2} times its gain"
+            "its inverse makes small commands up to {STEEPEST:.0} times as large, and the loop tolerates {margin:.2} times its gain"
         ));
     }
     inverse.ramp = 1.0 / (steepest - 1.0);

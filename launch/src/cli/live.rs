@@ -60,7 +60,7 @@ pub(crate) struct EchoArgs {
     pub bench: String,
     /// The topic.
     pub topic: String,
-    /// Ends after so many messages.
+    /// Stops after N messages.
     #[arg(long, value_name = "N")]
     pub count: Option<NonZeroU64>,
     #[command(flatten)]
@@ -103,7 +103,7 @@ pub(super) fn foxglove_address(text: &str) -> Result<Address, AddressError> {
 pub(crate) struct PlayArgs {
     /// A log of a bench, or the folder of its run.
     pub log: PathBuf,
-    /// So many seconds of bench time in a second, 0.01 to 1000.
+    /// Playback speed: seconds of bench time per second, 0.01 to 1000.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub speed: f64,
     /// In the terminal instead of a browser.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use clap_complete::Shell;
 
-/// Print the completions of a shell: calls, options and their values at the Tab key.
+/// Print shell completions for commands, options and their values.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand completions bash > ~/.local/share/bash-completion/completions/whirlstand\n  \

@@ -19,10 +19,10 @@ use super::quantity::seconds;
 pub(crate) struct SoakArgs {
     /// Built-in launch file or path [default: quadrotor]
     pub launch: Option<String>,
-    /// What is done.
+    /// The fault to inject.
     #[arg(long, value_enum, default_value_t = FaultArg::Kill)]
     pub fault: FaultArg,
-    /// How many faults: of each node (kill, stop, memory), or of the bench.
+    /// Number of faults: for each node (kill, stop, memory), or for the bench.
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub rounds: u32,
     /// How long a fault lasts, in seconds or with a unit; a kill does not.

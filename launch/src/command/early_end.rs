@@ -62,10 +62,10 @@ impl Ended {
             return ExitCode::SUCCESS;
         }
         if self.stop.load(Ordering::Relaxed) {
-            crate::style::say("interrupted: the answer is what was known by then");
+            crate::style::say("interrupted: this is what was known by then");
             return ExitCode::from(INTERRUPTED);
         }
-        crate::style::say("the budget of time is spent: the answer is what was known by then");
+        crate::style::say("the time budget is used up: this is what was known by then");
         ExitCode::from(PARTIAL)
     }
 }

@@ -25,7 +25,7 @@ struct Place {
 /// Runs the command.
 pub(crate) fn relay(command: &RelayCommand) -> Result<ExitCode, Failure> {
     let place = Place::from_environment()?;
-    let stop = StopFlag::on_signals().map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
+    let stop = StopFlag::on_signals().map_err(|e| Failure::Run(format!("cannot handle signals: {e}")))?;
     match command {
         RelayCommand::Udp(args) => udp(&place, args, &stop)?,
         RelayCommand::Ros2(args) => ros2(&place, args, &stop)?,

@@ -37,7 +37,7 @@ pub(crate) fn watch(args: &WatchArgs) -> Result<ExitCode, Failure> {
     let look = page.begin(&card, &args.bench)?;
     page.hand_over(&card);
     page.announce();
-    let signals = Signals::take().map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
+    let signals = Signals::take().map_err(|e| Failure::Run(format!("cannot handle signals: {e}")))?;
     let (signals, told) = (RefCell::new(signals), Cell::new(false));
     let seen = look.until_over(
         false,
@@ -94,11 +94,11 @@ pub(crate) fn play(args: &PlayArgs) -> Result<ExitCode, Failure> {
     let server = Server::start(args.listen, hub.clone(), act).map_err(Failure::mend)?;
     let mut feed = LogFeed::open(log, collector, hub.clone(), playback).map_err(Failure::mend)?;
     style::say(&format!("live page {} (Ctrl-C ends it)", server.url()));
-    let mut signals = Signals::take().map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
+    let mut signals = Signals::take().map_err(|e| Failure::Run(format!("cannot handle signals: {e}")))?;
     while signals.next().is_none() {
         let next = feed.turn(Instant::now()).map_err(Failure::mend)?;
         let longest = next.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
-        signals.wait(longest).map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
+        signals.wait(longest).map_err(|e| Failure::Run(format!("cannot handle signals: {e}")))?;
     }
     hub.end("whirlstand play has ended");
     Ok(ExitCode::SUCCESS)

@@ -90,7 +90,7 @@ fn throttling(runtime: &Option<String>) -> Check {
         Some(us) => {
             check("RT throttling", Grade::Warn, format!("SCHED_FIFO may run {us} us a second"), advice)
         }
-        None => check("RT throttling", Grade::Unknown, "not told by this kernel", ""),
+        None => check("RT throttling", Grade::Unknown, "not reported by this kernel", ""),
     }
 }
 
@@ -169,7 +169,7 @@ const NODES_IN_THE_LOOP: usize = 3;
 
 fn isolation(isolated: &Option<String>, usable: &[usize]) -> Check {
     match isolated.as_deref() {
-        None => check("isolated CPUs", Grade::Unknown, "not told by this kernel", ""),
+        None => check("isolated CPUs", Grade::Unknown, "not reported by this kernel", ""),
         Some("") => check("isolated CPUs", Grade::Warn, "none", &isolation_advice(usable)),
         Some(list) => check("isolated CPUs", Grade::Ok, list, ""),
     }
@@ -199,7 +199,7 @@ fn smt(active: &Option<String>) -> Check {
             "on: two threads share a core",
             "`echo off > /sys/devices/system/cpu/smt/control`, or leave the sibling of an isolated CPU idle",
         ),
-        _ => check("SMT", Grade::Unknown, "not told by this kernel", ""),
+        _ => check("SMT", Grade::Unknown, "not reported by this kernel", ""),
     }
 }
 
@@ -211,7 +211,7 @@ fn clocksource(source: &Option<String>) -> Check {
             check("clock source", Grade::Ok, s, "")
         }
         Some(other) => check("clock source", Grade::Warn, other, advice),
-        None => check("clock source", Grade::Unknown, "not told by this kernel", ""),
+        None => check("clock source", Grade::Unknown, "not reported by this kernel", ""),
     }
 }
 
@@ -226,7 +226,7 @@ fn timer_slack(slack: &Option<String>) -> Check {
             format!("{} us", ns as f64 / 1e3),
             "wakes of ordinary processes may come this late: lower it with prctl(PR_SET_TIMERSLACK) in the parent, or use SCHED_FIFO",
         ),
-        None => check("timer slack", Grade::Unknown, "not told by this kernel", ""),
+        None => check("timer slack", Grade::Unknown, "not reported by this kernel", ""),
     }
 }
 

@@ -81,7 +81,7 @@ fn follow_type<M: Message>(
     topic: &str,
     show: &mut impl FnMut(&Shown<'_>) -> Result<ControlFlow<()>, Failure>,
 ) -> Result<Follow, Failure> {
-    let mut signals = Signals::take().map_err(|e| Failure::Run(format!("signals cannot be had: {e}")))?;
+    let mut signals = Signals::take().map_err(|e| Failure::Run(format!("cannot handle signals: {e}")))?;
     let mut follow = Follow::default();
     while follow.shown == 0 && follow.signal.is_none() && !card.is_over() {
         let bus = card.join(OBSERVER)?;
