@@ -47,7 +47,7 @@ fn recovers(vehicle: &str, structure: &str) {
         structure,
         "--noise",
         "coloured",
-        "--control",
+        "--validation",
         &control,
         "--out",
         out.to_str().unwrap(),

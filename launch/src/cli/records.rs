@@ -85,7 +85,7 @@ pub(crate) struct DiagnoseArgs {
     /// constants]
     #[arg(long, value_name = "TIME", value_parser = seconds)]
     pub horizon: Option<f64>,
-    /// Ends the search after so long, with what is known by then: seconds, or a time with a unit as in "2 min"; exit code 3.
+    /// Stops the search after this time and reports what is known by then, in seconds or with a unit; exit code 3.
     #[arg(long, value_name = "TIME", value_parser = super::seconds)]
     pub budget: Option<f64>,
     /// Vehicle that the flight mode may change to, beside the built-in ones; may be repeated.
@@ -109,7 +109,7 @@ pub(crate) struct DiagnoseArgs {
 #[command(after_help = "Examples:\n  \
     whirlstand identify out/flight --vehicle quadrotor-structure --output mine.toml --out out/identify\n  \
     whirlstand identify flight.csv --vehicle mine.toml --map roll=phi[deg] --from 3 --hold-out 60:84 --offsets\n  \
-    whirlstand identify a.csv b.csv --control c.csv --vehicle mine.toml --method ga+pem --json -")]
+    whirlstand identify a.csv b.csv --validation c.csv --vehicle mine.toml --method ga+pem --json -")]
 pub(crate) struct IdentifyArgs {
     /// Logs to fit: MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
     #[arg(required = true, value_name = "LOG")]
@@ -127,9 +127,9 @@ pub(crate) struct IdentifyArgs {
     /// The records were taken with a controller in the loop (own logs say it themselves).
     #[arg(long)]
     pub closed_loop: bool,
-    /// Further logs to validate the result on.
-    #[arg(long, value_name = "LOG")]
-    pub control: Vec<PathBuf>,
+    /// Validation data: further logs, which are not fitted; may be repeated.
+    #[arg(long, alias = "control", value_name = "LOG")]
+    pub validation: Vec<PathBuf>,
     /// Part of the logs that is not fitted but held out as validation data, for example 60:84; may be repeated.
     #[arg(long, value_name = "FROM:TO", value_parser = interval)]
     pub hold_out: Vec<(f64, f64)>,
@@ -154,8 +154,7 @@ pub(crate) struct IdentifyArgs {
     /// Most simulations of the genetic algorithm.
     #[arg(long, value_name = "N", default_value_t = 400_000)]
     pub evaluations: usize,
-    /// Ends the search after so long, with the best that is known by then: seconds, or a time with a unit as in "2 min"; exit
-    /// code 3.
+    /// Stops the search after this time and reports the best that was found, in seconds or with a unit; exit code 3.
     #[arg(long, value_name = "TIME", value_parser = super::seconds)]
     pub budget: Option<f64>,
     /// Generations without progress after which the genetic algorithm stops.

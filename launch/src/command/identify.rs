@@ -41,7 +41,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
             }
         }
     }
-    for path in &args.control {
+    for path in &args.validation {
         let (log, record) = open(path, args, &vehicle)?;
         for segment in parts(&record, &vehicle, args, (f64::NEG_INFINITY, f64::INFINITY))? {
             control.push(Source { log: log.clone(), segment });
