@@ -28,7 +28,10 @@ pub(crate) fn reworded(message: &str) -> String {
         _ => message
             .replace("invalid type: ", "this is of the wrong type: found ")
             .replace("floating point", "number")
-            .replace(", expected f64", ", expected a number"),
+            .replace(", expected f64", ", expected a number")
+            .replace(", expected i64", ", expected a whole number")
+            .replace(", expected u64", ", expected a whole number")
+            .replace(", expected u32", ", expected a whole number"),
     }
 }
 
@@ -46,6 +49,10 @@ mod tests {
         assert_eq!(
             reworded("invalid type: string \"x\", expected f64"),
             "this is of the wrong type: found string \"x\", expected a number"
+        );
+        assert_eq!(
+            reworded("invalid type: string \"high\", expected i64"),
+            "this is of the wrong type: found string \"high\", expected a whole number"
         );
     }
 }
