@@ -19,6 +19,11 @@ pub fn shown_unit(si: &str) -> String {
     display(si).0
 }
 
+/// So many of something, in the plural where it is not one.
+pub fn counted(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
 /// How many shown units one SI unit is.
 pub fn shown_factor(si: &str) -> f64 {
     display(si).1

@@ -4,7 +4,7 @@ use super::answer::{Identification, Role};
 use super::options::Method;
 use super::pem::Noise;
 use super::prepare::Levels;
-use whirlstand_logs::shown::{number, shown};
+use whirlstand_logs::shown::{counted, number, shown};
 use whirlstand_vehicle::Vehicle;
 
 /// Name of a noise model on the command line.
@@ -28,7 +28,7 @@ pub fn verdict(answer: &Identification) -> String {
     };
     let partial = if answer.partial { "Partial, as the search was ended early. " } else { "" };
     let mut text =
-        format!("{partial}{} of '{}' fitted", count(answer.parameters.len(), "parameter"), answer.vehicle);
+        format!("{partial}{} of '{}' fitted", counted(answer.parameters.len(), "parameter"), answer.vehicle);
     if !answer.fixed.is_empty() {
         text.push_str(&format!(", {} left out that the data do not determine", answer.fixed.len()));
     }
@@ -54,10 +54,6 @@ pub fn levels(vehicle: &Vehicle, levels: &Levels) -> String {
     let outputs = vehicle.outputs.iter().map(|y| (&y.name, y.unit.si_symbol())).zip(&levels.outputs);
     let one = |((name, unit), level)| format!("{name} = {level:.6} {unit}").trim_end().to_string();
     inputs.chain(outputs).map(one).collect::<Vec<_>>().join(", ")
-}
-
-fn count(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
 /// False when something acted in a part of the data that the model does not have, which no standard error accounts for.

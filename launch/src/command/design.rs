@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use whirlstand_control::design::{EstimatedLoop, LoopFigures, Pole};
 use whirlstand_control::margins::{LoopMargins, MultivariableMargins};
 use whirlstand_control::{Design, Responses};
+use whirlstand_logs::shown::counted;
 use whirlstand_msgs::units::clean;
 use whirlstand_nodes::controller::left_out;
 use whirlstand_nodes::estimator::filter_of;
@@ -99,10 +100,10 @@ fn estimated(vehicle: &Vehicle, design: &Design, linear: &LinearModel, plan: &Pl
 fn design_text(d: &Design) -> String {
     let (inputs, states) = (d.plant.input_names(), d.plant.state_names());
     let mut text = format!(
-        "{} for {} states and {} inputs, sampled every {} ms, one period of latency accounted for\n",
+        "{} for {} and {}, sampled every {} ms, one period of latency accounted for\n",
         style::strong(&d.law.to_uppercase()),
-        states.len(),
-        inputs.len(),
+        counted(states.len(), "state"),
+        counted(inputs.len(), "input"),
         clean(d.plant.period_s() * 1e3)
     );
     text.push_str(&late_text(d));

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use sha2::{Digest, Sha256};
+use whirlstand_logs::shown::counted;
 use whirlstand_logs::{
     BenchInfo, Diff, Ending, IN_CHARGE, InCharge, LogInfo, Mapping, Record, SignalSummary, TopicInfo,
 };
@@ -215,7 +216,8 @@ fn bench_text(bench: &BenchInfo) -> String {
 fn topic_text(topic: &TopicInfo) -> String {
     let rate = topic.rate_hz.map_or(String::new(), |r| format!(", {r:.1} Hz"));
     let lost = if topic.lost > 0 { style::bad(&format!(", {} lost", topic.lost)) } else { String::new() };
-    let gaps = if topic.gaps > 0 { style::bad(&format!(", {} gaps", topic.gaps)) } else { String::new() };
+    let gaps =
+        if topic.gaps > 0 { style::bad(&format!(", {}", counted(topic.gaps, "gap"))) } else { String::new() };
     format!("{:<16} {} messages of {}{rate}{lost}{gaps}", topic.name, topic.messages, topic.message_type)
 }
 

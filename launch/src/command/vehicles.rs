@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use whirlstand_logs::shown::counted;
 use whirlstand_msgs::units::clean;
 use whirlstand_nodes::signals::check_room;
 use whirlstand_vehicle::{Vehicle, builtin_names, template_names};
@@ -50,8 +51,9 @@ fn list(json: &JsonArg) -> Result<(), Failure> {
 fn list_text(vehicles: &[Vehicle]) -> String {
     let mut text = String::new();
     for v in vehicles {
-        let size =
-            format!("{} states, {} inputs, {} outputs", v.states.len(), v.inputs.len(), v.outputs.len());
+        let size = [(v.states.len(), "state"), (v.inputs.len(), "input"), (v.outputs.len(), "output")]
+            .map(|(n, what)| counted(n, what))
+            .join(", ");
         let name = style::strong(&format!("{:<26}", v.name));
         text.push_str(&format!("{name}  {size:<34}  {}\n", v.description));
     }
