@@ -69,6 +69,31 @@ fn a_motor_flies() {
     flies(MOTOR, "law = \"lqr\"\nq = { angle = 100.0 }", &["encoder", "shunt"]);
 }
 
+/// Units of parameters and figures are those of its signals, however they are put together.
+#[test]
+fn what_is_said_of_a_motor_carries_its_units() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().expect("utf-8 path").to_string();
+    let speed = "free = [{ entry = \"A[1,1]\", lower = -9.0, upper = 0.0 }, { entry = \"B[2,1]\", lower = 1.0, upper = 999.0 }]\n\
+                 name = \"motor\"\nA = [[-4.0, 30.0], [-2.0, -50.0]]\nB = [[0.0], [200.0]]\nC = [[0.0, 1.0]]\n\
+                 states = [{ name = \"spin\", unit = \"rad/s\" }, { name = \"current\", unit = \"A\" }]\n\
+                 inputs = [{ name = \"voltage\", unit = \"V\", lower = -12.0, upper = 12.0 }]\n\
+                 outputs = [{ name = \"shunt\", unit = \"A\", noise = 0.01 }]\n";
+    std::fs::write(path("motor.toml"), speed).unwrap();
+    let designed = run(["design", &path("motor.toml"), "--law", "lqr"]).success().stdout;
+    assert!(designed.contains("2 states and 1 input,"), "{designed}");
+    let excited =
+        run(["excite", &path("motor.toml"), "--duration", "1 min", "--out", &path("test")]).success();
+    let unit = |name: &str| excited.stdout.lines().find(|l| l.starts_with(name)).map(str::to_string);
+    assert!(unit("A[1,1]").is_some_and(|l| l.ends_with(" 1/s")), "{}", excited.stdout);
+    assert!(unit("B[2,1]").is_some_and(|l| l.ends_with(" A/s per V")), "{}", excited.stdout);
+    let flight = path("test/flight.toml");
+    let more = ["--mode", "lockstep", "--transport", "inproc", "--out", &path("log")];
+    run(["run", &flight].into_iter().chain(more)).success();
+    let page = std::fs::read_to_string(path("log/report.html")).unwrap();
+    assert!(page.contains("shunt, A") && page.contains("voltage, V"), "units in both tables of figures");
+}
+
 #[test]
 fn the_documented_example_flies() {
     flies(&documented(), "law = \"ppc\"\nbandwidth = 4.0", &["position"]);
