@@ -3,6 +3,9 @@
 mod support;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 
 use support::{json, run};
 use whirlstand_test_harness::undisturbed;
@@ -61,6 +64,48 @@ fn lockstep_logs_are_the_same_over_every_transport_and_twice_in_a_row() {
             }
         }
     });
+}
+
+/// Two threads for every processor that keep it busy for as long as this lives.
+struct Busy {
+    over: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Busy {
+    fn begin() -> Self {
+        let over = Arc::new(AtomicBool::new(false));
+        let busy = |_| {
+            let over = Arc::clone(&over);
+            std::thread::spawn(move || {
+                while !over.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            })
+        };
+        let processors = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = (0..2 * processors).map(busy).collect();
+        Self { over, threads }
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        self.threads.drain(..).for_each(|thread| _ = thread.join());
+    }
+}
+
+/// Lockstep knows no wall clock, so that a machine without any time for it changes nothing.
+#[test]
+fn busy_processors_change_no_bit_of_a_lockstep_flight() {
+    let dir = tempfile::tempdir().unwrap();
+    let reference = fly(&dir.path().join("alone"), "quadrotor", "lockstep", "inproc", "5");
+    let _busy = Busy::begin();
+    for transport in ["iceoryx2", "zenoh", "inproc"] {
+        let log = fly(&dir.path().join(transport), "quadrotor", "lockstep", transport, "5");
+        assert_same(&reference, &log);
+    }
 }
 
 #[test]
