@@ -7,7 +7,8 @@ use std::os::unix::process::CommandExt;
 use std::time::Duration;
 
 use serde_json::Value;
-use support::{Finished, json, run, spawn, whirlstand};
+use support::bench::all_ready;
+use support::{FAULTS_ALLOWED, Finished, json, run, spawn, whirlstand};
 use whirlstand_test_harness::undisturbed;
 
 /// Twenty faults of a few seconds each.
@@ -100,6 +101,49 @@ fn every_node_can_be_without_memory() {
         let result = soak("memory", &["--seed", "15", "--lasting", "0.5", "--rounds", "2"]).1;
         assert_all_survived(&result, 8);
     });
+}
+
+/// Below what a process has already, so that it gets nothing more, not even what it gave back.
+static NO_MORE: libc::rlimit = libc::rlimit { rlim_cur: 20 << 20, rlim_max: 20 << 20 };
+
+/// Nodes of the loop ask for no memory in flight. The recorder does: it ends and is started again, and what the log lacks is told.
+#[test]
+fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it_lacks() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().to_str().unwrap();
+    let args = ["run", "quadrotor", "--mode", "lockstep", "--duration", "1000 h", "--out", out];
+    let more = ["--set", FAULTS_ALLOWED, "--log-level", "debug"];
+    let mut bench = spawn(whirlstand(args.into_iter().chain(more)));
+    let [recorder, estimator, controller] = all_ready(&mut bench, ["recorder", "estimator", "controller"]);
+    let limit = |pid| {
+        // SAFETY: prlimit(2) reads a structure that lives, and is told to write none.
+        let done = unsafe { libc::prlimit(pid, libc::RLIMIT_AS, &raw const NO_MORE, std::ptr::null_mut()) };
+        assert_eq!(done, 0, "prlimit of {pid}");
+    };
+    bench.wait_for_stderr("steps/s");
+    [estimator, controller].into_iter().for_each(limit);
+    let line = bench.wait_for_stderr("steps/s");
+    assert!(line.contains("lost 0  restarts 0"), "{line}");
+    limit(recorder);
+    bench.wait_for_stderr("[recorder] error: the system has no memory left");
+    bench.wait_for_stderr("recorder ended with exit code 1; it is started again");
+    let line = bench.wait_for_stderr("steps/s");
+    assert!(line.contains("restarts 1"), "{line}");
+    bench.signal(libc::SIGTERM);
+    assert_eq!(bench.finish().code(), 128 + libc::SIGTERM);
+    let log: Value = serde_json::from_str(&run(["log", "info", out, "--json"]).success().stdout).unwrap();
+    let endings: Vec<&str> =
+        log["files"].as_array().unwrap().iter().map(|f| f["ending"].as_str().unwrap()).collect();
+    assert_eq!(endings, ["truncated", "complete"], "{log}");
+    let topics = log["topics"].as_array().unwrap();
+    let topic = |name: &str| topics.iter().find(|t| t["name"] == name).unwrap_or_else(|| panic!("{log}"));
+    for name in ["/imu", "/estimate", "/command"] {
+        let of = |key: &str| topic(name)[key].as_u64().unwrap();
+        // What the recorder had not written when it ended is one gap, and every message is there or counted.
+        let steps =
+            ((topic(name)["to"].as_f64().unwrap() - topic(name)["from"].as_f64().unwrap()) / 0.005).round();
+        assert_eq!((of("messages") + of("lost"), of("gaps")), (steps as u64 + 1, 1), "{name}: {log}");
+    }
 }
 
 #[test]
