@@ -9,7 +9,7 @@ use crate::answer::schema::DataFinding;
 use crate::data::record::Data;
 use crate::model::fit::Model;
 use crate::model::free_run::FreeRun;
-use crate::model::predictor::gain_of_inputs;
+use crate::model::predictor::{gain_beside_declared, gain_of_inputs};
 use whirlstand_logs::stats::{median, rms};
 
 /// Degrees in a radian.
@@ -153,8 +153,12 @@ pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
         let spread = rms(&u.iter().map(|v| v - mean).collect::<Vec<_>>());
         let peak = u.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         if spread <= 1e-6 * peak.max(1e-12) {
-            // A step that stands from the first sample on excites, where the outputs answer to it.
-            let moved = peak > 0.0 && gain_of_inputs(vehicle, data, &[j]).is_some_and(|g| g > MIN_BIC_GAIN);
+            // A step that stands from the first sample on excites, where the outputs answer to it: beside fitted noise, or beside
+            // the declared, of which a slow answer is no part.
+            let answers = |gain: fn(&Vehicle, &Data, &[usize]) -> Option<f64>| {
+                gain(vehicle, data, &[j]).is_some_and(|g| g > MIN_BIC_GAIN)
+            };
+            let moved = peak > 0.0 && (answers(gain_of_inputs) || answers(gain_beside_declared));
             if !moved {
                 still.push(input.name.clone());
             }

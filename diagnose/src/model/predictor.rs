@@ -5,6 +5,7 @@ use whirlstand_vehicle::Vehicle;
 use crate::data::record::Data;
 use crate::model::fit::Model;
 use crate::model::free_run::FreeRun;
+use crate::model::noise::Noise;
 use crate::thresholds::{
     HORIZON_RECORD_SHARE, LEAST_HORIZON_STEPS, MEMORY_GROWTH, MEMORY_RECORD_SHARE, SHORTEST_MEMORY_STEPS,
 };
@@ -50,27 +51,41 @@ pub fn memories(vehicle: &Vehicle, data: &Data) -> Vec<Memory> {
 
 /// The vehicle alone with a memory; `None` where nothing follows the record.
 fn null(vehicle: &Vehicle, data: &Data, seconds: f64) -> Option<Memory> {
-    weigh(vehicle, data, Some(seconds)).map(|likelihood| Memory { seconds, likelihood })
+    weigh(vehicle, data, Some(seconds), None).map(|likelihood| Memory { seconds, likelihood })
 }
 
-/// The vehicle alone with a memory, or none for a free run; `None` where that has no prediction.
-pub fn weigh(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>) -> Option<Likelihood> {
+/// The vehicle alone with a memory, or none for a free run, beside a noise that is given, or fitted; `None` where that has no
+/// prediction.
+fn weigh(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>, noise: Option<&Noise>) -> Option<Likelihood> {
     let data = Data { memory_s, ..data.clone() };
     let free_run = FreeRun::new(vehicle, &data);
     let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
     let start = vec![0.0; free_run.initials()];
-    let fit = model.fit(start, None, None).ok()?;
+    let fit = model.fit(start, noise, None).ok()?;
     Some(Likelihood { bic: fit.profile.bic(usize::from(memory_s.is_some())), rows: fit.profile.rows })
 }
 
 /// What some inputs gain in BIC over the same inputs at rest, in the data's own memory; `None` where one of the two has no
 /// prediction.
 pub fn gain_of_inputs(vehicle: &Vehicle, data: &Data, inputs: &[usize]) -> Option<f64> {
+    gain_beside(vehicle, data, inputs, None)
+}
+
+/// The same beside white noise as it is declared, which takes no slow answer for colour; `None` also where a channel's is not.
+pub fn gain_beside_declared(vehicle: &Vehicle, data: &Data, inputs: &[usize]) -> Option<f64> {
+    let declared: Vec<f64> = data.channels.iter().map(|c| c.declared).collect();
+    if declared.contains(&0.0) {
+        return None;
+    }
+    gain_beside(vehicle, data, inputs, Some(&Noise::white(&declared)))
+}
+
+fn gain_beside(vehicle: &Vehicle, data: &Data, inputs: &[usize], noise: Option<&Noise>) -> Option<f64> {
     let mut still = data.clone();
     for row in still.inputs.chunks_exact_mut(data.m) {
         inputs.iter().for_each(|j| row[*j] = vehicle.inputs[*j].neutral());
     }
-    let likelihood = |data: &Data| weigh(vehicle, data, data.memory_s);
+    let likelihood = |data: &Data| weigh(vehicle, data, data.memory_s, noise);
     Some(likelihood(&still)?.bic_gain(&likelihood(data)?))
 }
 
