@@ -3,6 +3,7 @@
 mod support;
 
 use support::{changed, flight};
+use whirlstand_diagnose::data::record::Data;
 use whirlstand_diagnose::{Options, Verdict, diagnose, screen};
 use whirlstand_logs::Record;
 use whirlstand_logs::testing::noise;
@@ -183,4 +184,27 @@ fn commands_that_mostly_cancel_a_disturbance_are_those_of_the_vehicle() {
     let vehicle = Vehicle::parse(text, "body.toml").unwrap();
     let stranger = screen::stranger(&[under_a_swinging_load()], &vehicle, &[], None).unwrap();
     assert!(stranger.is_none(), "{stranger:?}");
+}
+
+#[test]
+fn only_a_model_of_the_vehicle_tells_what_comes() {
+    let text = "A = [[-2.0]]\nB = [[1.0]]\nstates = [{ name = 'rate', unit = 'rad/s' }]\n\
+                inputs = [{ name = 'u' }]\noutputs = [{ name = 'rate', unit = 'rad/s' }]";
+    let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+    let (steps, sensor, hand) = (3000, noise(3000, 21), noise(3000, 22));
+    // An axis of the same gain, a weaker one, and one that is turned round.
+    for (gain, foreseen) in [(1.0, true), (0.7, true), (-1.0, false)] {
+        let (mut rate, mut commands, mut rates) = (0.0, Vec::new(), Vec::new());
+        for k in 0..steps {
+            let command = hand[k / 70];
+            commands.push(command);
+            rates.push(rate + 0.02 * sensor[k]);
+            rate += 0.01 * (-2.0 * rate + gain * command);
+        }
+        let mut record = Record::new("axis", (0..steps).map(|k| k as f64 * 0.01).collect()).unwrap();
+        record.push("u", "", commands).unwrap();
+        record.push("rate", "rad/s", rates).unwrap();
+        let data = Data::join(&[record], &vehicle, None).unwrap();
+        assert_eq!(screen::foresees(&vehicle, &data, 2000), foreseen, "{gain}");
+    }
 }

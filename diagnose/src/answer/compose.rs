@@ -14,6 +14,7 @@ use crate::data::record::Data;
 use crate::model::free_run::ModelError;
 use crate::model::predictor::gain_of_inputs;
 use crate::residual::lack_of_fit::LackOfFit;
+use crate::screen;
 use crate::stages::check::Checked;
 use crate::stages::findings::Findings;
 use crate::thresholds::{EXPLAINED_SHARE, MIN_BIC_GAIN, REJECTED_TOLD};
@@ -88,7 +89,16 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     if left && answer.unexplained.description.is_empty() {
         answer.unexplained.description = remainder::beside(&answer.outputs, answer.heldout.horizon_s);
     }
-    let doubts = doubts::doubts(&answer.causes, &findings);
+    let mut doubts = doubts::doubts(&answer.causes, &findings);
+    // What explains a record, or is like it, tells what comes.
+    let claims = matches!(answer.verdict, Verdict::Explained | Verdict::Consistent);
+    if claims && !foresees(&findings, data) {
+        doubts.push(UNFORESEEN.into());
+        if answer.verdict == Verdict::Consistent {
+            answer.verdict = Verdict::Unexplained;
+            answer.unexplained.description = format!("{UNFORESEEN}.");
+        }
+    }
     if answer.verdict == Verdict::Explained && !doubts.is_empty() {
         answer.verdict = Verdict::PartlyExplained;
     }
@@ -186,6 +196,17 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
     }
 }
 
+/// Why a model is no explanation.
+const UNFORESEEN: &str =
+    "held-out data are predicted no better than by their mean or their last value, over any horizon";
+
+/// True when the vehicle with all causes predicts held-out data.
+fn foresees(findings: &Findings<'_>, data: &Data) -> bool {
+    let selection = &findings.residual.selection;
+    let vehicle = selection.model.vehicle(&selection.fit.values);
+    vehicle.is_ok_and(|vehicle| screen::foresees(&vehicle, data, findings.gains.cut))
+}
+
 /// True when what is left is no noise.
 fn lacks_fit(findings: &Findings<'_>) -> bool {
     findings.residual.lack.as_ref().is_some_and(LackOfFit::is_significant)
@@ -277,11 +298,6 @@ fn interval(name: &str, p: &Estimate) -> String {
     let unit = if unit.is_empty() { unit } else { format!(" {unit}") };
     let number = |v: f64| short(v * factor);
     format!("{name} {}{unit} ({} to {}{unit})", number(p.value), number(p.low), number(p.high))
-}
-
-/// Four digits at most.
-pub(crate) fn short(v: f64) -> String {
-    whirlstand_logs::shown::number((v * 1e9).round() / 1e9)
 }
 
 #[cfg(test)]

@@ -22,6 +22,8 @@ use crate::stages::residual::Residual;
 pub struct Gains {
     /// The part that was held out.
     pub heldout: HeldOut,
+    /// The first step of it.
+    pub cut: usize,
     /// Prediction of the given vehicle, all samples: its free run, or, where that means nothing, over the horizon.
     pub before: Vec<f64>,
     /// The same with all causes.
@@ -115,6 +117,7 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
     let shown = |trained: &Trained| if follows { trained.ahead.clone() } else { trained.own.clone() };
     Gains {
         heldout: HeldOut { from_s: time(cut), to_s: time(data.steps - 1), horizon_s },
+        cut,
         channels: channels.collect(),
         before: shown(&before),
         after: shown(after),

@@ -357,3 +357,8 @@ pub struct EvidenceCurve {
     /// The nearest rejected rival of an accepted cause, and what it says.
     pub rival: Option<(String, Points)>,
 }
+
+/// Four digits at most.
+pub(crate) fn short(v: f64) -> String {
+    whirlstand_logs::shown::number((v * 1e9).round() / 1e9)
+}

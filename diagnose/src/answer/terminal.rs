@@ -1,7 +1,6 @@
 //! The answer in a terminal: fifteen lines.
 
-use crate::answer::compose::short;
-use crate::answer::schema::{Diagnosis, Verdict};
+use crate::answer::schema::{Diagnosis, Verdict, short};
 
 impl Diagnosis {
     /// The diagnosis as at most 15 lines of text, without colour.

@@ -6,6 +6,7 @@ mod resemblance;
 mod responses;
 mod units;
 
+pub use resemblance::foresees;
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Vehicle};
 

@@ -15,6 +15,8 @@ use crate::thresholds::{LEAST_COMPARED_BLOCKS, MAX_P_VALUE};
 pub(super) struct Span {
     /// Over so many steps; `None` for a free run.
     pub horizon: Option<usize>,
+    /// For how long the filter remembers that knows the record until then, s.
+    memory_s: Option<f64>,
     /// What is known of the commands until then.
     commands: Commands,
     /// Steps of a block: twice as long as errors are alike.
@@ -24,7 +26,7 @@ pub(super) struct Span {
 /// A sample that is predicted.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    step: usize,
+    pub step: usize,
     pub measured: f64,
     pub predicted: f64,
     /// What was measured last before the prediction was begun; not a number for a free run.
@@ -34,12 +36,14 @@ pub(super) struct Sample {
 impl Span {
     /// A free run, and predictions over these horizons, steps, the longest last. In a closed loop the commands ahead answer
     /// what is to be predicted: where they cancel what disturbs the vehicle, a model that knows them and not the disturbance
-    /// predicts worse than none. So predictions are made without them, too (Dufour and Renault, Econometrica 66, 1998).
-    pub fn all(horizons: &[usize]) -> Vec<Self> {
+    /// predicts worse than none. So predictions are made without them, too (Dufour and Renault, Econometrica 66, 1998). The
+    /// filter that knows the record until then remembers for `memory_s`, or for as long as it predicts.
+    pub fn all(horizons: &[usize], period_s: f64, memory_s: Option<f64>) -> Vec<Self> {
         let longest = horizons.last().copied().unwrap_or(1);
-        let free = Self { horizon: None, commands: Commands::Recorded, block: 2 * longest };
+        let free = Self { horizon: None, memory_s: None, commands: Commands::Recorded, block: 2 * longest };
         let ahead = |horizon: &usize| {
-            let of = |commands| Self { horizon: Some(*horizon), commands, block: 2 * horizon };
+            let memory_s = Some(memory_s.unwrap_or(*horizon as f64 * period_s));
+            let of = |commands| Self { horizon: Some(*horizon), memory_s, commands, block: 2 * horizon };
             [Commands::Recorded, Commands::Held].map(of)
         };
         horizons.iter().flat_map(ahead).chain([free]).collect()
@@ -47,8 +51,7 @@ impl Span {
 
     /// Predictions of all samples, from states at rest; `None` where the vehicle has none.
     pub fn predicted(self, vehicle: &Vehicle, data: &Data) -> Option<Vec<f64>> {
-        let memory_s = self.horizon.map(|h| h as f64 * data.period_s);
-        let data = Data { memory_s, ..data.clone() };
+        let data = Data { memory_s: self.memory_s, ..data.clone() };
         let run = FreeRun::new(vehicle, &data);
         let rest = vec![0.0; run.initials()];
         match self.horizon {

@@ -8,10 +8,9 @@
 use whirlstand_logs::stats::mean;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
-use crate::answer::compose::short;
-use crate::answer::schema::DataFinding;
+use crate::answer::schema::{DataFinding, short};
 use crate::data::record::{Channel, Data};
-use crate::model::predictor::default_horizon_s;
+use crate::model::predictor::{default_horizon_s, memories};
 use crate::screen::predictions::{Sample, Span, blocks, commands_tell, samples};
 use crate::thresholds::{LATENESSES_S, LEAST_HORIZON_STEPS, LOUD_RATIO, MEMORY_GROWTH, MIN_HELD_OUT_SIGMAS};
 
@@ -21,6 +20,41 @@ enum Compared {
     Better,
     Alike,
     Worse,
+}
+
+/// True when a vehicle predicts some output that is more than the integral of another better than its mean and its last value do,
+/// from a step on, over any horizon or by the free run, with the commands ahead or without, by a filter that remembers for
+/// as long as it predicts or by the likeliest. Where that part is too short to tell, the whole record is asked.
+pub fn foresees(vehicle: &Vehicle, data: &Data, from: usize) -> bool {
+    let horizons = horizons(vehicle, data);
+    let mut spans = Span::all(&horizons, data.period_s, None);
+    if data.memory_s.is_none() {
+        spans.reverse();
+    }
+    foresees_over(vehicle, data, from, &spans)
+        || memories(vehicle, data).first().is_some_and(|likeliest| {
+            let spans = Span::all(&horizons, data.period_s, Some(likeliest.seconds));
+            foresees_over(vehicle, data, from, &spans)
+        })
+}
+
+fn foresees_over(vehicle: &Vehicle, data: &Data, from: usize, spans: &[Span]) -> bool {
+    let judged = judged(vehicle, data);
+    let (mut whole, mut told) = (false, false);
+    for span in spans {
+        let Some(predicted) = span.predicted(vehicle, data) else { continue };
+        for (c, range) in data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c)) {
+            let all = samples(&data.channels[c], data, &predicted[range], *span);
+            let late: Vec<Sample> = all.iter().copied().filter(|s| s.step >= from).collect();
+            let channel = &data.channels[c];
+            match gain(channel, late, *span) {
+                Some(gain) if gain > 0.0 => return true,
+                held_out => told |= held_out.is_some(),
+            }
+            whole |= gain(channel, all, *span).is_some_and(|gain| gain > 0.0);
+        }
+    }
+    whole && !told
 }
 
 /// That the record is none of the vehicle: every output that is more than the integral of another is predicted no better than by
@@ -74,11 +108,8 @@ pub(super) fn is_contradicted(vehicle: &Vehicle, data: &Data) -> bool {
 
 /// Horizons over which predictions are compared, steps, the longest last, and what is predicted over them.
 fn spans(vehicle: &Vehicle, data: &Data) -> (Vec<usize>, Vec<Span>) {
-    let longest = ((default_horizon_s(vehicle, data) / data.period_s).round() as usize).max(1);
-    let horizons =
-        std::iter::successors(Some(LEAST_HORIZON_STEPS as usize), |h| Some(MEMORY_GROWTH as usize * h));
-    let horizons: Vec<usize> = horizons.take_while(|h| *h < longest).chain([longest]).collect();
-    let spans = Span::all(&horizons);
+    let horizons = horizons(vehicle, data);
+    let spans = Span::all(&horizons, data.period_s, None);
     (horizons, spans)
 }
 
@@ -86,7 +117,11 @@ fn spans(vehicle: &Vehicle, data: &Data) -> (Vec<usize>, Vec<Span>) {
 fn compare(vehicle: &Vehicle, data: &Data, judged: &[usize], span: Span) -> Vec<(usize, Compared)> {
     let Some(predicted) = span.predicted(vehicle, data) else { return Vec::new() };
     let ranges = data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c));
-    ranges.map(|(c, range)| (c, compared(&data.channels[c], data, &predicted[range], span))).collect()
+    let of = |(c, range): (usize, std::ops::Range<usize>)| {
+        let channel = &data.channels[c];
+        Some((c, compared(channel, samples(channel, data, &predicted[range], span), span)?))
+    };
+    ranges.filter_map(of).collect()
 }
 
 fn finding(vehicle: &Vehicle, data: &Data, judged: &[usize], horizons: (usize, usize)) -> DataFinding {
@@ -113,15 +148,33 @@ fn judged(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
     if forces.is_empty() { (0..data.channels.len()).collect() } else { forces }
 }
 
-/// Compares predictions of a channel with its mean and its last value.
-fn compared(channel: &Channel, data: &Data, predicted: &[f64], span: Span) -> Compared {
-    let samples = samples(channel, data, predicted, span);
+/// Horizons up to the one that is chosen by itself, steps.
+fn horizons(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
+    let longest = ((default_horizon_s(vehicle, data) / data.period_s).round() as usize).max(1);
+    let horizons =
+        std::iter::successors(Some(LEAST_HORIZON_STEPS as usize), |h| Some(MEMORY_GROWTH as usize * h));
+    horizons.take_while(|h| *h < longest).chain([longest]).collect()
+}
+
+/// Compares predictions of a channel with its mean and its last value; `None` for too few.
+fn compared(channel: &Channel, samples: Vec<Sample>, span: Span) -> Option<Compared> {
+    Some(match gain(channel, samples, span)? {
+        t if t > MIN_HELD_OUT_SIGMAS => Compared::Better,
+        t if t < -MIN_HELD_OUT_SIGMAS => Compared::Worse,
+        _ => Compared::Alike,
+    })
+}
+
+/// By how many standard errors predictions of a channel are better than the better of its mean and its last value, without
+/// bound where they stay within the declared noise; `None` for too few.
+fn gain(channel: &Channel, samples: Vec<Sample>, span: Span) -> Option<f64> {
     let level = mean(&samples.iter().map(|s| s.measured).collect::<Vec<_>>());
     let power = |error: &dyn Fn(&Sample) -> f64| samples.iter().map(|s| error(s).powi(2)).sum::<f64>();
     // What stays within the noise is predicted as well as can be.
     if power(&|s| s.measured - s.predicted) <= samples.len() as f64 * (LOUD_RATIO * channel.declared).powi(2)
+        && !samples.is_empty()
     {
-        return Compared::Better;
+        return Some(f64::INFINITY);
     }
     let last_is_better =
         span.horizon.is_some() && power(&|s| s.measured - s.last) < power(&|s| s.measured - level);
@@ -130,9 +183,5 @@ fn compared(channel: &Channel, data: &Data, predicted: &[f64], span: Span) -> Co
     let predicted = mean(&samples.iter().map(|s| s.predicted).collect::<Vec<_>>());
     let offset = if span.horizon.is_none() { level - predicted } else { 0.0 };
     let gain = |s: &Sample| (s.measured - base(s)).powi(2) - (s.measured - s.predicted - offset).powi(2);
-    match blocks(&samples, span, gain) {
-        Some((t, _)) if t > MIN_HELD_OUT_SIGMAS => Compared::Better,
-        Some((t, _)) if t < -MIN_HELD_OUT_SIGMAS => Compared::Worse,
-        _ => Compared::Alike,
-    }
+    Some(blocks(&samples, span, gain)?.0)
 }

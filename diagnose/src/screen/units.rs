@@ -9,8 +9,7 @@ use whirlstand_vehicle::Vehicle;
 use super::gain::{self, Columns, Factor, scaled};
 use super::resemblance::is_contradicted;
 use super::responses::{Responses, linear};
-use crate::answer::compose::short;
-use crate::answer::schema::DataFinding;
+use crate::answer::schema::{DataFinding, short};
 use crate::data::record::Data;
 use crate::thresholds::{
     CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, LONGEST_SCREEN_SHARE, MAX_WRONG_UNITS, MEMORY_GROWTH,
