@@ -225,7 +225,7 @@ fn a_killed_task_of_hyperqueue_goes_on_and_the_parts_join_to_the_bytes_of_the_wh
         let tasks = ["task-1.err", "task-2.err", "task-3.err"];
         tasks.map(|name| std::fs::read_to_string(out.join(name)).unwrap_or_default()).join("\n")
     };
-    kill_second(&mut engine, &out, &said);
+    kill_second(&mut engine, &out, said);
     let ended = engine.finish_within(LONGEST);
     assert_eq!(ended.code(), 0, "{}\n{}", ended.stderr, said());
     let again = std::fs::read_to_string(out.join("task-2.txt")).unwrap();

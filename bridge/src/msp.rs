@@ -50,15 +50,17 @@ pub(crate) enum Answer {
     Switch(ArmSwitch),
 }
 
-/// The channels and pulses that arm it, as far as there are some.
+/// The channels and pulses that arm it, as far as there are some: AUX channel, begin and end as they are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct ArmSwitch([Option<(usize, [u16; 2])>; RANGES]);
+pub(crate) struct ArmSwitch([Option<[u8; 3]>; RANGES]);
 
 impl ArmSwitch {
     /// Why this pulse of a channel, from 1, arms nothing; `None` when it does. Betaflight has no flag for that.
     pub(crate) fn reason(&self, channel: usize, pulse: u16) -> Option<String> {
-        let ranges = || self.0.iter().flatten();
-        if ranges().any(|(at, [begin, end])| *at == channel && (*begin..*end).contains(&pulse)) {
+        let us = |steps: u8| 900 + 25 * u16::from(steps);
+        let range = |[aux, begin, end]: [u8; 3]| (FIRST_AUX + usize::from(aux), [us(begin), us(end)]);
+        let ranges = || self.0.iter().flatten().copied().map(range);
+        if ranges().any(|(at, [begin, end])| at == channel && (begin..end).contains(&pulse)) {
             return None;
         }
         let aux = (channel + 1).saturating_sub(FIRST_AUX);
@@ -173,8 +175,7 @@ fn switch(payload: &[u8]) -> Answer {
     let mut switch = ArmSwitch([None; RANGES]);
     let ranges = payload.chunks_exact(RANGE).filter(|r| r[0] == ARM && r[2] < r[3]);
     for (slot, range) in switch.0.iter_mut().zip(ranges) {
-        let pulse = |steps: u8| 900 + 25 * u16::from(steps);
-        *slot = Some((FIRST_AUX + usize::from(range[1]), [pulse(range[2]), pulse(range[3])]));
+        *slot = Some([range[1], range[2], range[3]]);
     }
     Answer::Switch(switch)
 }

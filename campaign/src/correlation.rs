@@ -11,14 +11,14 @@ pub fn correlation_root(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let mut root = DMatrix::<f64>::zeros(n, n);
     for j in 0..n {
         let left = matrix[(j, j)] - root.row(j).norm_squared();
-        if !(left > -ROUNDING) {
+        if left.is_nan() || left <= -ROUNDING {
             return None;
         }
         let follows = left < ROUNDING;
         root[(j, j)] = if follows { 0.0 } else { left.sqrt() };
         for i in j + 1..n {
             let rest = matrix[(i, j)] - root.row(i).dot(&root.row(j));
-            if follows && !(rest.abs() < ROUNDING.sqrt()) {
+            if follows && (rest.is_nan() || rest.abs() >= ROUNDING.sqrt()) {
                 return None;
             }
             root[(i, j)] = if follows { 0.0 } else { rest / root[(j, j)] };
