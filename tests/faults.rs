@@ -104,7 +104,9 @@ fn every_node_can_be_without_memory() {
 }
 
 /// Below what a process has already, so that it gets nothing more, not even what it gave back.
-static NO_MORE: libc::rlimit = libc::rlimit { rlim_cur: 20 << 20, rlim_max: 20 << 20 };
+static NO_MORE: libc::rlimit = libc::rlimit { rlim_cur: 20 << 20, rlim_max: libc::RLIM_INFINITY };
+/// As much as it asks for.
+static AGAIN: libc::rlimit = libc::rlimit { rlim_cur: libc::RLIM_INFINITY, rlim_max: libc::RLIM_INFINITY };
 
 /// Nodes of the loop ask for no memory in flight. The recorder does: it ends and is started again, and what the log lacks is told.
 #[test]
@@ -115,16 +117,18 @@ fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it
     let more = ["--set", FAULTS_ALLOWED, "--log-level", "debug"];
     let mut bench = spawn(whirlstand(args.into_iter().chain(more)));
     let [recorder, estimator, controller] = all_ready(&mut bench, ["recorder", "estimator", "controller"]);
-    let limit = |pid| {
+    let limit = |pid, to: &'static libc::rlimit| {
         // SAFETY: prlimit(2) reads a structure that lives, and is told to write none.
-        let done = unsafe { libc::prlimit(pid, libc::RLIMIT_AS, &raw const NO_MORE, std::ptr::null_mut()) };
+        let done = unsafe { libc::prlimit(pid, libc::RLIMIT_AS, to, std::ptr::null_mut()) };
         assert_eq!(done, 0, "prlimit of {pid}");
     };
     bench.wait_for_stderr("steps/s");
-    [estimator, controller].into_iter().for_each(limit);
+    [estimator, controller].into_iter().for_each(|pid| limit(pid, &NO_MORE));
     let line = bench.wait_for_stderr("steps/s");
     assert!(line.contains("lost 0  restarts 0"), "{line}");
-    limit(recorder);
+    // A new recorder asks those for memory who are to speak to it.
+    [estimator, controller].into_iter().for_each(|pid| limit(pid, &AGAIN));
+    limit(recorder, &NO_MORE);
     bench.wait_for_stderr("[recorder] error: the system has no memory left");
     bench.wait_for_stderr("recorder ended with exit code 1; it is started again");
     let line = bench.wait_for_stderr("steps/s");

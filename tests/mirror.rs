@@ -64,17 +64,17 @@ fn a_flight_as_the_file_says_has_no_finding() {
     assert!(json(format!("{out}/summary.json"))["runs"][0]["findings"].is_null(), "{said}");
 }
 
-/// An input of which half is left from 8 s on, in turbulence and with steps of the setpoint: the launch file.
-const WEAK: &str = r#"
+/// An input that is late from 8 s on, in turbulence and with steps of the setpoint: the launch file.
+const LATE: &str = r#"
 vehicle = "quadrotor"
 mode = "lockstep"
 duration_s = 50
 controller.law = "lqr"
 
 [[effects]]
-effect = "input_gain"
+effect = "input_delay"
 where = "u_roll"
-factor = 0.5
+delay_s = "200 ms"
 from_s = 8.0
 
 [[effects]]
@@ -112,7 +112,7 @@ fn flown(out: &str) -> Vec<[f64; 3]> {
 fn the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_better() {
     let dir = TempDir::new().unwrap();
     let steps = setpoints().map(|(at, roll)| format!("[[setpoint]]\nat_s = {at}\nroll = \"{roll} deg\"\n"));
-    let launch = WEAK.to_string() + &steps.collect::<String>();
+    let launch = LATE.to_string() + &steps.collect::<String>();
     let (told, _) = fly(dir.path(), "told", &format!("{launch}\n[mirror]\n"));
     let (out, said) = fly(dir.path(), "law", &format!("{launch}\n[mirror]\non_finding = \"law\"\n"));
     assert!(said.contains("the law that the mirror asked for is in charge"), "{said}");
@@ -122,7 +122,7 @@ fn the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_bett
     let law = law.unwrap_or_else(|| panic!("no law: {findings:?}"));
     let text = law["text"].as_str().unwrap();
     assert!(
-        text.contains("input_gain on u_roll: factor 0.") && text.contains("flies from here on"),
+        text.contains("input_delay on u_roll: delay_s 0.") && text.contains("flies from here on"),
         "{text}"
     );
     let at = law["at_s"].as_f64().unwrap();

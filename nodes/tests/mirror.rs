@@ -70,6 +70,19 @@ fn flight(name: &str, seconds: u64) -> NodeConfig {
     config
 }
 
+/// The same with roll alone moved, every two seconds, in turbulence.
+fn restless(name: &str, seconds: u64) -> NodeConfig {
+    let mut config = flight(name, seconds);
+    let change = |k: u64| SignalChange {
+        at_s: 2.0 * k as f64,
+        values: [("roll".to_string(), [0.0, 0.087, -0.087][k as usize % 3])].into(),
+    };
+    config.setpoint = (1..seconds / 2).map(change).collect();
+    let turbulence = [("std", 0.07), ("bandwidth_hz", 1.0)];
+    config.effects.push(Effect::new(Kind::Turbulence, "roll_rate", &turbulence).unwrap());
+    config
+}
+
 /// The roll input loses a third of its effect after 8 s.
 fn weakened(mut config: NodeConfig) -> NodeConfig {
     let late = Window { from_s: Some(8.0), until_s: None };
@@ -155,7 +168,7 @@ fn cost(said: &Said, config: &NodeConfig, from: u64) -> f64 {
 /// Flies a quadrotor that changes after 8 s, with and without a law that follows what is found: finding and command of the change, and
 /// the costs from 2 s after it on.
 fn succeeded(name: &str, effect: &Effect, law: LawKind) -> (Said, u64, [f64; 2]) {
-    let mut config = flight(name, 40);
+    let mut config = restless(name, 40);
     config.controller.law = law;
     let late = Window { from_s: Some(8.0), until_s: None };
     config.effects.push(effect.clone().during(late).unwrap());
@@ -175,12 +188,12 @@ fn succeeded(name: &str, effect: &Effect, law: LawKind) -> (Said, u64, [f64; 2])
     let told = run(&NodeConfig { mirror: Some(tell), bench: common::unique(name), ..config.clone() });
     assert!(told.findings.iter().all(|f| f.stage != FindingStage::Law as u32));
     assert!(messages::<Command>(&told.bits[2]).iter().all(|c| c.flags & flags::SUCCEEDED == 0));
-    // No bump: the command changes at the first step of the new law as it did at those before, with no step of the setpoint there.
+    // No bump: the command changes at the first step of the new law as at those around it, with no step of the setpoint there.
     let change_at = |step: u64| {
         let pair = [step - 1, step].map(|k| commands.iter().find(|c| c.head.step == k).expect("a command"));
         (pair[1].u[0] - pair[0].u[0]).abs()
     };
-    let usual = (from - 20..from).map(change_at).fold(0.0, f64::max);
+    let usual = (from - 20..from).chain(from + 1..from + 20).map(change_at).fold(0.0, f64::max);
     assert!(change_at(from) < 2.0 * usual + 0.01, "{name}: {} after {usual}", change_at(from));
     let costs = [&told, &with].map(|said| cost(said, &config, from + 400));
     println!(
@@ -190,10 +203,13 @@ fn succeeded(name: &str, effect: &Effect, law: LawKind) -> (Said, u64, [f64; 2])
     (with, from, costs)
 }
 
+fn late() -> Effect {
+    Effect::new(Kind::InputDelay, "u_roll", &[("delay_s", 0.2)]).unwrap()
+}
+
 #[test]
-fn the_law_for_a_loss_of_effectiveness_takes_over_without_a_bump_and_flies_better() {
-    let weak = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.5)]).unwrap();
-    let (said, from, [tell, law]) = succeeded("law-gain", &weak, LawKind::Lqr);
+fn the_law_for_a_late_input_takes_over_without_a_bump_and_flies_better() {
+    let (said, from, [tell, law]) = succeeded("law-delay", &late(), LawKind::Lqr);
     assert!(law < 0.97 * tell, "cost {tell} without, {law} with");
     assert!(from < 8 * 200 + 12 * 200, "in charge from {from}");
     let laws = said.findings.iter().filter(|f| f.stage >= FindingStage::Law as u32).count();
@@ -202,9 +218,8 @@ fn the_law_for_a_loss_of_effectiveness_takes_over_without_a_bump_and_flies_bette
 
 #[test]
 fn the_first_law_comes_back_when_the_vehicle_is_itself_again() {
-    let mut config = flight("law-back", 60);
-    let gain = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.5)]).unwrap();
-    config.effects.push(gain.during(Window { from_s: Some(8.0), until_s: Some(22.0) }).unwrap());
+    let mut config = restless("law-back", 60);
+    config.effects.push(late().during(Window { from_s: Some(8.0), until_s: Some(22.0) }).unwrap());
     config.mirror = Some(MirrorConfig { on_finding: OnFinding::Law });
     let said = run(&config);
     let stages: Vec<u32> =
@@ -214,4 +229,17 @@ fn the_first_law_comes_back_when_the_vehicle_is_itself_again() {
     let commands = messages::<Command>(&said.bits[2]);
     assert_eq!(commands.last().expect("commands").flags & flags::SUCCEEDED, 0);
     assert!(commands.iter().any(|c| c.flags & flags::SUCCEEDED != 0));
+}
+
+/// Half the effect of an input is known, and its law costs no less on draws: the inputs are at their limits as it is.
+#[test]
+fn a_law_that_is_not_certainly_better_does_not_fly() {
+    let mut config = flight("law-refused", 30);
+    let half = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.5)]).unwrap();
+    config.effects.push(half.during(Window { from_s: Some(8.0), until_s: None }).unwrap());
+    config.mirror = Some(MirrorConfig { on_finding: OnFinding::Law });
+    let said = run(&config);
+    assert!(said.findings.iter().any(|f| text_of(&f.effect) == "input_gain"), "{:?}", said.findings);
+    assert!(said.findings.iter().all(|f| f.stage < FindingStage::Law as u32), "{:?}", said.findings);
+    assert!(messages::<Command>(&said.bits[2]).iter().all(|c| c.flags & flags::SUCCEEDED == 0));
 }
