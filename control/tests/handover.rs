@@ -107,7 +107,9 @@ fn a_law_takes_over_without_a_bump_whatever_the_laws() {
                 let (old, new) = (design(&plain, from, integral), design(truth, to, integral));
                 let said = change(truth, &old, &new, 60);
                 let what = format!("{} with {integral}, {from} to {to}: {said:?}", truth.effects[0].kind());
-                assert!(said.jump < 2.0 * said.usual + 0.01, "{what}");
+                // Beside what the command does anyhow, within half a per cent of what the input can do: a sliding law moves by so
+                // much within its layer.
+                assert!(said.jump < 2.0 * said.usual + 0.005 * plain.inputs[0].upper, "{what}");
                 assert!(said.cold > 3.0 * said.jump && said.cold > 0.1, "{what}");
                 // A steady error is left where there is no integral.
                 assert!((said.roll - 0.03).abs() < if integral { 0.003 } else { 0.1 }, "{what}");
