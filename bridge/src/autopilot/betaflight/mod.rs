@@ -3,9 +3,7 @@
 //! Betaflight runs in real time beside the bench and waits for nobody. Its clock follows the ratio of simulated to wall
 //! time between one state packet and the next, so each packet is stamped with the wall time at which it is sent, and one
 //! that would come sooner than half a period after the one before is left out: a burst would make Betaflight's clock
-//! run many times too fast, and its filters with it. For the same reason none is sent while the one before is unanswered, as far
-//! as is known: two that waited together for a Betaflight without a processor would have next to no time in between by its clock,
-//! which then jumps by seconds, so that it misses its pilot and disarms.
+//! run many times too fast, and its filters with it.
 //!
 //! | direction | port | packet |
 //! |---|---|---|
@@ -54,10 +52,6 @@ pub const MSP_PLACE: &str = "tcpout://127.0.0.1:5761";
 
 /// Between two questions why it is not armed.
 const ASK: Duration = Duration::from_millis(500);
-
-/// One that has not answered for so long gets its next state all the same, because a packet was lost. From a step of 20 ms on it
-/// leaves its clock's rate as it was.
-const UNANSWERED: Duration = Duration::from_millis(25);
 
 /// A motor above that turns.
 const TURNING: f64 = 0.005;
@@ -123,7 +117,6 @@ pub struct Betaflight {
     origin: Option<(f64, f64)>,
     last_state: Option<Duration>,
     answered: bool,
-    answered_at: Option<Duration>,
     last_channels: Option<Duration>,
     event: Option<Event>,
     counts: Counts,
@@ -148,7 +141,6 @@ impl Betaflight {
             origin: None,
             last_state: None,
             answered: false,
-            answered_at: None,
             last_channels: None,
             event: None,
             counts: Counts::default(),
@@ -239,7 +231,7 @@ impl Autopilot for Betaflight {
         self.outputs(port, datagram).is_ok()
     }
 
-    fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, _send: &mut Send<'_>) -> bool {
+    fn receive(&mut self, port: usize, bytes: &[u8], _now: Duration, _send: &mut Send<'_>) -> bool {
         if port == MSP {
             return self.hear(bytes);
         }
@@ -251,7 +243,6 @@ impl Autopilot for Betaflight {
         if (port == RAW) == (self.options.packets == Packets::Raw) {
             self.counts.outputs += 1;
             self.answered = true;
-            self.answered_at = Some(now);
             self.turns = outputs.values[..4].iter().any(|v| *v > TURNING);
             self.event = Some(Event::Outputs(outputs));
         }
@@ -263,11 +254,7 @@ impl Autopilot for Betaflight {
     }
 
     fn hold_back(&mut self, now: Duration) -> bool {
-        let within = |at: Option<Duration>, time| at.is_some_and(|at| now.saturating_sub(at) < time);
-        // One that never answered is not there yet.
-        let waits = self.answered_at.is_some() && !self.answered && within(self.last_state, UNANSWERED);
-        let soon =
-            waits || within(self.last_state, self.period / 2) || within(self.answered_at, self.period / 4);
+        let soon = self.last_state.is_some_and(|last| now.saturating_sub(last) < self.period / 2);
         self.counts.skipped += u64::from(soon);
         soon
     }

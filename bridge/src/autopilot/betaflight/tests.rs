@@ -197,58 +197,6 @@ fn packets_keep_their_pace() {
     assert!((45..=61).contains(&channels), "{channels}");
 }
 
-/// Betaflight's clock by its published source: the ratio of told to real time between two packets, until the next comes, for steps
-/// of less than 20 ms.
-#[derive(Default)]
-struct Clock {
-    told: Option<f64>,
-    real: f64,
-    rate: f64,
-    time: f64,
-}
-
-impl Clock {
-    fn take(&mut self, told: f64, real: f64) {
-        self.time += self.rate * (real - self.real);
-        if let Some(step) = self.told.map(|before| told - before).filter(|step| (0.0..0.02).contains(step)) {
-            self.rate = step / (real - self.real);
-        }
-        (self.told, self.real) = (Some(told), real);
-    }
-}
-
-#[test]
-fn packets_never_wait_together_for_a_betaflight_that_has_no_processor() {
-    let mut betaflight = Betaflight::new(BetaflightOptions::default(), true, PERIOD);
-    let mut model = SensorModel::new(SensorOptions::default(), 4_000_000, 1);
-    let (mut clock, mut queue, mut most) = (Clock { rate: 1.0, ..Clock::default() }, Vec::new(), 0.0f64);
-    let mut states = 0;
-    // In tenths of a millisecond; every 70 ms it stands still for 9 ms.
-    for tick in 0..20_000u64 {
-        let now = Duration::from_micros(100 * tick);
-        if tick % 40 == 0 && !betaflight.hold_back(now) {
-            let sensors = model.step(&Motion::default(), &Errors::default());
-            betaflight.sense(&sensors, &Rc::default(), now, &mut |port, bytes| {
-                if port == STATE {
-                    queue.push(f64::from_le_bytes(bytes[..8].try_into().unwrap()));
-                }
-            });
-        }
-        if tick % 700 >= 610 || tick % 10 != 5 {
-            continue;
-        }
-        for (k, told) in queue.drain(..).enumerate() {
-            clock.take(told, now.as_secs_f64() + 20e-6 * k as f64);
-            most = most.max(clock.rate);
-            states += 1;
-            betaflight.receive(RAW, &raw([1100.0; 16]), now, &mut |_, _| panic!("nothing is asked"));
-        }
-    }
-    assert!(states > 380, "{states}");
-    assert!(most < 5.0, "its clock runs {most} times too fast");
-    assert!((clock.time - 2.0).abs() < 0.1, "{} s in 2 s", clock.time);
-}
-
 proptest! {
     #[test]
     fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..160), port in 0usize..2, size in 0..3) {
