@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::{Value, json as value};
-use support::bridged::Bridged;
+use support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_learned_from};
 use support::{json, run, said, spawn, spawn_listening, whirlstand};
 use whirlstand_test_harness::undisturbed;
 
@@ -28,8 +28,12 @@ impl Place {
 
     /// As [`Place::radio`], with a vehicle that flies by the channels and tells its attitude so often and so late.
     fn vehicle(&self, script: &Value, every: u32, late: u32) -> Command {
+        self.flying(script, &value!({"every": every, "late": late}))
+    }
+
+    fn flying(&self, script: &Value, vehicle: &Value) -> Command {
         let mut radio = self.radio(&script.to_string());
-        radio.arg(value!({"every": every, "late": late}).to_string());
+        radio.arg(vehicle.to_string());
         radio
     }
 
@@ -196,6 +200,35 @@ fn telemetry_of_4_and_of_10_hz_is_flown_on() {
     }
 }
 
+/// Telemetry of CRSF has no rates: from the attitude alone it is found out that the vehicle rolls against its commands, and the
+/// outputs go neutral.
+#[test]
+fn a_vehicle_that_rolls_against_its_commands_is_noticed_by_its_attitude_alone() {
+    for every in [2, 10, 25] {
+        undisturbed(|| {
+            let place = Place::new();
+            let vehicle = place.vehicle_file("quadrotor", "");
+            let launch = place.launch_of(&vehicle, "stale_s = 1.0", "");
+            let phases = value!([
+                ["disarmed", {"arm": false, "automatic": true, "frames": 300}],
+                ["flown", {"arm": null, "automatic": true}],
+                ["neutral", {"arm": true, "automatic": true, "gust": 5.0}],
+            ]);
+            let radio = spawn(place.flying(&phases, &value!({"every": every, "late": 0, "turned": true})));
+            let out = place.dir.path().join("out");
+            let bench = spawn(whirlstand(["run", &launch, "--out", out.to_str().unwrap()]));
+            radio.finish().success();
+            bench.signal(libc::SIGINT);
+            let end = bench.finish();
+            assert_eq!(json(&place.report)["faults"], value!([]), "{}", end.stderr);
+            for words in ["roll: commanded one way, the vehicle accelerates the other", "with the wrong sign"]
+            {
+                assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
+            }
+        });
+    }
+}
+
 /// With the usual age limit one attitude that is lost would end the flight: nobody arms it, and the rate that is needed is told.
 #[test]
 fn telemetry_of_4_hz_is_refused_where_one_attitude_lost_would_end_the_flight() {
@@ -222,18 +255,6 @@ fn telemetry_of_4_hz_is_refused_where_one_attitude_lost_would_end_the_flight() {
     });
 }
 
-/// Steps of both angles, by turns, over a minute and a half.
-fn setpoints() -> String {
-    let step = |k: u32| {
-        let (roll, pitch) = ([6, -4, 0, 5, -6][k as usize % 5], [0, 5, -6, 4][k as usize % 4]);
-        format!(
-            "[[setpoint]]\nat_s = {}\nroll = \"{roll} deg\"\npitch = \"{pitch} deg\"\n",
-            1.3 * f64::from(k)
-        )
-    };
-    (1..70).map(step).collect()
-}
-
 /// A pilot takes over for a part of a flight, in which somebody pushes the vehicle as well: of that nothing is learned, and it is
 /// said. What the controller flew before and after is enough.
 #[test]
@@ -258,25 +279,6 @@ fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() {
         let end = bench.finish();
         assert_eq!(json(&place.report)["faults"], value!([]), "{}", end.stderr);
 
-        let answer = place.dir.path().join("answer.json");
-        let told = ["--json", answer.to_str().unwrap()];
-        let identified = run(["identify", out, "--vehicle", &structure].iter().chain(&told)).success();
-        assert!(identified.stderr.contains("in 2 stretches; nothing else is used"), "{}", identified.stderr);
-        let parameters = json(&answer)["parameters"].clone();
-        let gain = parameters.as_array().unwrap().iter().find(|p| p["name"] == "B[2,1]").unwrap();
-        let value = gain["value"].as_f64().unwrap();
-        assert!((-1.5..-0.8).contains(&value), "-1.1045 in truth: {gain}\n{}", identified.stdout);
-
-        // What it knows by then is enough here.
-        let call = ["diagnose", out, "--vehicle", &vehicle, "--budget", "30 s"];
-        let diagnosed = run(call.iter().chain(&told));
-        assert!([0, 3].contains(&diagnosed.code()), "{}", diagnosed.stderr);
-        assert!(diagnosed.stderr.contains("in 2 stretches; nothing else is used"), "{}", diagnosed.stderr);
-        println!("{}", diagnosed.stdout);
-        let causes = json(&answer)["causes"].clone();
-        // The push is a pulse; how late a busy machine's frames come may have a rhythm of its own, and is in the record.
-        let pushes = ["step_disturbance", "pulse_disturbance"];
-        let pushed = |cause: &Value| pushes.contains(&cause["effect"].as_str().unwrap());
-        assert!(!causes.as_array().unwrap().iter().any(pushed), "{}", diagnosed.stdout);
+        what_the_controller_flew_alone_is_learned_from(out, &vehicle, &structure);
     });
 }

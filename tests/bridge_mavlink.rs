@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use support::bridged::Bridged;
+use support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_learned_from};
 use support::{Running, json, run, said, spawn, spawn_listening, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
@@ -290,6 +290,43 @@ fn the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives(
     Ok(())
 }
 
+/// A pilot takes over by the vehicle's own radio for a part of a flight: see the test of the same over CRSF.
+fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() -> Outcome {
+    let python = python()?;
+    let dir = tempfile::tempdir().unwrap();
+    let (port, report) = (free_port(), dir.path().join("autopilot.json"));
+    let bridged = Bridged {
+        bridge: "mavlink",
+        vehicle: "quadrotor",
+        rate_hz: 100,
+        duration_s: 1000,
+        safety: "stale_s = 1.0",
+        link: format!("udpin://127.0.0.1:{port}"),
+        more: &format!("[bridge.pilot]\nsource = \"mavlink\"\n{}", setpoints()),
+    };
+    let launch = bridged.write(dir.path()).display().to_string();
+    let phases = serde_json::json!([
+        ["disarmed", {"arm": false, "automatic": true}],
+        ["flown", {"arm": null, "automatic": true, "frames": 1500}],
+        ["manual", {"arm": true, "automatic": false, "roll": 1700, "push": 60.0, "frames": 500}],
+        ["flown", {"arm": true, "automatic": true, "frames": 1500}],
+    ]);
+    let vehicle =
+        spawn(autopilot(&python, port, &report, &["--rate", "100", "--pilot", &phases.to_string()]));
+    let out = dir.path().join("out");
+    let out = out.to_str().unwrap();
+    let bench = spawn(whirlstand(["run", &launch, "--out", out]));
+    vehicle.finish().success();
+    bench.signal(libc::SIGINT);
+    let end = bench.finish();
+    assert_eq!(json(&report)["faults"], serde_json::json!([]), "{}", end.stderr);
+    // What happens after the vehicle has gone is no part of the flight.
+    let flown = end.stderr.split_once("the pilot is in charge").expect(&end.stderr).1;
+    assert!(flown.contains("the controller is in charge"), "{}", end.stderr);
+    what_the_controller_flew_alone_is_learned_from(out, "quadrotor", "quadrotor-structure");
+    Ok(())
+}
+
 fn wrong_options_are_told_with_their_line() {
     let dir = tempfile::tempdir().unwrap();
     for (more, words) in [
@@ -317,5 +354,6 @@ whirlstand_test_harness::tests!(
     mavsdk_reads_the_attitude_through_the_bridge,
     a_serial_autopilot_is_flown_unplugged_and_plugged_in_again,
     the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives,
+    what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by,
     wrong_options_are_told_with_their_line
 );

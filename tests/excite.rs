@@ -94,6 +94,35 @@ fn an_unstable_vehicle_is_identified_in_its_loop() {
     agrees(&expected, &answer);
 }
 
+/// A position that follows a speed wanders off under random steps, and is not unstable for it.
+#[test]
+fn a_vehicle_that_integrates_is_excited_and_comes_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("motor.toml");
+    let motor = "name = \"motor\"\nA = [[0.0, 1.0, 0.0], [0.0, -2.0, 20.0], [0.0, -0.5, -40.0]]\n\
+                 B = [[0.0], [0.0], [50.0]]\nC = [[1.0, 0.0, 0.0]]\n\
+                 states = [{ name = \"angle\", unit = \"rad\" }, { name = \"speed\", unit = \"rad/s\" }, \
+                 { name = \"current\", unit = \"A\" }]\n\
+                 inputs = [{ name = \"voltage\", unit = \"V\", lower = -12.0, upper = 12.0 }]\n\
+                 outputs = [{ name = \"encoder\", unit = \"rad\", noise = 0.001 }]\n";
+    std::fs::write(&file, motor).unwrap();
+    let file = file.to_str().unwrap();
+    for kind in ["doublets", "3-2-1-1", "multistep", "multisine", "sweep"] {
+        let flight = run(["excite", file, "--kind", kind, "--duration", "60 s"]).success();
+        assert!(!flight.stderr.contains("unstable"), "{kind}: {}", flight.stderr);
+        let told = flight.stdout.contains("'motor' integrates its inputs: every step is answered");
+        assert_eq!(told, kind == "multistep", "{kind}: {}", flight.stdout);
+        assert!(flight.stdout.contains("encoder 0.") && flight.stdout.contains(" rad"), "{}", flight.stdout);
+    }
+    let refused = run(["excite", file, "--limit", "encoder=0.00001 rad", "--duration", "60 s"]);
+    assert_eq!(refused.code(), 2);
+    assert!(
+        refused.stderr.contains("integrates") && !refused.stderr.contains("unstable"),
+        "{}",
+        refused.stderr
+    );
+}
+
 #[test]
 fn what_does_not_fit_is_refused() {
     for (args, words) in [

@@ -70,6 +70,54 @@ fn a_client_sees_the_bench_by_name_and_steers_it() -> Outcome {
     let info = run(["log", "info", out]).success();
     let adjusted = info.stdout.lines().find(|l| l.contains("/adjusted")).expect("answers are in the log");
     assert!(adjusted.contains(" 4 "), "what was refused, the setpoint, the gust and the end: {adjusted}");
+    let in_log = panels_of(python_with("mcap_protobuf")?, &dir.path().join("log.mcap"));
+    let (seen, logged) = (texts(&seen["events"], None), texts(&in_log["events"], Some(1)));
+    assert!(seen.iter().all(|text| logged.contains(text)), "live {seen:?}, in the log {logged:?}");
+    Ok(())
+}
+
+/// What `tests/foxglove/log.py` reads in a log.
+#[track_caller]
+fn panels_of(python: impl AsRef<std::ffi::OsStr>, log: &Path) -> Value {
+    let mut reader = Command::new(python);
+    reader.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foxglove/log.py")).arg(log);
+    serde_json::from_str(&spawn(reader).finish().success().stdout).unwrap()
+}
+
+fn texts(list: &Value, at: Option<usize>) -> Vec<String> {
+    let text = |v: &Value| at.map_or(v, |i| &v[i]).as_str().map(String::from);
+    list.as_array().unwrap().iter().filter_map(text).collect()
+}
+
+/// The log has for panels what the server has, at the same bench time as what it is made of.
+fn a_log_has_pose_shape_and_events_for_panels() -> Outcome {
+    let python = python_with("mcap_protobuf, mcap_ros2")?;
+    let dir = TempDir::new().unwrap();
+    let out = dir.path().to_str().expect("utf-8 path");
+    run(["run", "quadrotor", "--mode", "lockstep", "--duration", "12", "--out", out]).success();
+    let seen = panels_of(python, &dir.path().join("log.mcap"));
+    assert_eq!(seen["schemas"]["/tf"], "foxglove.FrameTransforms", "{seen}");
+    assert_eq!(seen["schemas"]["/log"], "foxglove.Log");
+    assert_eq!(seen["schemas"]["/scene"], "foxglove.SceneUpdate");
+    // 2400 steps at 200 Hz, of which every fourth is told.
+    assert_eq!(seen["frames"], json!({"vehicle": 600, "measured": 600, "estimated": 600}));
+    assert_eq!(seen["misplaced"], 0, "the stamp in a message is its time in the log");
+    assert!(
+        seen["worst_angle"].as_f64().unwrap() < 1e-9,
+        "it is turned as the truth of the same time: {seen}"
+    );
+    let scenes = seen["scenes"].as_array().unwrap();
+    assert_eq!(scenes.len(), 12, "once a second");
+    assert_eq!(scenes[0], json!([[2, 4, "vehicle"], [2, 4, "estimated"]]));
+    let events = &seen["events"];
+    let gust = "disturbance of 150 deg/s^2 on roll_rate and -80.0 deg/s^2 on pitch_rate";
+    assert_eq!(events, &json!([[6.0, gust], [6.2, "no disturbance any more"]]));
+    let info = run(["log", "info", out]).success().stdout;
+    let line = info.lines().find(|l| l.contains("/tf")).expect("it is told");
+    assert!(line.contains("foxglove.FrameTransforms") && !line.contains("lost"), "{line}");
+    // Whoever reads the loop does not see them.
+    run(["log", "export", out, "--output", &format!("{out}/flight.csv")]).success();
+    run(["log", "diff", out, out]).success();
     Ok(())
 }
 
@@ -128,6 +176,9 @@ fn the_layouts_show_what_is_in_a_log() -> Outcome {
     let mut stream = LogStream::open(dir.path()).unwrap();
     let mut schemas = BTreeMap::new();
     while let Some(message) = stream.next().unwrap() {
+        if message.topic.schema_encoding != "ros2msg" {
+            continue;
+        }
         let schema = || String::from_utf8(message.topic.schema.clone()).unwrap();
         schemas.entry(message.topic.name.clone()).or_insert_with(schema);
     }
@@ -160,6 +211,7 @@ fn an_address_that_is_none_is_told() -> Outcome {
 
 whirlstand_test_harness::tests!(
     a_client_sees_the_bench_by_name_and_steers_it,
+    a_log_has_pose_shape_and_events_for_panels,
     clients_that_never_read_change_nothing_in_the_log,
     the_layouts_show_what_is_in_a_log,
     an_address_that_is_none_is_told

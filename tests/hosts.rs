@@ -10,7 +10,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use support::{FAULTS_ALLOWED, Finished, Running, json, relay, run, spawn, whirlstand};
-use whirlstand_test_harness::{Missing, Outcome};
+use whirlstand_test_harness::{Missing, Outcome, python_with};
 
 /// Two joined namespaces with addresses 10.213.N.1 and 10.213.N.2; removed on drop.
 struct TwoHosts {
@@ -181,6 +181,79 @@ fn with_keys_the_link_between_hosts_is_mutual_tls() -> Outcome {
     Ok(())
 }
 
+/// A bench with keys on one host is watched from the other, on which only the observer's and the guest's keys are: by the launch file
+/// of the bench alone. What the page asks for there is done here.
+fn a_bench_is_watched_from_another_host() -> Outcome {
+    let hosts = TwoHosts::new(14)?;
+    let dir = tempfile::tempdir().unwrap();
+    let (here, there) = (dir.path().join("keys"), dir.path().join("keys-there"));
+    let keys = here.to_str().unwrap();
+    run(["keys", "new", keys, "--host", &hosts.address(0), "--host", &hosts.address(1)]).success();
+    std::fs::create_dir(&there).unwrap();
+    for file in ["ca.pem", "observer.pem", "observer.key", "guest.pem", "guest.key"] {
+        std::fs::copy(here.join(file), there.join(file)).unwrap();
+    }
+    let bench = format!("watched-from-afar-{}", std::process::id());
+    let out = dir.path().join("out").display().to_string();
+    let mut same: Vec<String> =
+        ["--transport", "zenoh", "--mode", "realtime", "--duration", "1 h", "--set", "security.mode=tls"]
+            .map(String::from)
+            .into();
+    for (i, node) in ["plant", "estimator", "controller", "recorder"].iter().enumerate() {
+        let endpoint = format!("tls/{}:{}", hosts.address(0), 7450 + i);
+        same.extend(["--set".to_string(), format!("nodes.{node}.listen=[\"{endpoint}\"]")]);
+    }
+    let with = |keys: &Path| format!("security.keys={}", keys.display());
+    let flight = whirlstand(["run", "quadrotor", "--bench", &bench, "--out", &out, "--set", &with(&here)]);
+    let open = ["plant.inject=true", "controller.pilot=true", FAULTS_ALLOWED].map(|key| ["--set", key]);
+    let mut flight = flight;
+    flight.args(&same).args(open.as_flattened());
+    let bench_here = spawn(hosts.on(0, &flight));
+
+    let mut watch =
+        whirlstand(["watch", &bench, "--launch", "quadrotor", "--listen", "0", "--set", &with(&there)]);
+    watch.args(&same).args(open.as_flattened());
+    let mut watch = spawn(hosts.on(1, &watch));
+    let line = watch.wait_for_stderr("live page http");
+    let url = line.split_whitespace().find(|word| word.starts_with("http")).expect("an address").to_string();
+    // The page is on the loopback of the other host.
+    let python = python_with("urllib.request")?;
+    let on_page = |what: &str, text: &str| {
+        let mut client = Command::new(&python);
+        client
+            .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hosts/page.py"))
+            .args([&url, what, text]);
+        spawn(hosts.on(1, &client)).finish().success().stdout
+    };
+    // A link to one node says nothing of the others: what the plant says before its own is there is not heard.
+    for wanted in ["\"rows\":{\"step\":[", "\"node\":\"plant\"", "\"node\":\"recorder\""] {
+        on_page("see", wanted);
+    }
+    let told = on_page("ask", r#"{"do":"inject","what":"roll_rate=60deg/s^2","for_s":0.2}"#);
+    assert!(told.contains("gust on roll_rate: 60"), "{told}");
+    on_page("see", "gust on roll_rate");
+    // The same from a terminal there.
+    let terminal = |words: &[&str]| {
+        let mut command = whirlstand(words);
+        command.args(["--launch", "quadrotor", "--set", &with(&there)]).args(&same).args(open.as_flattened());
+        spawn(hosts.on(1, &command)).finish().success().stdout
+    };
+    let told = terminal(&["set", &bench, "setpoint.roll=3 deg"]);
+    assert!(told.contains("setpoint of roll: 3.00 deg from t "), "{told}");
+    let told = terminal(&["echo", &bench, "command", "--count", "2", "--json"]);
+    assert_eq!(told.lines().count(), 2, "{told}");
+    let told = terminal(&["inject", &bench, "pitch_rate=30deg/s^2"]);
+    assert!(told.contains("gust on pitch_rate: 30"), "{told}");
+    let told = on_page("ask", r#"{"do":"stop"}"#);
+    assert!(told.contains("end of the run"), "{told}");
+    bench_here.finish().success();
+    let over = watch.finish().success();
+    assert!(over.stderr.contains(&format!("bench {bench} is over")), "{}", over.stderr);
+    let info = run(["log", "info", &out]).success();
+    assert!(info.stdout.lines().any(|l| l.contains("/adjusted") && l.contains(" 4 ")), "{}", info.stdout);
+    Ok(())
+}
+
 /// 5 ms each way is more than a 200 Hz period: at 50 Hz the answer comes in time unless a message is lost.
 const SLOW: [&str; 4] = ["--set", "rate_hz=50", "--set", FAULTS_ALLOWED];
 
@@ -216,6 +289,7 @@ fn a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported() {
 whirlstand_test_harness::tests!(
     controller_on_another_host_flies_the_same_flight,
     with_keys_the_link_between_hosts_is_mutual_tls,
+    a_bench_is_watched_from_another_host,
     a_bad_link_between_hosts_is_flown_counted_and_reported,
     a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported
 );

@@ -3,92 +3,25 @@
 
 mod support;
 
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
+use std::io::Read;
 use std::path::Path;
 
 use serde_json::{Value, json};
 use support::bench::{all_ready, unique};
 use support::devtools::Page;
-use support::{FAULTS_ALLOWED, HUNG, Running, refused, run, spawn, whirlstand};
+use support::page::{OPEN, control, frames_of, live_bench, page_of, read_until, request, status};
+use support::{refused, run, spawn, whirlstand};
 use tempfile::TempDir;
 use whirlstand_test_harness::{Outcome, browser};
-
-const OPEN: [&str; 4] = ["--set", "plant.inject=true", "--set", "controller.pilot=true"];
 
 /// The plots of a quadrotor's page: four outputs, two inputs, four residuals and the innovations.
 const PLOTS: usize = 4 + 2 + 4 + 1;
 
-/// Address of the page that a command has said.
-#[track_caller]
-fn page_of(command: &mut Running) -> String {
-    let line = command.wait_for_stderr("live page http");
-    let url = line.split_whitespace().find(|word| word.starts_with("http")).expect("an address");
-    url.to_string()
-}
-
-/// Sends a request by hand; the reader stands before the answer.
-#[track_caller]
-fn request(url: &str, lines: &str, host: Option<&str>) -> BufReader<TcpStream> {
-    let (authority, path) = url.trim_start_matches("http://").split_once('/').expect("a path");
-    let mut stream = TcpStream::connect(authority).unwrap_or_else(|e| panic!("{url}: {e}"));
-    stream.set_read_timeout(Some(HUNG)).unwrap();
-    let (method, rest) = lines.split_once(' ').unwrap_or((lines, ""));
-    let host = host.unwrap_or(authority);
-    let end = if rest.is_empty() { "\r\n" } else { "" };
-    let head = format!("{method} /{path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{rest}{end}");
-    stream.write_all(head.as_bytes()).unwrap();
-    BufReader::new(stream)
-}
-
-#[track_caller]
-fn status(reader: &mut BufReader<TcpStream>) -> String {
-    let mut line = String::new();
-    reader.read_line(&mut line).unwrap();
-    line.split_whitespace().nth(1).unwrap_or_default().into()
-}
-
-/// Asks for a change as the page does; status and text of the answer.
-#[track_caller]
-fn control(url: &str, body: &str) -> (String, String) {
-    let head = format!("POST Content-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}", body.len());
-    let mut reader = request(&format!("{url}control"), &head, None);
-    let (code, mut text) = (status(&mut reader), String::new());
-    reader.read_to_string(&mut text).unwrap();
-    (code, text)
-}
-
-/// Address of the frames, from that of the page.
-fn frames_of(url: &str) -> String {
-    let (base, query) = url.split_once('?').map_or((url, String::new()), |(b, q)| (b, format!("?{q}")));
-    format!("{base}events{query}")
-}
-
-/// Reads frames until one is as wanted.
-#[track_caller]
-fn read_until(reader: &mut BufReader<TcpStream>, wanted: impl Fn(&Value) -> bool) -> Value {
-    let mut line = String::new();
-    while reader.read_line(&mut line).unwrap() > 0 {
-        if let Some(text) = line.trim_end().strip_prefix("data: ") {
-            let frame: Value = serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"));
-            if wanted(&frame) {
-                return frame;
-            }
-        }
-        line.clear();
-    }
-    panic!("the frames ended before one was as wanted");
-}
-
 fn a_running_bench_is_shown_and_steered_from_two_browsers() -> Outcome {
     let browser = browser()?;
     let dir = TempDir::new().unwrap();
-    let out = dir.path().to_str().expect("utf-8 path");
     let name = unique("live-page");
-    let args = ["run", "quadrotor", "--bench", &name, "--live", "0", "--duration", "1 h", "--out", out];
-    let more = ["--set", FAULTS_ALLOWED];
-    let mut bench = spawn(whirlstand(args.into_iter().chain(OPEN).chain(more)));
-    let url = page_of(&mut bench);
+    let (bench, url) = live_bench(&name, dir.path());
     let mut page = Page::open(&browser, &url);
     page.wait_for("document.body.dataset.state === 'flying' && Number(document.body.dataset.rows) > 100");
     page.wait_for(&format!("document.querySelectorAll('.plot').length === {PLOTS}"));
@@ -133,7 +66,7 @@ fn a_running_bench_is_shown_and_steered_from_two_browsers() -> Outcome {
         viewer.wait_for("document.body.dataset.state === 'over'");
     }
     bench.finish().success();
-    let info = run(["log", "info", out]).success();
+    let info = run(["log", "info", dir.path().to_str().expect("utf-8 path")]).success();
     let adjusted = info.stdout.lines().find(|l| l.contains("/adjusted")).expect("answers are in the log");
     assert!(adjusted.contains(" 3 "), "the gust, the setpoint and the end: {adjusted}");
     Ok(())

@@ -5,6 +5,7 @@ mod support;
 use std::path::Path;
 use std::process::Command;
 
+use support::devtools::Page;
 use support::{run, spawn};
 use tempfile::TempDir;
 use whirlstand_test_harness::{Outcome, browser};
@@ -87,6 +88,19 @@ fn a_design_is_drawn() -> Outcome {
     Ok(())
 }
 
+fn a_campaign_is_drawn_in_the_units_of_its_vehicle() -> Outcome {
+    let dir = TempDir::new().unwrap();
+    let (file, out) = (dir.path().join("gusts.toml"), dir.path().join("out"));
+    let text = "launch = 'quadrotor'\nflights = 8\nmethod = 'random'\n[[vary]]\nkey = 'effects.0.magnitude'\n\
+                uniform = ['100 deg/s^2', '200 deg/s^2']\n";
+    std::fs::write(&file, text).unwrap();
+    run(["campaign", file.to_str().unwrap(), "--out", out.to_str().unwrap()]).success();
+    let dom = drawn(&out.join("report.html"))?;
+    assert!(plots(&dom) >= 3, "the share, a figure with a limit, and what moves it");
+    assert!(dom.contains(">roll.peak, deg<") && !dom.contains(">roll.peak, rad<"), "the axis has the unit");
+    Ok(())
+}
+
 fn a_run_that_failed_says_why_first_and_draws_nothing_empty() -> Outcome {
     let dir = TempDir::new().unwrap();
     let out = dir.path().join("out");
@@ -100,7 +114,74 @@ fn a_run_that_failed_says_why_first_and_draws_nothing_empty() -> Outcome {
     Ok(())
 }
 
+/// Width of a phone held upright, px.
+const PHONE: u32 = 390;
+
+/// What the page at a place is on a phone: its width, and what sticks out of it other than in a box that scrolls, plots with
+/// their tool bars aside.
+fn on_a_phone(page: &mut Page, place: &str) -> (u64, String) {
+    page.visit(&format!("file://{place}"));
+    page.wait_for(&format!(
+        "location.pathname == '{place}' && document.readyState == 'complete' && \
+         document.querySelectorAll('[id^=plot-]').length == document.querySelectorAll('.js-plotly-plot').length"
+    ));
+    let wide = format!(
+        "[...document.querySelectorAll('body *')].filter((e) => e.getBoundingClientRect().right > {PHONE} + 1 && \
+         !e.parentElement.closest('.scroll, pre, .plot')).map((e) => e.tagName + ' ' + e.className).join()"
+    );
+    let width = page.value("document.documentElement.scrollWidth").as_u64().unwrap();
+    (width, page.value(&wide).as_str().unwrap().into())
+}
+
+/// With names that no phone is wide enough for.
+fn every_page_fits_a_phone() -> Outcome {
+    let browser = browser()?;
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let long = "a_name_that_is_much_longer_than_any_phone_is_wide";
+    let quadrotor = run(["vehicle", "show", "quadrotor"]).success().stdout;
+    let (vehicle, launch, campaign) =
+        (path("vehicle.toml"), path(&format!("{long}.toml")), path(&format!("campaign_{long}.toml")));
+    let named = quadrotor.replace("name = \"quadrotor\"", &format!("name = \"{long}\""));
+    assert!(named.contains(long));
+    std::fs::write(&vehicle, named).unwrap();
+    let bench = "vehicle = 'vehicle.toml'\nmode = 'lockstep'\nrate_hz = 100\nduration_s = 12\n[controller]\nlaw = 'lqr'\n\
+                 [[effects]]\neffect = 'pulse_disturbance'\nwhere = 'roll_rate'\nat_s = 4\nduration_s = 0.5\n\
+                 magnitude = '100 deg/s^2'\n";
+    std::fs::write(&launch, bench).unwrap();
+    let varied = "flights = 8\nmethod = 'random'\n[[vary]]\nkey = 'effects.0.magnitude'\n\
+                  uniform = ['100 deg/s^2', '200 deg/s^2']\n";
+    std::fs::write(&campaign, format!("launch = '{long}.toml'\n{varied}")).unwrap();
+    let (flown, other) = (path("run"), path("other"));
+    for (out, law) in [(&flown, "lqr"), (&other, "ppc")] {
+        let law = format!("controller.law='{law}'");
+        run(["run", &launch, "--transport", "inproc", "--set", &law, "--out", out]).success();
+    }
+    for (page, args) in [
+        ("compared", &["compare", &flown, &other][..]),
+        ("against", &["compare", &flown, "--vehicle", &vehicle]),
+        ("identified", &["identify", &flown, "--vehicle", &vehicle]),
+        ("diagnosed", &["diagnose", &flown, "--vehicle", &vehicle]),
+        ("tuned", &["tune", &flown, "--launch", &launch, "--draws", "20"]),
+        ("campaign", &["campaign", &campaign]),
+        ("designed", &["design", &vehicle, "--law", "smc"]),
+    ] {
+        run(args.iter().chain(&["--out", &path(page)])).success();
+    }
+    let mut phone = Page::open(&browser, "about:blank");
+    let size = serde_json::json!({ "width": PHONE, "height": 844, "deviceScaleFactor": 2, "mobile": true });
+    phone.emulate("setDeviceMetricsOverride", size);
+    let pages = ["run", "compared", "against", "identified", "diagnosed", "tuned", "campaign", "designed"];
+    for page in pages {
+        let (width, wide) = on_a_phone(&mut phone, &path(&format!("{page}/report.html")));
+        assert!(width <= PHONE.into() && wide.is_empty(), "{page} is {width} px wide: {wide}");
+    }
+    Ok(())
+}
+
 whirlstand_test_harness::tests!(
+    a_campaign_is_drawn_in_the_units_of_its_vehicle,
+    every_page_fits_a_phone,
     a_run_is_drawn_plots_first,
     runs_are_compared_and_the_best_is_named,
     a_design_is_drawn,

@@ -156,3 +156,63 @@ fn a_designed_flight_is_written_with_units_and_flies() {
     let gain = fitted["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "B[2,1]").unwrap();
     assert_eq!((&gain["unit"], &gain["unit_si"]), (&"deg/s^2".into(), &"rad/s^2".into()));
 }
+
+/// A file that declares rad is answered in rad: on the terminal, on pages, in the log and in the mistakes that are told.
+#[test]
+fn what_is_shown_is_in_the_unit_that_the_file_declares() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let (vehicle, out, launch) = (path("v.toml"), path("out"), path("launch.toml"));
+    let declared = "name = \"platform\"\nA = [[0.0, 1000.0], [-0.004, -2.0]]\nB = [[0.0], [0.03]]\nC = [[1.0, 0.0], [0.0, 1.0]]\n\
+                    states = [{ name = \"tilt\", unit = \"mrad\" }, { name = \"rate\", unit = \"rad/s\" }]\n\
+                    inputs = [{ name = \"drive\", unit = \"%\", lower = -100, upper = 100 }]\n\
+                    outputs = [{ name = \"tilt\", unit = \"mrad\", noise = 1 }, { name = \"rate\", unit = \"rad/s\", noise = 0.002 }]\n";
+    std::fs::write(&vehicle, declared).unwrap();
+    let bench = format!(
+        "vehicle = {vehicle:?}\nrate_hz = 100.0\nduration_s = 10.0\nmode = \"lockstep\"\n[controller]\nlaw = \"lqr\"\n\
+         [[effects]]\neffect = \"pulse_disturbance\"\nwhere = \"rate\"\nat_s = 4\nduration_s = 0.5\nmagnitude = 2\n\
+         [expect.tilt]\npeak = \"1 mrad\"\n"
+    );
+    std::fs::write(&launch, bench).unwrap();
+    let flown = run(["run", &launch, "--transport", "inproc", "--out", &out]);
+    let said = format!("{}{}", flown.stdout, flown.stderr);
+    assert!(said.contains("tilt by ") && said.contains(" mrad, recovered"), "{said}");
+    assert!(said.contains("above the limit 1.00 mrad"), "{said}");
+    let page = std::fs::read_to_string(format!("{out}/report.html")).unwrap().replace("&#x2f;", "/");
+    for words in ["tilt, mrad", "rate, rad/s", "drive, %", "disturbance of 2.00 rad/s² on rate"] {
+        assert!(page.contains(words), "{words}");
+    }
+    let log = format!("{out}/log.mcap");
+    let compared = run(["compare", &log, "--vehicle", &vehicle, "--out", &path("compared")]).success();
+    let page = std::fs::read_to_string(path("compared/report.html")).unwrap();
+    assert!(page.contains("tilt, mrad"), "the page of a comparison");
+    let excited = run(["excite", &vehicle, "--duration", "30 s"]).success().stdout;
+    let diagnosed = run(["diagnose", &log, "--vehicle", &vehicle, "--out", &path("diagnosed")]);
+    let told = format!("{}{}{}{}", compared.stdout, excited, diagnosed.stdout, diagnosed.stderr);
+    assert!(excited.contains(" mrad, rate "), "{excited}");
+    assert!(!format!("{said}{told}").contains("deg"), "{said}{told}");
+    let summary = json(format!("{out}/summary.json"));
+    assert_eq!(summary["runs"][0]["outputs"]["tilt"]["unit"], "rad", "programs read SI");
+
+    let (campaign, flown) = (path("gusts.toml"), path("flown"));
+    let text = format!(
+        "launch = {launch:?}\nmethod = \"random\"\nflights = 12\n\
+                [[vary]]\nkey = \"effects.0.magnitude\"\nuniform = [\"1 rad/s^2\", \"3 rad/s^2\"]\n"
+    );
+    std::fs::write(&campaign, text).unwrap();
+    let said =
+        run(["campaign", &campaign, "--out", &flown, "--json", &path("campaign.json")]).success().stdout;
+    let told = said.lines().find(|line| line.contains("tilt.peak <= ")).unwrap_or_default();
+    assert!(told.contains("1.00 mrad"), "{said}");
+    let page = std::fs::read_to_string(format!("{flown}/report.html")).unwrap().replace("&#x2f;", "/");
+    assert!(page.contains("tilt.peak &lt;= 1.00 mrad") && page.contains(" mrad</td>"));
+    assert!(page.contains(" mrad*s</td>") && !page.contains(" deg"), "{said}");
+    let table = std::fs::read(format!("{flown}/flights.parquet")).unwrap();
+    let units = String::from_utf8_lossy(&table);
+    assert!(units.contains(r#""tilt.peak":"rad""#), "programs find the SI unit: {units}");
+    let answer = json(path("campaign.json"));
+    let figures = answer["findings"]["figures"].as_array().unwrap();
+    let peak = figures.iter().find(|figure| figure["key"] == "tilt.peak").unwrap();
+    assert_eq!(peak["unit"], "rad");
+    assert!(!said.contains("deg"), "{said}");
+}

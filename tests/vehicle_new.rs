@@ -93,7 +93,37 @@ fn flights_end_in_models_that_identify_takes_as_they_are() -> Outcome {
     Ok(())
 }
 
+/// What changed from sample to sample in flight is no data sheet: the diagnosis fits the noise, also of a file that went through
+/// `identify`, and the extended vehicle keeps what the draft says.
+fn noise_that_was_estimated_in_flight_is_fitted() -> Outcome {
+    let log = data()?.join("flights/kd0aij_S250_1kHz_log1.ulg");
+    let dir = tempfile::tempdir().unwrap();
+    drafted(&log, dir.path());
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let log = log.to_str().unwrap();
+    let fitted = ["identify", log, "--vehicle", &path("drafted.toml"), "--to", "20", "--noise", "kalman"];
+    run(fitted.into_iter().chain(["--output", &path("fitted.toml")])).success();
+    for vehicle in ["drafted.toml", "fitted.toml"] {
+        let (found, out) = (path("diagnosis.json"), path("out"));
+        let call = ["diagnose", log, "--vehicle", &path(vehicle), "--json", &found, "--out", &out];
+        run(call.into_iter().chain(["--from", "10", "--to", "30"])).success();
+        let found = json(&found);
+        for (name, output) in found["outputs"].as_object().unwrap() {
+            assert!(output["noise_model_share"].is_number(), "{vehicle}, {name}: {output}");
+        }
+        if let Some(extended) = found["extended_vehicle"].as_str() {
+            let noise = |file: &str| {
+                let text = std::fs::read_to_string(file).unwrap();
+                text.lines().filter(|line| line.starts_with("noise = ")).count()
+            };
+            assert_eq!(noise(extended), noise(&path(vehicle)), "{vehicle}");
+        }
+    }
+    Ok(())
+}
+
 whirlstand_test_harness::tests!(
+    noise_that_was_estimated_in_flight_is_fitted,
     motors_that_are_off_are_refused,
     rest_is_refused,
     a_slow_log_is_refused_with_its_rates,

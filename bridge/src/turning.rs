@@ -1,14 +1,21 @@
 //! How a vehicle turns, from its file: the signs that its channels need, and what its flight is held against.
 
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Engine, Vehicle};
 
 use crate::channels::Input;
 
 /// The angles, in the order of [`Input::turns`]; the rate of each is called the same with `_rate`.
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 
-/// What roll, pitch, yaw and their rates add to the acceleration about each axis, 1/s^2 and 1/s.
-pub type OwnMotion = [[f64; 6]; 3];
+/// How a vehicle turns without its inputs, and how well its attitude is known.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct OwnMotion {
+    /// What roll, pitch, yaw and their rates add to the acceleration about each axis, 1/s^2 and 1/s.
+    pub adds: [[f64; 6]; 3],
+    /// Standard deviations of what the sensors of roll, pitch, yaw and their rates add, rad and rad/s; 0 for what the file
+    /// has no sensor of.
+    pub noise: [f64; 6],
+}
 
 /// The inputs of a vehicle, as a bridge wants them.
 ///
@@ -32,16 +39,22 @@ pub fn inputs_of(vehicle: &Vehicle) -> Vec<Input> {
     vehicle.inputs.iter().zip(turns).map(input).collect()
 }
 
-/// What a vehicle's attitude does to its own acceleration.
+/// What a vehicle's attitude does to its own acceleration, and the noise of its sensors in flight.
 pub fn own_motion_of(vehicle: &Vehicle) -> OwnMotion {
     let states: [Option<usize>; 6] = std::array::from_fn(|i| match ANGLES.get(i) {
         Some(angle) => vehicle.state_index(angle),
         None => rate_state(vehicle, i - ANGLES.len()),
     });
-    std::array::from_fn(|axis| {
+    let adds = std::array::from_fn(|axis| {
         let Some(row) = rate_state(vehicle, axis) else { return [0.0; 6] };
         states.map(|state| state.map_or(0.0, |s| vehicle.a[(row, s)]))
-    })
+    });
+    let noise = states.map(|state| {
+        let name = state.map(|s| vehicle.states[s].name.as_str());
+        let sensor = vehicle.outputs.iter().find(|output| Some(output.name.as_str()) == name);
+        sensor.map_or(0.0, |s| s.sensor_std(Engine::Flying, 0.0))
+    });
+    OwnMotion { adds, noise }
 }
 
 /// The state that is the rate of an angle: by its name, or by the row of A that says so.
@@ -82,7 +95,10 @@ outputs = [{ name = "roll", unit = "rad" }]
     #[test]
     fn its_own_motion_is_that_of_a() {
         let own = own_motion_of(&Vehicle::builtin("quadrotor").unwrap());
-        assert!((own[1][0] - 7.2721).abs() < 1e-9 && (own[1][3] - 6.1794).abs() < 1e-9, "{own:?}");
-        assert!((own[1][1] + 7.9908).abs() < 1e-9 && own[2] == [0.0; 6], "{own:?}");
+        let adds = own.adds;
+        assert!((adds[1][0] - 7.2721).abs() < 1e-9 && (adds[1][3] - 6.1794).abs() < 1e-9, "{own:?}");
+        assert!((adds[1][1] + 7.9908).abs() < 1e-9 && adds[2] == [0.0; 6], "{own:?}");
+        // 0.08 deg, and a vibration of 0.08 deg and half of it.
+        assert!((own.noise[0].to_degrees() - 0.102).abs() < 1e-3 && own.noise[5] == 0.0, "{own:?}");
     }
 }

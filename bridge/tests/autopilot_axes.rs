@@ -187,8 +187,7 @@ fn said(name: &str, outputs: [f64; 4]) -> (Box<dyn Autopilot>, usize, Vec<u8>) {
         }
         _ => {
             let bytes = betaflight::raw_bytes(4, &std::array::from_fn(|i| pulse(i) as f32)).to_vec();
-            let period = Duration::from_nanos(PERIOD_NS);
-            (Box::new(Betaflight::new(BetaflightOptions::default(), true, period)), betaflight::RAW, bytes)
+            (Box::new(Betaflight::new(BetaflightOptions::default(), true)), betaflight::RAW, bytes)
         }
     }
 }

@@ -6,7 +6,7 @@ use statrs::statistics::{Data, OrderStatistics};
 use crate::correlation::rank_correlation;
 use crate::proportion::Proportion;
 use crate::quantity::Value;
-use crate::table::{Columns, Ended, Flight, Table, WEIGHT};
+use crate::table::{Columns, Ended, FigureColumn, Flight, Table, WEIGHT};
 
 /// Flights that are named as the worst.
 const WORST: usize = 10;
@@ -47,6 +47,9 @@ pub struct FigureFindings {
     pub key: String,
     /// SI unit.
     pub unit: String,
+    /// Symbol of the unit in which people are shown it.
+    #[serde(skip)]
+    pub shown: String,
     /// Flights in which it has a value.
     pub count: u64,
     /// Quantiles 0, 5, 50, 95 and 100 %.
@@ -122,7 +125,7 @@ impl Findings {
             failed: proportion(&|f| f.ended != Ended::Complete, all),
             limits: limits.collect(),
             figures: (0..columns.figures.len())
-                .filter(|i| columns.figures[*i].0 != WEIGHT)
+                .filter(|i| columns.figures[*i].key != WEIGHT)
                 .filter_map(|i| figure(table, &draws, weights.as_deref(), i))
                 .collect(),
             worst: worst(flights, columns),
@@ -143,7 +146,7 @@ pub fn violated(table: &Table, first: usize) -> Proportion {
 
 /// How much each flight counts; `None` where all count alike.
 fn weights(table: &Table) -> Option<Vec<f64>> {
-    let at = table.info.columns.figures.iter().position(|(key, _)| key == WEIGHT)?;
+    let at = table.info.columns.figures.iter().position(|figure| figure.key == WEIGHT)?;
     Some(table.flights.iter().map(|f| f.figures.get(at).copied().flatten().unwrap_or(1.0)).collect())
 }
 
@@ -173,10 +176,10 @@ fn figure(table: &Table, draws: &[Vec<f64>], weights: Option<&[f64]>, at: usize)
         let weighted = values.iter().copied().zip(weights.iter().copied());
         let mut weighted: Vec<(f64, f64)> = weighted.filter(|(value, _)| value.is_finite()).collect();
         weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (key, unit) = columns.figures[at].clone();
+        let FigureColumn { key, unit, shown } = columns.figures[at].clone();
         let quantiles = [0.0, 0.05, 0.5, 0.95, 1.0].map(|share| weighted_quantile(&weighted, share));
         // Ranks of draws that are not those of nature say nothing of nature.
-        return Some(FigureFindings { key, unit, count, quantiles, sensitivities: Vec::new() });
+        return Some(FigureFindings { key, unit, shown, count, quantiles, sensitivities: Vec::new() });
     }
     let mut known = Data::new(known);
     let mut sensitivities: Vec<Sensitivity> = columns
@@ -190,9 +193,9 @@ fn figure(table: &Table, draws: &[Vec<f64>], weights: Option<&[f64]>, at: usize)
         .collect();
     sensitivities.sort_by(|a, b| b.rank_correlation.abs().total_cmp(&a.rank_correlation.abs()));
     sensitivities.truncate(MOST_SENSITIVITIES);
-    let (key, unit) = columns.figures[at].clone();
+    let FigureColumn { key, unit, shown } = columns.figures[at].clone();
     let quantiles = [0.0, 0.05, 0.5, 0.95, 1.0].map(|tau| known.quantile(tau));
-    Some(FigureFindings { key, unit, count, quantiles, sensitivities })
+    Some(FigureFindings { key, unit, shown, count, quantiles, sensitivities })
 }
 
 /// The flights by the greatest figure in parts of its limit, those without a figure first.
@@ -200,7 +203,7 @@ fn worst(flights: &[Flight], columns: &Columns) -> Vec<Worst> {
     let places: Vec<Option<usize>> = columns
         .limits
         .iter()
-        .map(|(key, _)| columns.figures.iter().position(|(figure, _)| figure == key))
+        .map(|(key, _)| columns.figures.iter().position(|figure| figure.key == *key))
         .collect();
     let mut all: Vec<(f64, Worst)> = flights
         .iter()
@@ -245,7 +248,13 @@ mod tests {
         let columns = Columns {
             keys: vec![("gust".into(), "deg/s^2".into()), ("law".into(), String::new())],
             limits: vec![("roll.peak".into(), 0.5)],
-            figures: vec![("roll.peak".into(), "rad".into()), ("u.rms".into(), "1".into())],
+            figures: [("roll.peak", "rad", "mrad"), ("u.rms", "", "")]
+                .map(|(key, unit, shown)| FigureColumn {
+                    key: key.into(),
+                    unit: unit.into(),
+                    shown: shown.into(),
+                })
+                .to_vec(),
         };
         let flights = (0..10u64).map(|n| {
             let peak = 0.1 * n as f64;

@@ -122,7 +122,7 @@ fn normal(p: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::table::{Columns, Ended, Flight, TableInfo, WEIGHT};
+    use crate::table::{Columns, Ended, FigureColumn, Flight, TableInfo, WEIGHT};
     use crate::{Campaign, Findings, Proportion, Table};
 
     /// Two normal keys and a seed; a flight fails where a + b is greater than the threshold.
@@ -146,7 +146,9 @@ mod tests {
         let columns = Columns {
             keys: campaign.keys(),
             limits: vec![("sum".into(), threshold)],
-            figures: vec![("sum".into(), String::new()), (WEIGHT.into(), String::new())],
+            figures: ["sum", WEIGHT]
+                .map(|key| FigureColumn { key: key.into(), ..Default::default() })
+                .to_vec(),
         };
         let info = TableInfo {
             digest: String::new(),

@@ -1,7 +1,7 @@
 //! How often something happened, with its interval.
 
 use serde::Serialize;
-use statrs::distribution::{Beta, ChiSquared, ContinuousCDF, Normal};
+use statrs::distribution::{Beta, Binomial, ChiSquared, ContinuousCDF, DiscreteCDF, Normal};
 
 /// A share of independent trials, with an interval of 95 %.
 ///
@@ -24,6 +24,13 @@ pub struct Proportion {
 
 /// Probability outside the interval.
 const ALPHA: f64 = 0.05;
+
+/// Whether something certainly happens more often under one condition than under another, when every trial saw both: it
+/// happened under the first alone on `first` trials, under the second alone on `second`. McNemar's exact test, two-sided at 5 %
+/// (McNemar, Psychometrika 12, 1947): if neither mattered, either would be as likely on each of these.
+pub fn more_often_in_pairs(first: u64, second: u64) -> bool {
+    first > second && Binomial::new(0.5, first + second).is_ok_and(|either| 2.0 * either.cdf(second) < ALPHA)
+}
 
 impl Proportion {
     /// `count` of `of` trials; a count above `of` is taken for `of`.
@@ -84,6 +91,15 @@ mod tests {
     use super::*;
 
     /// `scipy.stats.binomtest(k, n).proportion_ci(method=...)`, SciPy 1.17: "wilson", and "exact" at the ends.
+    #[test]
+    fn pairs_decide_only_where_chance_would_not() {
+        // Of n that differ all one way, 2 / 2^n: below 5 % from six on.
+        assert!(more_often_in_pairs(6, 0) && !more_often_in_pairs(5, 0));
+        assert!(!more_often_in_pairs(0, 0) && !more_often_in_pairs(0, 30) && !more_often_in_pairs(12, 12));
+        // Nine of ten: 2 * 11 / 1024 = 0.021; eight of ten: 0.109.
+        assert!(more_often_in_pairs(9, 1) && !more_often_in_pairs(8, 2));
+    }
+
     #[test]
     fn intervals_are_those_of_scipy() {
         for (count, of, low, high) in [

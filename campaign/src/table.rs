@@ -1,5 +1,6 @@
 //! What was flown, as a table in a Parquet file: a row for each flight.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
@@ -19,6 +20,9 @@ use crate::shard::{PartsError, Shard};
 
 /// Key of the file's metadata that holds [`TableInfo`] as JSON.
 const INFO: &str = "whirlstand.campaign";
+
+/// Key of the file's metadata that holds the SI units of the figures by the names of their columns, as JSON.
+const UNITS: &str = "whirlstand.units";
 
 /// How a flight ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -58,8 +62,19 @@ pub struct Columns {
     pub keys: Vec<(String, String)>,
     /// Limits: key and value, SI.
     pub limits: Vec<(String, f64)>,
-    /// Figures: key and SI unit.
-    pub figures: Vec<(String, String)>,
+    /// Figures.
+    pub figures: Vec<FigureColumn>,
+}
+
+/// A figure, the values of which are SI.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FigureColumn {
+    /// Its key.
+    pub key: String,
+    /// SI unit; empty for a pure number.
+    pub unit: String,
+    /// Symbol of the unit in which people are shown it.
+    pub shown: String,
 }
 
 /// Figure under which a flight of method "importance" has its weight.
@@ -155,16 +170,22 @@ impl Table {
         for (key, _) in &columns.limits {
             fields.push(field(&format!("holds.{key}"), Physical::BOOLEAN, true)?);
         }
-        for (key, _) in &columns.figures {
-            fields.push(field(key, Physical::DOUBLE, true)?);
+        for figure in &columns.figures {
+            fields.push(field(&figure.key, Physical::DOUBLE, true)?);
         }
         let schema = Arc::new(Type::group_type_builder("flights").with_fields(fields).build()?);
-        let info = serde_json::to_string(&self.info)
+        let units: BTreeMap<&str, &str> =
+            columns.figures.iter().map(|f| (f.key.as_str(), f.unit.as_str())).collect();
+        let metadata = [(INFO, serde_json::to_string(&self.info)), (UNITS, serde_json::to_string(&units))];
+        let metadata: Vec<KeyValue> = metadata
+            .into_iter()
+            .map(|(key, text)| Ok(KeyValue::new(key.into(), text?)))
+            .collect::<serde_json::Result<_>>()
             .map_err(|e| parquet::errors::ParquetError::External(e.into()))?;
         let properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
             .set_created_by("whirlstand".into())
-            .set_key_value_metadata(Some(vec![KeyValue::new(INFO.into(), info)]))
+            .set_key_value_metadata(Some(metadata))
             .build();
         let mut writer = SerializedFileWriter::new(sink, schema, Arc::new(properties))?;
         let mut group = writer.next_row_group()?;

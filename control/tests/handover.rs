@@ -118,6 +118,61 @@ fn a_law_takes_over_without_a_bump_whatever_the_laws() {
     }
 }
 
+/// The hand of a pilot flies for a second in the place of the law, with a deflection that no law would have; then the law goes on.
+#[test]
+fn a_law_goes_on_from_where_a_hand_has_left_the_command() {
+    let late = vehicle(&[(Kind::InputDelay, &[("delay_s", 0.03)])]);
+    for integral in [false, true] {
+        for law in ["lqr", "ppc", "smc"] {
+            let designed = design(&late, law, integral);
+            let mut simulator = Simulator::expected(&pushed(&late), PERIOD).expect("slow enough");
+            let (mut flying, mut pilot) =
+                (Controller::new(&designed), Controller::new(&design(&late, "lqr", false)));
+            let mut cold = Controller::new(&designed);
+            let reference = [0.03, 0.0, 0.0, 0.0];
+            let (mut now, mut next, mut shadow) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+            let (mut jump, mut cold_jump, mut usual) = (f64::NAN, f64::NAN, 0f64);
+            for k in 0..1600u32 {
+                now = std::mem::replace(&mut next, now);
+                simulator.apply(&now);
+                simulator.measure();
+                let x = simulator.state()[..4].to_vec();
+                pilot.step(&x, &reference, 1, &mut shadow);
+                let by_hand = [shadow[0] + 0.05 * late.inputs[0].upper, shadow[1]];
+                let counted = measure(|| {
+                    if (200..400).contains(&k) {
+                        next = by_hand;
+                        assert!(flying.fly_along_by_hand(&next, &x, &reference, 1));
+                    } else {
+                        flying.step(&x, &reference, 1, &mut next);
+                    }
+                });
+                assert_eq!(counted.count_total, 0, "step {k}");
+                match k {
+                    380..400 => usual = usual.max((next[0] - now[0]).abs()),
+                    400 => {
+                        jump = (next[0] - now[0]).abs();
+                        let mut other = [0.0; 2];
+                        cold.set_command_in_force(&now);
+                        cold.step(&x, &reference, 1, &mut other);
+                        cold_jump = (other[0] - now[0]).abs();
+                    }
+                    _ => {}
+                }
+                simulator.advance();
+            }
+            let what = format!("{law}, integral {integral}: {jump} after {usual}, from rest {cold_jump}");
+            assert!(jump < 2.0 * usual + 0.005 * late.inputs[0].upper, "{what}");
+            assert!(cold_jump > 3.0 * jump, "{what}");
+            let roll = simulator.state()[0];
+            assert!((roll - 0.03).abs() < if integral { 0.003 } else { 0.1 }, "{what}: roll {roll}");
+        }
+    }
+    let mut law = Controller::new(&design(&late, "lqr", false));
+    assert!(!law.fly_along_by_hand(&[f64::NAN, 0.0], &[0.0; 4], &[0.0; 4], 0), "no number");
+    assert!(!law.fly_along_by_hand(&[0.0], &[0.0; 4], &[0.0; 4], 0), "too few");
+}
+
 #[test]
 fn a_law_of_another_vehicle_does_not_take_over() {
     let other = Vehicle::builtin("helicopter-hover").expect("built in");

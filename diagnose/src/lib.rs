@@ -49,6 +49,21 @@ pub fn diagnose(
     vehicle: &Vehicle,
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
+    if !vehicle.sensor_noise_is_estimated() {
+        return diagnosed(records, vehicle, options);
+    }
+    // What changes from sample to sample in flight is no bound of what is noise: it is fitted, as where none is declared.
+    let mut undeclared = vehicle.clone();
+    undeclared.outputs.iter_mut().for_each(|output| output.noise = 0.0);
+    let mut answer = diagnosed(records, &undeclared, options)?;
+    if let Some(extended) = &mut answer.extended {
+        extended.outputs.iter_mut().zip(&vehicle.outputs).for_each(|(own, given)| own.noise = given.noise);
+    }
+    Ok(answer)
+}
+
+/// The diagnosis where the noise that the vehicle file gives is what its sensors err by.
+fn diagnosed(records: &[Record], vehicle: &Vehicle, options: &Options) -> Result<Diagnosis, DiagnoseError> {
     let units = screen::wrong_units(records, vehicle, options.period_s)?;
     if !units.is_empty() {
         let mut loaded = Loaded::new(records, vehicle, options)?;
@@ -90,7 +105,7 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     // What that leaves of the record's own colour, the noise of the innovations has, anew beside every candidate.
     let longest = memories.iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds))?;
     loaded.options.watch.tell("follows the record with a filter");
-    let best = over_commands(&loaded.remembering(longest.seconds));
+    let best = over_commands(&loaded.remembering(longest.seconds, likeliest.seconds));
     let likelihood = best.likelihood?;
     // Gusts that are named make a free run a bad prediction and a good model.
     let plainly_likelier = free.likelihood.is_some_and(|l| l.bic_gain(&likelihood) < -MIN_BIC_GAIN);

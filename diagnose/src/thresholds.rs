@@ -48,8 +48,13 @@ pub(crate) const MIN_HELD_SAMPLES: usize = 5;
 pub(crate) const MIN_LEVELS: usize = 3;
 /// With fewer steps from the least to the greatest, a limit cannot be told from rounding. Calibrated.
 pub(crate) const MIN_STEPS_OF_A_LIMIT: f64 = 8.0;
-/// Values of which this share are new may be held now and then; of fewer, they are rounded. Calibrated.
+/// A sensor of whose values this share is new may lose some now and then; one of whose fewer are is a slower sensor. Calibrated.
 pub(crate) const NEW_VALUE_SHARE: f64 = 0.25;
+/// A value that repeats less often than this share of how often values usually do is no level of a rounded sensor. Calibrated.
+pub(crate) const OFTEN_SHARE: f64 = 0.2;
+/// Repeats are counted only where rounding makes fewer than this share of neighbours equal: a value that is lost would be
+/// one among many elsewhere. Fisher's 5 %.
+pub(crate) const RARE_REPEAT: f64 = 0.05;
 /// Neighbours on each side to which a value is compared. Calibrated.
 pub(crate) const NEIGHBOURS: usize = 4;
 /// Fewer wild values than this may be anything. Calibrated.
@@ -170,6 +175,9 @@ pub(crate) const OVERSHADOWED_BIC: f64 = 30.0;
 /// Difference in BIC below which two causes that do not look alike cannot both be excluded: odds of about seven to
 /// one.
 pub(crate) const UNDECIDED_BIC: f64 = 4.0;
+/// Standard deviations below what a cause would gain over its rival, from which on it is not the truth: the normal
+/// distribution's quantile at a level of 1 %.
+pub(crate) const COX_QUANTILE: f64 = 2.33;
 /// A term is found again when it gains this share of what it gained in the model. Calibrated.
 pub(crate) const FOUND_AGAIN_SHARE: f64 = 0.5;
 /// Exchanges for better rivals in the end, at most. Cost.

@@ -1,8 +1,7 @@
 //! Expectations of a run (upper limits on its figures), and whether they hold.
 
 use serde::Serialize;
-use whirlstand_logs::shown::shown;
-use whirlstand_msgs::units::{Unit, two_readings};
+use whirlstand_msgs::units::{ShownUnit, Unit, two_readings};
 use whirlstand_vehicle::{SignalUnit, Vehicle};
 
 use crate::metrics::Timing;
@@ -31,7 +30,7 @@ const REALTIME_FAILSAFE_SHARE: f64 = 0.01;
 /// true when the wall clock sets the pace.
 pub fn strict_limits(realtime: bool) -> [Expectation; 5] {
     let failsafe_share = if realtime { REALTIME_FAILSAFE_SHARE } else { 0.0 };
-    let limit = |key: &str, limit: f64| Expectation { key: key.into(), limit, unit: String::new() };
+    let limit = |key: &str, limit: f64| Expectation { key: key.into(), limit, unit: ShownUnit::default() };
     [
         limit("max_failsafe_share", failsafe_share),
         limit("max_failsafe_at_end", 0.0),
@@ -47,7 +46,7 @@ pub fn strict_bridge_limits() -> [Expectation; 2] {
     ["max_disarmed_share", "max_pilot_share"].map(|key| Expectation {
         key: key.into(),
         limit: 0.0,
-        unit: String::new(),
+        unit: ShownUnit::default(),
     })
 }
 
@@ -59,7 +58,7 @@ pub struct Expectation {
     /// Upper limit, SI.
     pub limit: f64,
     /// SI unit of the limit.
-    pub unit: String,
+    pub unit: ShownUnit,
 }
 
 /// An expectation with the figure that was found.
@@ -72,7 +71,7 @@ pub struct CheckedExpectation {
     /// The figure that was found, SI; null when it has no value or was not measured.
     pub found: Option<f64>,
     /// SI unit of `limit` and `found`.
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Whether the expectation holds.
     pub holds: bool,
     /// Why the expectation does not hold; `None` when it holds.
@@ -95,6 +94,8 @@ pub struct FigureUnit {
     pub unit: Unit,
     /// The signal's own unit, for a figure that is measured in it.
     signal: Option<SignalUnit>,
+    /// How values are shown.
+    shown: ShownUnit,
 }
 
 impl FigureUnit {
@@ -107,10 +108,16 @@ impl FigureUnit {
             "iae" => own.times(&Unit::SECOND, 1),
             "ise" => own.times(own, 1).and_then(|square| square.times(&Unit::SECOND, 1)),
             "travel_per_s" => own.times(&Unit::SECOND, -1),
-            _ => return Self { unit: *own, signal: Some(signal.clone()) },
+            _ => return Self { unit: *own, signal: Some(signal.clone()), shown: signal.shown() },
         };
         // Exponents of real units stay far inside their range.
-        Self { unit: unit.unwrap_or(*own), signal: None }
+        let unit = unit.unwrap_or(*own);
+        Self { unit, signal: None, shown: derived(figure, &signal.shown(), &unit) }
+    }
+
+    /// How values are shown: as the file declares them, or in the SI unit that comes of SI.
+    pub fn shown(&self) -> ShownUnit {
+        self.shown.clone()
     }
 
     /// Why a number without a unit cannot be taken, with both of its readings; `None` where it can.
@@ -156,9 +163,9 @@ fn rejected(timing: &Timing, of: impl Fn(&str) -> bool) -> f64 {
 }
 
 fn checked(e: &Expectation, figure: Option<Figure>) -> CheckedExpectation {
-    let in_words = |value: f64| match e.unit.is_empty() && value.fract() == 0.0 {
+    let in_words = |value: f64| match e.unit.symbol().is_empty() && value.fract() == 0.0 {
         true => format!("{value}"),
-        false => shown(value, &e.unit),
+        false => e.unit.text(value),
     };
     let limit = || in_words(e.limit);
     let (found, why) = match figure {
@@ -181,12 +188,34 @@ fn checked(e: &Expectation, figure: Option<Figure>) -> CheckedExpectation {
     }
 }
 
+/// How a figure in `unit` is shown that is made of a signal: in the signal's unit where a symbol can be written for what comes
+/// of it.
+fn derived(figure: &str, signal: &ShownUnit, unit: &Unit) -> ShownUnit {
+    let si = unit.si_symbol();
+    if unit.is_si() {
+        return ShownUnit::si(&si);
+    }
+    // A second after a slash would divide as well.
+    let (symbol, rate_of) = (signal.symbol(), signal.symbol().strip_suffix("/s"));
+    let symbol = match (figure, rate_of) {
+        ("iae", Some(of)) => of.into(),
+        ("iae", None) => format!("{symbol}*s"),
+        ("ise", Some(of)) => format!("{of}^2/s"),
+        ("ise", None) => format!("{symbol}^2*s"),
+        _ => signal.per_second().symbol().into(),
+    };
+    let reads_back = symbol.parse::<Unit>().is_ok_and(|read| {
+        read.dimension() == unit.dimension() && (read.factor() / unit.factor() - 1.0).abs() < 1e-12
+    });
+    if reads_back { ShownUnit::named(&si, &symbol) } else { ShownUnit::of(&si) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn expectation(key: &str, limit: f64, unit: &str) -> Expectation {
-        Expectation { key: key.into(), limit, unit: unit.into() }
+        Expectation { key: key.into(), limit, unit: ShownUnit::of(unit) }
     }
 
     #[test]
@@ -262,5 +291,20 @@ mod tests {
         assert_eq!(unit("roll_rate", "ise"), "rad^2/s");
         assert_eq!(unit("u_roll", "travel_per_s"), "1/s");
         assert_eq!(signal_figures(&vehicle, "yaw"), None);
+    }
+
+    #[test]
+    fn what_comes_of_a_signal_is_shown_in_its_unit() {
+        for (declared, iae, ise, travel) in [
+            ("deg", "deg*s", "deg^2*s", "deg/s"),
+            ("mrad", "mrad*s", "mrad^2*s", "mrad/s"),
+            ("deg/s", "deg", "deg^2/s", "deg/s^2"),
+            ("rad", "rad*s", "rad^2*s", "rad/s"),
+            ("rad/s", "rad", "rad^2/s", "rad/s^2"),
+        ] {
+            let signal: SignalUnit = declared.parse().unwrap();
+            let shown = ["iae", "ise", "travel_per_s"].map(|figure| FigureUnit::of(figure, &signal).shown());
+            assert_eq!(shown.each_ref().map(ShownUnit::symbol), [iae, ise, travel], "{declared}");
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use whirlstand_logs::SensorField;
 use whirlstand_logs::bench_log::wanted;
+use whirlstand_msgs::units::ShownSignals;
 use whirlstand_msgs::{Message, Setpoint};
 use whirlstand_vehicle::Vehicle;
 
@@ -29,6 +30,7 @@ pub(crate) struct Layout {
     pub inputs: usize,
     outputs: Vec<Combination>,
     names: Vec<String>,
+    units: ShownSignals,
     sensors: Vec<Option<SensorField>>,
 }
 
@@ -45,6 +47,7 @@ impl Layout {
             inputs: vehicle.inputs.len(),
             outputs: (0..vehicle.outputs.len()).map(row).collect(),
             names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
+            units: vehicle.shown_units(),
             sensors: vehicle
                 .outputs
                 .iter()
@@ -59,6 +62,11 @@ impl Layout {
         self.names.iter().map(String::as_str).collect()
     }
 
+    /// How values of the signals are shown.
+    pub fn shown_units(&self) -> &ShownSignals {
+        &self.units
+    }
+
     /// Number of outputs.
     pub fn outputs(&self) -> usize {
         self.outputs.len()
@@ -66,11 +74,24 @@ impl Layout {
 
     /// Output `i` at states `x` under inputs `u`; without inputs, of the states alone.
     pub fn output(&self, i: usize, x: &[f64], u: &[f64]) -> f64 {
-        let sum = |terms: &[(usize, f64)], values: &[f64]| {
-            terms.iter().filter_map(|(at, factor)| Some(factor * values.get(*at)?)).sum::<f64>()
+        let [y] = self.output_lanes(i, x.as_chunks().0, u.as_chunks().0);
+        y
+    }
+
+    /// The same of K flights side by side.
+    #[inline(always)]
+    pub fn output_lanes<const K: usize>(&self, i: usize, x: &[[f64; K]], u: &[[f64; K]]) -> [f64; K] {
+        let sum = |terms: &[(usize, f64)], values: &[[f64; K]]| {
+            let mut sum = [0.0; K];
+            for (values, factor) in terms.iter().filter_map(|(at, factor)| Some((values.get(*at)?, factor))) {
+                sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
+            }
+            sum
         };
         let combination = &self.outputs[i];
-        sum(&combination.states, x) + sum(&combination.inputs, u)
+        let (mut y, of_inputs) = (sum(&combination.states, x), sum(&combination.inputs, u));
+        y.iter_mut().zip(of_inputs).for_each(|(y, u)| *y += u);
+        y
     }
 
     /// The value of every output that a setpoint asks for; NaN where one of its states is not tracked.

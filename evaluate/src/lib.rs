@@ -18,7 +18,7 @@ mod survey;
 
 pub use expectation::{CheckedExpectation, Expectation};
 pub use flight::Flight;
-pub use flown::{Flown, FlownStep, NodeCounts};
+pub use flown::{Flown, FlownStep, FlownTogether, NodeCounts};
 pub use health::NodeHealth;
 pub use run::{Run, RunError};
 pub use summary::{Figure, RunSummary};

@@ -42,7 +42,7 @@ pub(crate) struct Measures<'a> {
     source: Source,
     has_truth: bool,
     outputs: Vec<OutputSum>,
-    inputs: Vec<EffortSum>,
+    inputs: Vec<EffortSum<1>>,
     consistency: ConsistencySum,
     lines: Lines,
     output_spectra: Vec<SpectrumSum>,
@@ -63,7 +63,7 @@ impl<'a> Measures<'a> {
         };
         let outputs = vehicle.outputs.iter().zip(survey.parts()).zip(&survey.tracked);
         let outputs = outputs.map(|((output, parts), tracked)| {
-            OutputSum::new(output.unit.si_symbol(), name, *tracked, output.noise, parts)
+            OutputSum::new(output.unit.shown(), name, *tracked, output.noise, parts)
         });
         Self {
             layout,
@@ -107,6 +107,7 @@ impl<'a> Measures<'a> {
             | BenchMessage::Sent(_)
             | BenchMessage::Autopilot(_)
             | BenchMessage::Finding(_)
+            | BenchMessage::Adjustment(_)
             | BenchMessage::Health(_) => {}
         }
     }
@@ -182,7 +183,7 @@ impl<'a> Measures<'a> {
     fn take_inputs(&mut self, t: f64, u: &[f64]) {
         let inputs = self.inputs.iter_mut().zip(&mut self.lines.inputs).zip(&mut self.input_spectra);
         for (((sum, line), spectrum), u) in inputs.zip(u) {
-            sum.take(*u);
+            sum.take(&[*u]);
             line.push(t, *u);
             spectrum.take(t, *u);
         }
@@ -208,9 +209,9 @@ impl<'a> Measures<'a> {
         self.lines.input_spectra = self.input_spectra.into_iter().map(SpectrumSum::finish).collect();
         let outputs = vehicle.outputs.iter().zip(self.outputs);
         let inputs = vehicle.inputs.iter().zip(&self.inputs);
-        let states = vehicle.states.iter().map(|state| (state.name.clone(), state.unit.si_symbol()));
-        let effort = |(input, sum): (&Input, &EffortSum)| {
-            (input.name.clone(), sum.finish(self.period_s, input.unit.si_symbol()))
+        let states = vehicle.states.iter().map(|state| (state.name.clone(), state.unit.shown()));
+        let effort = |(input, sum): (&Input, &EffortSum<1>)| {
+            (input.name.clone(), sum.finish(0, self.period_s, input.unit.shown()))
         };
         Measured {
             outputs: outputs.map(|(output, sum)| (output.name.clone(), sum.finish())).collect(),

@@ -32,6 +32,7 @@ pub(crate) fn place(message: &BenchMessage) -> Option<(usize, u64)> {
         | BenchMessage::Sent(_)
         | BenchMessage::Autopilot(_)
         | BenchMessage::Finding(_)
+        | BenchMessage::Adjustment(_)
         | BenchMessage::Health(_) => None,
     }
 }

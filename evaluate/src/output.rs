@@ -1,7 +1,8 @@
-//! The figures of one output while its record is read.
+//! The figures of one output while its record is read, or of a record that was flown.
 
 use crate::metrics::{Judge, Judgement, Part, Recovery, Samples, StepResponse};
 use crate::summary::{MOST_LISTED, OutputFigures};
+use whirlstand_msgs::units::ShownUnit;
 
 /// The greatest of all values; none when there is none, or one of them is none.
 #[derive(Debug, Clone, Copy, Default)]
@@ -74,20 +75,58 @@ fn list<T>(list: &mut Vec<T>, entry: T) -> u64 {
     u64::from(full)
 }
 
+/// Integrals of the error of one output, in K flights side by side.
+#[derive(Debug, Clone)]
+pub(crate) struct ErrorSum<const K: usize> {
+    iae: [f64; K],
+    ise: [f64; K],
+    first_s: Option<f64>,
+    /// Time and error of the last sample.
+    last: Option<(f64, [f64; K])>,
+}
+
+impl<const K: usize> ErrorSum<K> {
+    pub fn new() -> Self {
+        Self { iae: [0.0; K], ise: [0.0; K], first_s: None, last: None }
+    }
+
+    /// Takes the value at time `t`, s, and what was wanted then; NaN where nothing is tracked.
+    #[inline(always)]
+    pub fn take(&mut self, t: f64, y: &[f64; K], wanted: f64) {
+        let wanted = if wanted.is_finite() { wanted } else { 0.0 };
+        let error = y.map(|y| wanted - y);
+        self.first_s.get_or_insert(t);
+        if let Some((before_s, before)) = self.last.replace((t, error)) {
+            // The trapezium rule.
+            let half = 0.5 * (t - before_s);
+            for l in 0..K {
+                self.iae[l] += half * (before[l].abs() + error[l].abs());
+                self.ise[l] += half * (before[l] * before[l] + error[l] * error[l]);
+            }
+        }
+    }
+
+    /// Those of flight `l` alone.
+    pub fn lane(&self, l: usize) -> ErrorSum<1> {
+        ErrorSum {
+            iae: [self.iae[l]],
+            ise: [self.ise[l]],
+            first_s: self.first_s,
+            last: self.last.map(|(t, error)| (t, [error[l]])),
+        }
+    }
+}
+
 /// The figures of one output while its record is read.
 #[derive(Debug, Clone)]
 pub(crate) struct OutputSum {
     /// SI unit.
-    unit: String,
+    unit: ShownUnit,
     /// Which signal is judged.
     source: &'static str,
     tracked: bool,
     visible: f64,
-    iae: f64,
-    ise: f64,
-    first_s: Option<f64>,
-    /// Time and error of the last sample.
-    last: Option<(f64, f64)>,
+    error: ErrorSum<1>,
     judge: Judge,
     events: Events,
 }
@@ -95,16 +134,13 @@ pub(crate) struct OutputSum {
 impl OutputSum {
     /// An output in `unit` whose sensor declares the standard deviation `noise`, to be judged from `source` in the given
     /// parts.
-    pub fn new(unit: String, source: &'static str, tracked: bool, noise: f64, parts: Vec<Part>) -> Self {
+    pub fn new(unit: ShownUnit, source: &'static str, tracked: bool, noise: f64, parts: Vec<Part>) -> Self {
         Self {
             unit,
             source,
             tracked,
             visible: 5.0 * noise,
-            iae: 0.0,
-            ise: 0.0,
-            first_s: None,
-            last: None,
+            error: ErrorSum::new(),
             judge: Judge::new(parts),
             events: Events::default(),
         }
@@ -112,32 +148,23 @@ impl OutputSum {
 
     /// Takes the value at time `t`, s, and what was wanted then; NaN where nothing is tracked.
     pub fn take(&mut self, t: f64, y: f64, wanted: f64) {
-        self.sum(t, y, wanted);
+        self.error.take(t, &[y], wanted);
         let (events, visible) = (&mut self.events, self.visible);
         self.judge.take(t, y, wanted, &mut |judgement| events.take(judgement, visible));
     }
 
-    /// Takes a whole record at once, in which the given parts are to be judged; this sum was made without parts.
-    pub fn take_record(&mut self, (t, y, wanted): (&[f64], &[f64], &[f64]), parts: &[Part]) {
-        for ((t, y), wanted) in t.iter().zip(y).zip(wanted) {
-            self.sum(*t, *y, *wanted);
-        }
+    /// Takes a whole record at once, the integrals of whose error are known, and in which the given parts are to be judged; this
+    /// sum was made without parts.
+    pub fn take_record(
+        &mut self,
+        error: ErrorSum<1>,
+        (t, y, wanted): (&[f64], &[f64], &[f64]),
+        parts: &[Part],
+    ) {
+        self.error = error;
         let samples = Samples::whole(t, y, wanted);
         for judgement in parts.iter().filter_map(|part| samples.judge(*part)) {
             self.events.take(judgement, self.visible);
-        }
-    }
-
-    /// Integrals of the error.
-    #[inline]
-    fn sum(&mut self, t: f64, y: f64, wanted: f64) {
-        let error = if wanted.is_finite() { wanted - y } else { -y };
-        self.first_s.get_or_insert(t);
-        if let Some((before_s, before)) = self.last.replace((t, error)) {
-            // The trapezium rule.
-            let half = 0.5 * (t - before_s);
-            self.iae += half * (before.abs() + error.abs());
-            self.ise += half * (before * before + error * error);
         }
     }
 
@@ -145,15 +172,16 @@ impl OutputSum {
     pub fn finish(mut self) -> OutputFigures {
         let (events, visible) = (&mut self.events, self.visible);
         self.judge.finish(&mut |judgement| events.take(judgement, visible));
-        let duration = self.last.zip(self.first_s).map_or(0.0, |((last, _), first)| last - first);
+        let ErrorSum { iae: [iae], ise: [ise], first_s, last } = self.error;
+        let duration = last.zip(first_s).map_or(0.0, |((last, _), first)| last - first);
         let events = self.events;
         OutputFigures {
             unit: self.unit,
             source: self.source.into(),
             tracked: self.tracked,
-            iae: self.iae,
-            ise: self.ise,
-            rms_error: if duration > 0.0 { (self.ise / duration).sqrt() } else { 0.0 },
+            iae,
+            ise,
+            rms_error: if duration > 0.0 { (ise / duration).sqrt() } else { 0.0 },
             peak: events.peak.value(),
             recovery_s: events.recovery.value(),
             recovered: events.recovery.all(),

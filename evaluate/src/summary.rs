@@ -1,6 +1,7 @@
 //! The figures of a run as data, as they stand in `summary.json`.
 
 use std::collections::BTreeMap;
+use whirlstand_msgs::units::ShownUnit;
 
 use serde::{Deserialize, Serialize};
 
@@ -58,7 +59,7 @@ pub struct FindingEvent {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutputFigures {
     /// SI unit.
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Which signal was judged: `truth`, `estimate` or `measured`.
     pub source: String,
     /// True when the output had a setpoint; otherwise errors are counted from trim (zero).

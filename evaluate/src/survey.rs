@@ -2,7 +2,7 @@
 
 use whirlstand_logs::finding_text::finding_text;
 use whirlstand_logs::{BenchMessage, Hole, Log, ReadError};
-use whirlstand_msgs::units::Unit;
+use whirlstand_msgs::units::ShownUnit;
 use whirlstand_msgs::{Disturbance, Estimate, Finding, Health, Setpoint, flags};
 use whirlstand_vehicle::Vehicle;
 
@@ -191,7 +191,7 @@ impl Reading<'_> {
     }
 
     fn take_finding(&mut self, finding: &Finding) {
-        let text = finding_text(finding, &self.layout.output_names());
+        let text = finding_text(finding, &self.layout.output_names(), self.layout.shown_units());
         if let Some(text) = text.filter(|_| self.findings.len() < MOST_LISTED) {
             self.findings.push(FindingEvent { at_s: seconds(finding), number: finding.number, text });
         }
@@ -238,16 +238,9 @@ impl Disturbances {
     }
 }
 
-/// Names of the states, and the SI units of their derivatives.
-pub(crate) fn derivatives(vehicle: &Vehicle) -> Vec<(String, String)> {
-    vehicle
-        .states
-        .iter()
-        .map(|state| {
-            let derivative = state.unit.unit().times(&Unit::SECOND, -1);
-            (state.name.clone(), derivative.map_or(String::new(), |unit| unit.si_symbol()))
-        })
-        .collect()
+/// Names of the states, and the units of their derivatives.
+pub(crate) fn derivatives(vehicle: &Vehicle) -> Vec<(String, ShownUnit)> {
+    vehicle.states.iter().map(|state| (state.name.clone(), state.unit.shown().per_second())).collect()
 }
 
 /// What is to be judged of each output, from the steps of its setpoint and the onsets of disturbances.

@@ -187,6 +187,14 @@ typedef struct {
 } whirlstand_adjustment;
 static const whirlstand_layout whirlstand_adjustment_layout = {0x9566d54f41f05de6u, sizeof(whirlstand_adjustment), {{'q', 4}, {'d', 1}, {'q', 1}, {'i', 4}}};
 
+/* topic stick, 96 bytes */
+typedef struct {
+    whirlstand_head head;
+    double u[8];
+    uint64_t id;
+} whirlstand_stick;
+static const whirlstand_layout whirlstand_stick_layout = {0x48ca180d9c1edd72u, sizeof(whirlstand_stick), {{'q', 3}, {'d', 8}, {'q', 1}}};
+
 /* topic finding, 392 bytes */
 typedef struct {
     whirlstand_head head;

@@ -303,6 +303,17 @@ class Adjustment(Message):
     ]
 
 
+class Stick(Message):
+    TOPIC = "stick"
+    TYPE_NAME = "whirlstand/msg/Stick"
+    SCHEMA_HASH = 0x48ca180d9c1edd72
+    _fields_ = [
+        ("head", Head),
+        ("u", c_double * 8),
+        ("id", c_uint64),
+    ]
+
+
 class Finding(Message):
     TOPIC = "finding"
     TYPE_NAME = "whirlstand/msg/Finding"

@@ -5,18 +5,29 @@ class Controls {
     this.answer = document.getElementById("answer");
   }
 
+  // Asks, and says what became of it; whether it was done.
   async ask(control) {
     this.answer.className = "note";
     this.answer.textContent = "asked …";
+    const reply = await this.post(control);
+    this.told(reply);
+    return reply.ok;
+  }
+
+  async post(control) {
     try {
       const reply = await fetch("control" + location.search, { method: "POST", headers: { "Content-Type": "application/json" },
         body: JSON.stringify(control) });
-      this.answer.textContent = await reply.text();
-      this.answer.classList.add(reply.ok ? "good" : "bad");
+      return { ok: reply.ok, text: await reply.text() };
     } catch (error) {
-      this.answer.textContent = "nobody answers: " + error.message;
-      this.answer.classList.add("bad");
+      return { ok: false, text: "nobody answers: " + error.message };
     }
+  }
+
+  told({ ok, text }) {
+    this.answer.className = "note";
+    this.answer.textContent = text;
+    this.answer.classList.add(ok ? "good" : "bad");
   }
 
   build(scene) {
@@ -75,6 +86,10 @@ class Controls {
       const gain = input("gain", "1");
       form.append(gain, button("Set"));
       return () => ({ do: "set", what: `gain=${gain.value}` });
+    });
+    this.form("Stick", controller, (form) => {
+      this.stick = new StickControl(this, scene, form);
+      return () => null;
     });
     this.form("Run", plant, (form) => {
       const stop = button("Stop the run");

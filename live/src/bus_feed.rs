@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use whirlstand_bus::{Bus, OpenError, RecvError};
 
 use crate::collector::{Collector, FRAME};
+use crate::ears::Ears;
 use crate::foxglove::FoxgloveFeed;
-use crate::heard::Ears;
 use crate::hub::Hub;
 
 /// Time between two looks at the queues: 1024 messages are 10 ms at 100,000 steps/s, and 0.5 s at 2 kHz.
@@ -54,9 +54,18 @@ impl BusFeed {
         Ok(now + LOOK)
     }
 
+    /// Whether the plant has said that its run is over.
+    pub fn plant_has_stopped(&self) -> bool {
+        self.collector.plant_has_stopped()
+    }
+
+    /// Whether all of these nodes have said how they are.
+    pub fn has_heard(&self, nodes: &[String]) -> bool {
+        self.collector.has_heard(nodes)
+    }
+
     fn show(&mut self, now: Instant, all_has_come: bool) {
         let frame = self.collector.frame(now, self.ears.lost(), all_has_come);
-        self.foxglove.iter().for_each(|feed| feed.tell(&frame.events));
         self.hub.publish(&frame, frame.anew);
     }
 

@@ -4,15 +4,14 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde_json::json;
+use whirlstand_logs::{BenchMessage, Event, Events};
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict};
 use whirlstand_vehicle::{Engine, Vehicle};
 
-use crate::events::{Event, EventKind, Events, adjusted, found};
-use crate::heard::Heard;
 use crate::hub::Hub;
-use crate::nodes::{NodeNews, NodeRow, Nodes};
+use crate::nodes::{NodeRow, Nodes};
 use crate::rows::{Block, Rows};
-use crate::scene::Scene;
+use crate::scene::{Scene, bench_info};
 
 /// Time between two frames.
 pub(crate) const FRAME: Duration = Duration::from_millis(50);
@@ -68,7 +67,10 @@ impl Collector {
         Self {
             rows: Rows::new(&scene, vehicle),
             nodes: if is_running { Nodes::running() } else { Nodes::default() },
-            events: Events::new(),
+            events: Events::new(
+                &bench_info(vehicle, (scene.period_s * 1e9).round() as u64),
+                scene.effects.iter().map(|e| (e.number, e.text.clone())).collect(),
+            ),
             happened: Vec::new(),
             anew: false,
             settled: None,
@@ -84,6 +86,16 @@ impl Collector {
         self
     }
 
+    /// Whether the plant has said that its run is over.
+    pub(crate) fn plant_has_stopped(&self) -> bool {
+        self.nodes.has_stopped("plant")
+    }
+
+    /// Whether all of these nodes have said how they are.
+    pub(crate) fn has_heard(&self, nodes: &[String]) -> bool {
+        nodes.iter().all(|node| self.nodes.is_known(node))
+    }
+
     /// Period of the loop, s.
     pub(crate) fn period_s(&self) -> f64 {
         self.scene.period_s
@@ -95,29 +107,25 @@ impl Collector {
     }
 
     /// Takes in a message.
-    pub(crate) fn hear(&mut self, heard: &Heard, now: Instant) {
+    pub(crate) fn hear(&mut self, heard: &BenchMessage, now: Instant) {
         let step = heard.head().step;
+        if let BenchMessage::Imu(_) = heard
+            && (self.rows.newest().is_some_and(|newest| step.saturating_add(AHEAD) < newest)
+                || self.went_back(step))
+        {
+            self.begin_anew();
+        }
+        let event = self.events.hear(heard);
+        if self.happened.len() < MOST_EVENTS {
+            self.happened.extend(event);
+        }
         match heard {
-            Heard::Health(health) => return self.node(health, now),
-            Heard::Adjustment(m) => return self.adjusted(m),
-            Heard::Finding(m) => return self.happens(found(&self.scene, m)),
-            Heard::Disturbance(m) => {
-                let event = self.events.disturbed(&self.scene, m);
-                return self.happens(event);
-            }
-            Heard::Imu(m) => {
-                if self.rows.newest().is_some_and(|newest| step.saturating_add(AHEAD) < newest)
-                    || self.went_back(step)
-                {
-                    self.begin_anew();
-                }
-                let event = self.events.measured(m);
-                self.happens(event);
-            }
+            BenchMessage::Health(health) => return self.nodes.hear(health, now),
+            BenchMessage::Adjustment(m) => return self.adjusted(m),
             _ => {}
         }
         // What the run before still says of its last steps is not of this one; a measurement leads, however far it is ahead.
-        let leads = matches!(heard, Heard::Imu(_));
+        let leads = matches!(heard, BenchMessage::Imu(_));
         if leads || self.rows.newest().is_none_or(|newest| step <= newest.saturating_add(AHEAD)) {
             self.rows.hear(heard);
         }
@@ -147,7 +155,7 @@ impl Collector {
         self.rows.clear();
         self.settled = None;
         self.anew = true;
-        self.events = Events::new();
+        self.events.begin_run();
         self.happened.clear();
     }
 
@@ -156,30 +164,12 @@ impl Collector {
         step == 0 && self.settled.is_some_and(|settled| settled > 0)
     }
 
-    fn node(&mut self, health: &whirlstand_msgs::Health, now: Instant) {
-        if let Some(NodeNews::Restarted(node)) = self.nodes.hear(health, now) {
-            let t = health.head.step as f64 * self.scene.period_s;
-            self.happens(Some(Event {
-                t,
-                kind: EventKind::Warning,
-                text: format!("{node} was started again"),
-            }));
-        }
-    }
-
     fn adjusted(&mut self, m: &Adjustment) {
         let is_done = m.verdict == AdjustmentVerdict::Done as u32 && m.what == AdjustmentKind::Engine as u32;
         let engines = [Engine::Off, Engine::On, Engine::Flying];
         let engine = engines.into_iter().find(|e| is_done && f64::from(*e as u8) == m.value);
         if let Some(engine) = engine {
             self.rows.set_engine(engine);
-        }
-        self.happens(adjusted(&self.scene, m));
-    }
-
-    fn happens(&mut self, event: Option<Event>) {
-        if self.happened.len() < MOST_EVENTS {
-            self.happened.extend(event);
         }
     }
 }
@@ -190,9 +180,9 @@ mod tests {
     use crate::scene::Controls;
     use whirlstand_msgs::{Head, Imu, Message, valid};
 
-    fn imu(step: u64) -> Heard {
+    fn imu(step: u64) -> BenchMessage {
         let head = Head { seq: step, step, stamp_ns: step * 5_000_000 };
-        Heard::Imu(Imu { head, roll: 0.1, valid: valid::FIRST, ..Imu::zeroed() })
+        BenchMessage::Imu(Imu { head, roll: 0.1, valid: valid::FIRST, ..Imu::zeroed() })
     }
 
     #[test]

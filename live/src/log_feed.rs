@@ -5,10 +5,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use whirlstand_logs::{Log, LogStream, ReadError};
+use whirlstand_logs::{BenchMessage, Log, LogStream, ReadError};
 
 use crate::collector::{Collector, FRAME, MOST_ROWS};
-use crate::heard::Heard;
 use crate::hub::Hub;
 
 /// Slowest and fastest playing.
@@ -222,7 +221,7 @@ impl LogFeed {
 #[derive(Default)]
 struct Ahead {
     /// By the run of the plant, bench time in ns, and the order in the file.
-    waiting: BTreeMap<(u32, u64, u64), Heard>,
+    waiting: BTreeMap<(u32, u64, u64), BenchMessage>,
     run: u32,
     /// Step and time of the last truth or measurement.
     newest: (u64, u64),
@@ -236,7 +235,7 @@ impl Ahead {
         &mut self,
         stream: &mut LogStream,
         is_due: impl Fn(f64) -> bool,
-    ) -> Result<Option<Heard>, ReadError> {
+    ) -> Result<Option<BenchMessage>, ReadError> {
         while !self.ended && self.waiting.len() < AHEAD {
             match read(stream)? {
                 Some(heard) => self.take(heard),
@@ -247,9 +246,9 @@ impl Ahead {
         Ok(entry.map(|entry| entry.remove()))
     }
 
-    fn take(&mut self, heard: Heard) {
+    fn take(&mut self, heard: BenchMessage) {
         let head = *heard.head();
-        if let Heard::Imu(_) = heard {
+        if let BenchMessage::Imu(_) = heard {
             self.run += u32::from(head.step < self.newest.0);
             self.newest = (head.step, head.stamp_ns);
         }
@@ -260,9 +259,9 @@ impl Ahead {
     }
 }
 
-fn read(stream: &mut LogStream) -> Result<Option<Heard>, ReadError> {
+fn read(stream: &mut LogStream) -> Result<Option<BenchMessage>, ReadError> {
     while let Some(raw) = stream.next()? {
-        if let Some(heard) = Heard::decode(&raw)? {
+        if let Some(heard) = BenchMessage::decode(&raw)? {
             return Ok(Some(heard));
         }
     }
@@ -270,9 +269,6 @@ fn read(stream: &mut LogStream) -> Result<Option<Heard>, ReadError> {
 }
 
 /// Bench time, s; `None` for health, which has the wall clock's.
-fn bench_s(heard: &Heard) -> Option<f64> {
-    match heard {
-        Heard::Health(_) => None,
-        other => Some(other.head().stamp_ns as f64 * 1e-9),
-    }
+fn bench_s(heard: &BenchMessage) -> Option<f64> {
+    heard.bench_ns().map(|ns| ns as f64 * 1e-9)
 }

@@ -47,20 +47,13 @@ pub(crate) struct Nodes {
     is_here: bool,
 }
 
-/// What a report tells that is an event.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum NodeNews {
-    /// Another process has the node's place.
-    Restarted(String),
-}
-
 impl Nodes {
     /// Nodes of a bench that runs, whose processes may be looked at.
     pub fn running() -> Self {
         Self { is_here: true, ..Self::default() }
     }
 
-    pub fn hear(&mut self, health: &Health, now: Instant) -> Option<NodeNews> {
+    pub fn hear(&mut self, health: &Health, now: Instant) {
         let name = health.node_name();
         let is_here = self.is_here;
         let known = self.known.entry(name.into()).or_insert_with(|| Known {
@@ -69,13 +62,21 @@ impl Nodes {
             restarts: 0,
             cpu: CpuMeter::default(),
         });
-        let is_new = known.health.pid != health.pid;
-        known.restarts += u32::from(is_new);
+        known.restarts += u32::from(known.health.pid != health.pid);
         (known.health, known.heard) = (*health, now);
         if is_here {
             known.cpu.look(name, health.pid, now);
         }
-        is_new.then(|| NodeNews::Restarted(name.into()))
+    }
+
+    /// Whether a node has said that it ends, and no other has its place.
+    pub fn has_stopped(&self, name: &str) -> bool {
+        self.known.get(name).is_some_and(|known| known.health.state == NodeState::Stopping as u32)
+    }
+
+    /// Whether a node has said anything.
+    pub fn is_known(&self, name: &str) -> bool {
+        self.known.contains_key(name)
     }
 
     /// All nodes by name.
@@ -136,9 +137,9 @@ mod tests {
         health.set_node_name("plant");
         health.latency[latency_bucket(9_000)] = 99;
         health.latency[latency_bucket(90_000)] = 1;
-        assert_eq!(nodes.hear(&health, now), None);
+        nodes.hear(&health, now);
         health.pid = 8;
-        assert_eq!(nodes.hear(&health, now), Some(NodeNews::Restarted("plant".into())));
+        nodes.hear(&health, now);
         let row = &nodes.rows(now)[0];
         assert_eq!((row.node.as_str(), row.state, row.restarts), ("plant", "running", 1));
         let median = row.median_us.unwrap();

@@ -3,12 +3,11 @@
 use std::collections::VecDeque;
 
 use serde::Serialize;
-use whirlstand_logs::SensorField;
+use whirlstand_logs::{BenchMessage, SensorField};
 use whirlstand_msgs::{Estimate, Message};
 use whirlstand_vehicle::{Engine, Vehicle};
 
 use crate::chi_square::ChiSquareBand;
-use crate::heard::Heard;
 use crate::scene::Scene;
 
 /// Rows that may wait for the rest of their messages, as many as a queue of the bus holds twice.
@@ -104,13 +103,13 @@ impl Rows {
     }
 
     /// Takes in a message; one of a step that was sent comes too late.
-    pub fn hear(&mut self, heard: &Heard) {
+    pub fn hear(&mut self, heard: &BenchMessage) {
         match heard {
-            Heard::Imu(m) => self.measured(m),
-            Heard::Odometry(m) => self.measured(m),
-            Heard::Outputs(m) => self.measured(m),
-            Heard::Estimate(m) => self.estimated(m),
-            Heard::Truth(m) => {
+            BenchMessage::Imu(m) => self.measured(m),
+            BenchMessage::Odometry(m) => self.measured(m),
+            BenchMessage::Outputs(m) => self.measured(m),
+            BenchMessage::Estimate(m) => self.estimated(m),
+            BenchMessage::Truth(m) => {
                 let outputs = self.outputs_of(&m.x, &m.u);
                 let applied: Vec<_> = m.u.iter().zip(&self.factors.1).map(|(u, f)| u * f).collect();
                 let (output, input) = (self.output(2), self.input(1));
@@ -118,13 +117,13 @@ impl Rows {
                 outputs.into_iter().enumerate().for_each(|(i, y)| row[output(i)] = y as f32);
                 applied.into_iter().enumerate().for_each(|(i, u)| row[input(i)] = u as f32);
             }
-            Heard::Command(m) => {
+            BenchMessage::Command(m) => {
                 let command: Vec<_> = m.u.iter().zip(&self.factors.1).map(|(u, f)| u * f).collect();
                 let input = self.input(0);
                 let Some(row) = self.row(m.head.step).filter(|_| m.count > 0) else { return };
                 command.into_iter().enumerate().for_each(|(i, u)| row[input(i)] = u as f32);
             }
-            Heard::Setpoint(m) => {
+            BenchMessage::Setpoint(m) => {
                 let tracked = |state: usize| m.tracked >> state & 1 == 1;
                 let wanted: Vec<_> = self.wanted.iter().zip(&self.factors.0).collect();
                 let wanted = wanted.into_iter().map(|(state, factor)| {
@@ -137,12 +136,12 @@ impl Rows {
                 let wanted = wanted.into_iter().enumerate();
                 wanted.for_each(|(i, w)| row[output(i)] = w.unwrap_or(f32::NAN));
             }
-            Heard::Disturbance(_)
-            | Heard::Sent(_)
-            | Heard::Autopilot(_)
-            | Heard::Finding(_)
-            | Heard::Adjustment(_)
-            | Heard::Health(_) => {}
+            BenchMessage::Disturbance(_)
+            | BenchMessage::Sent(_)
+            | BenchMessage::Autopilot(_)
+            | BenchMessage::Finding(_)
+            | BenchMessage::Adjustment(_)
+            | BenchMessage::Health(_) => {}
         }
     }
 
@@ -306,10 +305,15 @@ mod tests {
         setpoint.x[roll] = 0.2;
         let mut estimate = Estimate { head: head(3), nis: 8.0, dof: 4, ..Estimate::zeroed() };
         estimate.x[roll] = 0.05;
-        rows.hear(&Heard::Imu(Imu { head: head(3), roll: 0.15, valid: valid::FIRST, ..Imu::zeroed() }));
-        rows.hear(&Heard::Truth(truth));
-        rows.hear(&Heard::Setpoint(setpoint));
-        rows.hear(&Heard::Estimate(estimate));
+        rows.hear(&BenchMessage::Imu(Imu {
+            head: head(3),
+            roll: 0.15,
+            valid: valid::FIRST,
+            ..Imu::zeroed()
+        }));
+        rows.hear(&BenchMessage::Truth(truth));
+        rows.hear(&BenchMessage::Setpoint(setpoint));
+        rows.hear(&BenchMessage::Estimate(estimate));
         let block = rows.take(3, 10);
         assert_eq!(block.step, [3]);
         let at = |name: &str| block.values[column(name)][0];
@@ -334,14 +338,14 @@ mod tests {
         let (scene, vehicle) = scene();
         let mut rows = Rows::new(&scene, &vehicle);
         for step in 0..100 {
-            rows.hear(&Heard::Truth(Truth { head: head(step), ..Truth::zeroed() }));
+            rows.hear(&BenchMessage::Truth(Truth { head: head(step), ..Truth::zeroed() }));
         }
         let block = rows.take(79, 20);
         assert_eq!((block.step.len(), block.step[0], block.step[19], block.thinned), (20, 3, 79, 4.0));
-        rows.hear(&Heard::Truth(Truth { head: head(60), ..Truth::zeroed() }));
+        rows.hear(&BenchMessage::Truth(Truth { head: head(60), ..Truth::zeroed() }));
         assert_eq!(rows.take(99, 100).step, (80..100).collect::<Vec<_>>());
         for step in 0..100_000 {
-            rows.hear(&Heard::Truth(Truth { head: head(1000 + step), ..Truth::zeroed() }));
+            rows.hear(&BenchMessage::Truth(Truth { head: head(1000 + step), ..Truth::zeroed() }));
         }
         assert_eq!(rows.rows.len(), MOST_WAITING, "what nobody takes does not pile up");
     }

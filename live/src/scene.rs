@@ -1,8 +1,8 @@
 //! What is flown: the names, units and limits that every viewer needs once.
 
 use serde::{Deserialize, Serialize};
-use whirlstand_logs::shown::{shown_factor, shown_unit};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_logs::{BenchInfo, SignalInfo};
+use whirlstand_vehicle::{SignalUnit, Vehicle};
 
 /// A signal as it is shown.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -19,20 +19,13 @@ pub(crate) struct Signal {
 }
 
 impl Signal {
-    fn new(name: &str, si: &str, lower: f64, upper: f64) -> Self {
-        let factor = shown_factor(si);
+    fn new(name: &str, unit: &SignalUnit, lower: f64, upper: f64) -> Self {
+        let unit = unit.shown();
+        let factor = unit.factor();
         let limited = lower.is_finite() && upper.is_finite();
         let limits = limited.then_some((lower * factor, upper * factor));
-        let unit = shown_unit(si);
-        Self { name: name.into(), derivative_unit: per_second(&unit), unit, factor, limits }
-    }
-}
-
-fn per_second(unit: &str) -> String {
-    match (unit.is_empty(), unit.strip_suffix("/s")) {
-        (true, _) => "1/s".into(),
-        (_, Some(before)) => format!("{before}/s^2"),
-        (_, None) => format!("{unit}/s"),
+        let derivative_unit = unit.per_second().to_string();
+        Self { name: name.into(), derivative_unit, unit: unit.to_string(), factor, limits }
     }
 }
 
@@ -49,8 +42,7 @@ impl SwitchedEffect {
     /// Those of a vehicle with all its effects.
     pub fn all(vehicle: &Vehicle) -> Vec<Self> {
         let numbered = (1..).zip(&vehicle.effects).filter(|(_, effect)| !effect.window().is_always());
-        let text = |e: &whirlstand_vehicle::Effect| format!("{} at {}", e.kind(), e.place());
-        numbered.map(|(number, effect)| Self { number, text: text(effect) }).collect()
+        numbered.map(|(number, effect)| Self { number, text: effect.told() }).collect()
     }
 }
 
@@ -94,7 +86,6 @@ impl Scene {
     pub fn new(title: &str, subtitle: &str, period_ns: u64, vehicle: &Vehicle, controls: Controls) -> Self {
         let bounds = vehicle.state_bounds(&vec![0.0; vehicle.states.len()]);
         let states = vehicle.states.iter().zip(bounds);
-        let si = |unit: &whirlstand_vehicle::SignalUnit| unit.unit().si_symbol();
         let free = (f64::NEG_INFINITY, f64::INFINITY);
         Self {
             title: title.into(),
@@ -102,17 +93,22 @@ impl Scene {
             period_s: period_ns as f64 * 1e-9,
             controls,
             effects: SwitchedEffect::all(vehicle),
-            states: states.map(|(s, bound)| Signal::new(&s.name, &si(&s.unit), -bound, bound)).collect(),
-            inputs: vehicle
-                .inputs
-                .iter()
-                .map(|i| Signal::new(&i.name, &si(&i.unit), i.lower, i.upper))
-                .collect(),
-            outputs: vehicle
-                .outputs
-                .iter()
-                .map(|o| Signal::new(&o.name, &si(&o.unit), free.0, free.1))
-                .collect(),
+            states: states.map(|(s, bound)| Signal::new(&s.name, &s.unit, -bound, bound)).collect(),
+            inputs: vehicle.inputs.iter().map(|i| Signal::new(&i.name, &i.unit, i.lower, i.upper)).collect(),
+            outputs: vehicle.outputs.iter().map(|o| Signal::new(&o.name, &o.unit, free.0, free.1)).collect(),
         }
+    }
+}
+
+/// What a bench's messages are told by: the names of the vehicle's signals, and the period.
+pub(crate) fn bench_info(vehicle: &Vehicle, period_ns: u64) -> BenchInfo {
+    let signal = |name: &str, unit: &SignalUnit| SignalInfo::of(name, &unit.shown());
+    BenchInfo {
+        vehicle: vehicle.name.clone(),
+        period_ns,
+        states: vehicle.states.iter().map(|s| signal(&s.name, &s.unit)).collect(),
+        inputs: vehicle.inputs.iter().map(|s| signal(&s.name, &s.unit)).collect(),
+        outputs: vehicle.outputs.iter().map(|s| signal(&s.name, &s.unit)).collect(),
+        ..BenchInfo::default()
     }
 }

@@ -1,6 +1,6 @@
 //! The web server: the page, the frames as server-sent events, and the controls.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::convert::Infallible;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -37,10 +37,11 @@ const LOOK: Duration = Duration::from_millis(20);
 
 const TEMPLATE: &str = include_str!("../assets/live.html");
 const STYLE: &str = include_str!("../assets/live.css");
-const SCRIPTS: [&str; 5] = [
+const SCRIPTS: [&str; 6] = [
     include_str!("../assets/store.js"),
     include_str!("../assets/plots.js"),
     include_str!("../assets/horizon.js"),
+    include_str!("../assets/stick.js"),
     include_str!("../assets/controls.js"),
     include_str!("../assets/live.js"),
 ];
@@ -60,6 +61,23 @@ pub enum Control {
     Set {
         /// Key and value with its unit.
         what: String,
+    },
+    /// The stick is taken over.
+    Take {
+        /// A number of the viewer's choice, another for each time that it takes over.
+        hand: u64,
+    },
+    /// Where the stick is, while it is in the viewer's hand.
+    Stick {
+        /// The number under which it was taken over.
+        hand: u64,
+        /// By input, -1 to 1 from its least to its greatest value; inputs that are not there are neutral.
+        at: BTreeMap<String, f64>,
+    },
+    /// The stick is given back to the law.
+    Give {
+        /// The number under which it was taken over.
+        hand: u64,
     },
     /// The end of the run, in order.
     Stop {},
@@ -131,7 +149,10 @@ impl Server {
             page: page(),
             turn: tokio::sync::Mutex::default(),
         });
-        let runtime = tokio::runtime::Builder::new_current_thread()
+        // Not that of one thread alone: a bench over Zenoh cannot be joined from within such a one.
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
+            .thread_name("live-page")
             .enable_io()
             .enable_time()
             .max_blocking_threads(2)
@@ -288,7 +309,11 @@ async fn control(State(shared): State<Arc<Shared>>, uri: Uri, headers: HeaderMap
     let answer = match serde_json::from_slice::<Control>(&body) {
         Err(e) => Err(format!("this control is not understood: {e}")),
         Ok(control) => {
-            let _turn = shared.turn.lock().await;
+            // A stick waits for nobody: late it would be of no use.
+            let _turn = match control {
+                Control::Stick { .. } => None,
+                _ => Some(shared.turn.lock().await),
+            };
             let act = shared.act.clone();
             let done = tokio::task::spawn_blocking(move || act(&control)).await;
             done.unwrap_or_else(|_| Err("the control failed inside the program".into()))

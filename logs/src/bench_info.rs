@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use whirlstand_msgs::units::{ShownUnit, Unit};
 
 /// Name of the MCAP metadata record that holds a [`BenchInfo`].
 pub const METADATA_NAME: &str = "whirlstand";
@@ -18,12 +19,29 @@ pub struct SignalInfo {
     pub name: String,
     /// SI unit, as [`whirlstand_msgs::units::Unit`] writes it; empty for a pure number.
     pub unit: String,
+    /// Unit in which a reader sees it, as the vehicle file declares it; empty where that is not known.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub shown: String,
 }
 
 impl SignalInfo {
     /// A signal called `name` in the SI unit `unit`.
     pub fn new(name: impl Into<String>, unit: impl Into<String>) -> Self {
-        Self { name: name.into(), unit: unit.into() }
+        Self { name: name.into(), unit: unit.into(), shown: String::new() }
+    }
+
+    /// A signal with the unit in which a reader sees it.
+    pub fn of(name: impl Into<String>, unit: &ShownUnit) -> Self {
+        Self { shown: unit.symbol().into(), ..Self::new(name, unit.si_symbol()) }
+    }
+
+    /// How values are shown.
+    pub fn shown_unit(&self) -> ShownUnit {
+        let declared = self.shown.parse::<Unit>().ok().filter(|unit| unit.si_symbol() == self.unit);
+        match declared {
+            Some(unit) if !self.shown.is_empty() => ShownUnit::declared(&unit, &self.shown),
+            _ => ShownUnit::of(&self.unit),
+        }
     }
 }
 

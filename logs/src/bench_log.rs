@@ -1,12 +1,14 @@
 //! The messages of a bench's log, each as its own type: which topics a bench records, in one list, and how they are read.
 
 use whirlstand_msgs::{
-    Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, MAX_OUTPUTS, Message, Odometry, Outputs,
-    Sent, Setpoint, Truth, valid,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Head, Health, Imu, MAX_OUTPUTS, Message,
+    Odometry, Outputs, Sent, Setpoint, Truth, valid,
 };
 
+use crate::bench_info::BenchInfo;
 use crate::hole::Hole;
 use crate::log::Log;
+use crate::named_schema::named_schema;
 use crate::read_error::ReadError;
 use crate::stream::{LogStream, RawMessage};
 
@@ -33,35 +35,83 @@ macro_rules! loop_topics {
     };
 }
 
+/// How the messages of a topic are written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MessageType {
+    /// Topic, without its `/`.
+    pub topic: &'static str,
+    /// Name of the type.
+    pub name: &'static str,
+    /// Its schema in ROS 2 message syntax, with the names of a bench's signals.
+    pub schema: String,
+}
+
+impl MessageType {
+    fn of<M: Message>(info: &BenchInfo) -> Self {
+        Self { topic: M::TOPIC, name: M::TYPE_NAME, schema: named_schema::<M>(info) }
+    }
+}
+
 macro_rules! bench_message {
     ($($name:ident: $message:ident),* $(,)?) => {
-        /// A message of a bench's log.
+        bench_message!(all $($message)* Adjustment Health);
+    };
+    (all $($message:ident)*) => {
+        /// A message of a bench: of the loop, about a change that was asked for from outside, or about a node.
         #[derive(Debug, Clone, Copy)]
         #[expect(missing_docs, reason = "each holds the message of its name")]
         pub enum BenchMessage {
             $($message($message),)*
-            Health(Health),
         }
 
+        $(impl From<$message> for BenchMessage {
+            fn from(message: $message) -> Self {
+                Self::$message(message)
+            }
+        })*
+
         impl BenchMessage {
-            /// Bench time of the message, ns; `None` for health, which carries the wall clock's.
-            pub fn bench_ns(&self) -> Option<u64> {
+            /// Number, step and time.
+            pub fn head(&self) -> &Head {
                 match self {
-                    $(Self::$message(m) => Some(m.head.stamp_ns),)*
-                    Self::Health(_) => None,
+                    $(Self::$message(m) => &m.head,)*
                 }
             }
 
+            /// Topic, without its `/`, and memory image.
+            pub fn raw(&self) -> (&'static str, &[u8]) {
+                match self {
+                    $(Self::$message(m) => ($message::TOPIC, bytemuck::bytes_of(m)),)*
+                }
+            }
+
+            /// All types, with the schemas of a bench.
+            pub fn types(info: &BenchInfo) -> Vec<MessageType> {
+                vec![$(MessageType::of::<$message>(info),)*]
+            }
+
             /// The message as its type; `None` when no bench records its topic.
-            fn decode(raw: &RawMessage<'_>) -> Result<Option<Self>, ReadError> {
+            ///
+            /// # Errors
+            /// As [`RawMessage::decode`].
+            pub fn decode(raw: &RawMessage<'_>) -> Result<Option<Self>, ReadError> {
                 Ok(match raw.topic.name.strip_prefix('/') {
                     $(Some($message::TOPIC) => Some(Self::$message(raw.decode()?)),)*
-                    Some(Health::TOPIC) => Some(Self::Health(raw.decode()?)),
                     _ => None,
                 })
             }
         }
     };
+}
+
+impl BenchMessage {
+    /// Bench time of the message, ns; `None` for health, which carries the wall clock's.
+    pub fn bench_ns(&self) -> Option<u64> {
+        match self {
+            Self::Health(_) => None,
+            other => Some(other.head().stamp_ns),
+        }
+    }
 }
 
 loop_topics!(bench_message);

@@ -153,7 +153,9 @@ impl Groups {
     }
 
     fn take(&mut self, message: &BenchMessage) {
-        if let Some(stamp_ns) = message.bench_ns() {
+        // What was asked for is no sample.
+        let samples = !matches!(message, BenchMessage::Adjustment(_));
+        if let Some(stamp_ns) = message.bench_ns().filter(|_| samples) {
             self.axis.take(stamp_ns);
         }
         match message {
@@ -182,7 +184,10 @@ impl Groups {
                 let ours = m.in_charge == charge::CONTROLLER;
                 self.sent.push(m.head.stamp_ns, if ours { &m.u } else { &[f64::NAN; MAX_INPUTS] });
             }
-            BenchMessage::Autopilot(_) | BenchMessage::Finding(_) | BenchMessage::Health(_) => {}
+            BenchMessage::Autopilot(_)
+            | BenchMessage::Finding(_)
+            | BenchMessage::Adjustment(_)
+            | BenchMessage::Health(_) => {}
         }
     }
 

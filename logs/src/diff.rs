@@ -2,7 +2,7 @@
 //!
 //! Topics are compared one by one, message by message in the order in which each topic was recorded: how messages
 //! of different topics interleave is a matter of scheduling, what they say is not. Topics that carry wall-clock
-//! time (`/health`, `/progress`) are set aside. Both logs are read side by side; only messages for which the other
+//! time (`/health`, `/progress`) are set aside, and so are those that the recorder made of others (`/tf`, `/scene`, `/log`). Both logs are read side by side; only messages for which the other
 //! log has not come as far are kept in memory.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use crate::fields::{first_difference, step};
 use crate::log::Log;
 use crate::log_file::{Damage, Ending};
+use crate::panels::is_made_of_others;
 use crate::read_error::ReadError;
 use crate::stream::LogStream;
 use crate::wall_clock::carries_wall_clock;
@@ -44,8 +45,10 @@ pub struct Diff {
 pub struct TopicDiff {
     /// Its name.
     pub topic: String,
-    /// It carries wall-clock time and is not compared.
+    /// It carries wall-clock time, or was made of other topics, and is not compared.
     pub set_aside: bool,
+    /// It was made of other topics.
+    pub is_made_of_others: bool,
     /// Messages in the first log.
     pub messages_a: u64,
     /// Messages in the second log.
@@ -110,6 +113,7 @@ struct Waiting {
 #[derive(Default)]
 struct Pairing {
     set_aside: bool,
+    is_made_of_others: bool,
     counts: [u64; 2],
     types: [Option<(String, Vec<u8>)>; 2],
     waiting: [VecDeque<Waiting>; 2],
@@ -169,8 +173,9 @@ fn read_one(side: &mut Side, which: usize, topics: &mut BTreeMap<String, Pairing
     side.at = message.log_time;
     let name = message.topic.name.as_str();
     if !topics.contains_key(name) {
-        let set_aside = carries_wall_clock(name);
-        topics.insert(name.to_string(), Pairing { set_aside, ..Pairing::default() });
+        let is_made_of_others = is_made_of_others(name, &message.topic.schema_name);
+        let set_aside = is_made_of_others || carries_wall_clock(name);
+        topics.insert(name.to_string(), Pairing { set_aside, is_made_of_others, ..Pairing::default() });
     }
     let Some(pairing) = topics.get_mut(name) else { return Ok(()) };
     if pairing.types[which].is_none() {
@@ -241,6 +246,7 @@ impl Pairing {
         TopicDiff {
             topic,
             set_aside: self.set_aside,
+            is_made_of_others: self.is_made_of_others,
             messages_a,
             messages_b,
             equal: self.equal,

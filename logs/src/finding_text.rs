@@ -1,11 +1,14 @@
 //! What a mirror found, as a sentence.
 
+use whirlstand_msgs::units::{ShownSignals, ShownUnit};
 use whirlstand_msgs::{Finding, FindingStage, text_of};
 
-use crate::shown::{number, parameter_unit};
+use crate::shown::number;
 
-/// The sentence; `outputs` are the names of the vehicle's. `None` for a stage that this version does not know.
-pub fn finding_text(finding: &Finding, outputs: &[&str]) -> Option<String> {
+/// The sentence; `outputs` are the names of the vehicle's, `units` says how values of its signals are shown. `None` for a stage
+/// that this version does not know.
+pub fn finding_text(finding: &Finding, outputs: &[&str], units: &ShownSignals) -> Option<String> {
+    let cause = |finding| cause(finding, units);
     let since = format!("since {:.2} s", finding.since_ns as f64 * 1e-9);
     let output = outputs.get(finding.output as usize).copied().unwrap_or("an output");
     Some(match FindingStage::from_u32(finding.stage)? {
@@ -27,7 +30,8 @@ pub fn finding_text(finding: &Finding, outputs: &[&str]) -> Option<String> {
     })
 }
 
-fn cause(finding: &Finding) -> String {
+fn cause(finding: &Finding, units: &ShownSignals) -> String {
+    let place_unit = units.of(text_of(&finding.place));
     let (place, onto) = (text_of(&finding.place), text_of(&finding.onto));
     let place = match (text_of(&finding.effect), onto) {
         ("mode_transition", to) => format!("to {to}"),
@@ -41,10 +45,10 @@ fn cause(finding: &Finding) -> String {
     for (i, (name, si)) in
         names.zip(units).enumerate().take((finding.count as usize).min(finding.value.len()))
     {
-        let (unit, factor) = parameter_unit(name, si);
+        let unit = parameter_unit(name, si, place_unit.as_ref());
         let [value, low, high] =
-            [finding.value[i], finding.low[i], finding.high[i]].map(|v| number(v * factor));
-        let unit = if unit.is_empty() { unit } else { format!(" {unit}") };
+            [finding.value[i], finding.low[i], finding.high[i]].map(|v| number(v * unit.factor()));
+        let unit = if unit.symbol().is_empty() { String::new() } else { format!(" {unit}") };
         text.push_str(if i == 0 { ": " } else { ", " });
         text.push_str(&format!("{name} {value}{unit} ({low} to {high}{unit})"));
     }
@@ -58,6 +62,16 @@ fn cause(finding: &Finding) -> String {
     text
 }
 
+/// How a parameter in the SI unit `si` is shown: as the signal or entry where it acts is, or its derivative, where that is what it
+/// is measured in; as its own name says; or as what no file declares.
+fn parameter_unit(name: &str, si: &str, place: Option<&ShownUnit>) -> ShownUnit {
+    if name.ends_with("_rad") {
+        return ShownUnit::si(si);
+    }
+    let own = place.into_iter().flat_map(|unit| [unit.clone(), unit.per_second()]);
+    own.into_iter().find(|unit| unit.si_symbol() == si).unwrap_or_else(|| ShownUnit::of(si))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,7 +80,7 @@ mod tests {
     #[test]
     fn a_finding_is_told_with_its_interval_and_what_looks_the_same() {
         let mut finding = Finding { stage: 1, since_ns: 12_300_000_000, output: 1, ..Finding::zeroed() };
-        let text = |f: &Finding| finding_text(f, &["roll", "roll_rate"]);
+        let text = |f: &Finding| finding_text(f, &["roll", "roll_rate"], &ShownSignals::default());
         assert_eq!(
             text(&finding).unwrap(),
             "the prediction of roll_rate is wrong since 12.30 s; looking for the cause"
@@ -93,5 +107,25 @@ mod tests {
         assert_eq!(text(&finding).unwrap(), "the first law flies again");
         finding.stage = 9;
         assert_eq!(text(&finding), None);
+    }
+
+    #[test]
+    fn an_entry_is_told_in_the_units_that_the_vehicle_declares() {
+        let named = |names: [&str; 2], units: [&str; 2]| {
+            let unit = |unit: &str| ShownUnit::declared(&unit.parse().unwrap(), unit);
+            names.into_iter().map(str::to_string).zip(units.map(unit)).collect::<Vec<_>>()
+        };
+        let mut finding = Finding { stage: FindingStage::Named as u32, count: 1, ..Finding::zeroed() };
+        (finding.effect, finding.place) = (text_field("parameter_change"), text_field("B[2,1]"));
+        (finding.names, finding.units) = (text_field("value"), text_field("rad/s^2"));
+        (finding.value[0], finding.low[0], finding.high[0]) = (0.5, 0.4, 0.6);
+        for (rate, told) in
+            [("rad/s", "0.500 rad/s^2"), ("deg/s", "28.6 deg/s^2"), ("mrad/s", "500 mrad/s^2")]
+        {
+            let states = named(["roll", "roll_rate"], ["rad", rate]);
+            let units = ShownSignals::new(states, named(["u", "v"], ["1", "V"]), []);
+            let text = finding_text(&finding, &["roll"], &units).unwrap();
+            assert!(text.contains(&format!("parameter_change on B[2,1]: value {told} (")), "{text}");
+        }
     }
 }

@@ -15,6 +15,7 @@ use crate::fields::sequence;
 use crate::foreign::{Catalogue, catalogue};
 use crate::log::Log;
 use crate::log_file::{Damage, Ending};
+use crate::panels::is_made_of_others;
 use crate::read::{AnyReadError, Kind, kind};
 use crate::record::Record;
 use crate::sampling::{Gap, Sampling};
@@ -235,7 +236,8 @@ impl Counting {
         self.times.sort_unstable();
         let seconds: Vec<f64> = self.times.iter().map(|ns| *ns as f64 / 1e9).collect();
         // What several nodes publish, or what tells of a change, comes when it comes: a pause in it is no gap.
-        let irregular = IRREGULAR.contains(&self.message_type.as_str());
+        let irregular =
+            IRREGULAR.contains(&self.message_type.as_str()) || is_made_of_others(&name, &self.message_type);
         let sampling = Sampling::of(if irregular { &[] } else { &seconds });
         TopicInfo {
             name,

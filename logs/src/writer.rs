@@ -103,6 +103,13 @@ pub struct Channel<M> {
     message: PhantomData<fn(&M)>,
 }
 
+/// A topic of the log whose messages are encoded elsewhere.
+#[derive(Debug)]
+pub struct EncodedChannel {
+    id: u16,
+    sequence: u32,
+}
+
 /// What a finished log holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
@@ -271,7 +278,41 @@ impl LogWriter {
         Ok(())
     }
 
-    /// Messages added since the log was created.
+    /// A channel whose messages are encoded elsewhere. `schema`: its name, its encoding and itself.
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn encoded_channel(
+        &mut self,
+        topic: &str,
+        schema: Option<(&str, &str, &[u8])>,
+        message_encoding: &str,
+    ) -> Result<EncodedChannel, WriteError> {
+        let schema =
+            schema.map_or(Ok(0), |(name, encoding, data)| self.inner.add_schema(name, encoding, data));
+        let id = schema
+            .and_then(|schema| self.inner.add_channel(schema, topic, message_encoding, &BTreeMap::new()))
+            .map_err(|e| self.failed(e))?;
+        Ok(EncodedChannel { id, sequence: 0 })
+    }
+
+    /// Adds an encoded message at a bench time, ns. It is made of others, and not counted among [`Self::messages`].
+    ///
+    /// # Errors
+    /// [`WriteError::Write`].
+    pub fn write_encoded(
+        &mut self,
+        channel: &mut EncodedChannel,
+        log_time: u64,
+        data: &[u8],
+    ) -> Result<(), WriteError> {
+        let sequence = channel.sequence;
+        channel.sequence = sequence.wrapping_add(1);
+        let header = MessageHeader { channel_id: channel.id, sequence, log_time, publish_time: log_time };
+        self.inner.write_to_known_channel(&header, data).map_err(|e| self.failed(e))
+    }
+
+    /// Messages of the bench that were added since the log was created.
     pub fn messages(&self) -> u64 {
         self.messages
     }

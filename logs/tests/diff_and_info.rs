@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use whirlstand_logs::{BenchInfo, LogWriter, SignalInfo, diff, info};
+use whirlstand_logs::{BenchInfo, LogWriter, PanelChannels, Panels, SignalInfo, diff, info};
 use whirlstand_msgs::{Head, Health, Imu, Message, Truth};
 
 const PERIOD_NS: u64 = 1_000_000;
@@ -17,6 +17,8 @@ struct Change {
     transport: &'static str,
     /// Publish truth and IMU the other way round.
     swapped: bool,
+    /// Nothing for panels, as logs had it once.
+    plain: bool,
 }
 
 fn write(folder: &Path, name: &str, change: &Change) -> PathBuf {
@@ -32,6 +34,8 @@ fn write(folder: &Path, name: &str, change: &Change) -> PathBuf {
     let mut log = LogWriter::create(&path, &bench).unwrap();
     let (imus, truths) = (log.channel::<Imu>().unwrap(), log.channel::<Truth>().unwrap());
     let healths = log.channel::<Health>().unwrap();
+    let mut channels = (!change.plain).then(|| PanelChannels::open(&mut log).unwrap());
+    let mut panels = Panels::new(&bench, Default::default());
     for step in 0..change.steps.unwrap_or(500) {
         let head = Head { seq: step, step, stamp_ns: step * PERIOD_NS };
         let mut imu = Imu { head, roll: step as f64, ..Imu::zeroed() };
@@ -47,6 +51,9 @@ fn write(folder: &Path, name: &str, change: &Change) -> PathBuf {
         }
         if !change.swapped {
             log.write(&imus, &imu).unwrap();
+        }
+        if let Some(channels) = &mut channels {
+            panels.hear(&truth.into(), |ns, panel| channels.write(&mut log, ns, &panel).unwrap());
         }
         if step % 100 == 0 {
             let wall = Head { stamp_ns: name.len() as u64 + step, ..head };
@@ -66,10 +73,20 @@ fn the_same_messages_are_identical_however_topics_interleave() {
     let found = diff(&a, &b).unwrap();
     assert!(found.identical && found.first.is_none() && found.remarks.is_empty(), "{found:?}");
     let equal: Vec<_> = found.topics.iter().map(|t| (t.topic.as_str(), t.equal, t.set_aside)).collect();
-    assert_eq!(equal, [("/health", 0, true), ("/imu", 500, false), ("/truth", 500, false)]);
+    let set_aside = |topic: &'static str| (topic, 0, true);
+    assert_eq!(equal[0..2], [set_aside("/health"), ("/imu", 500, false)]);
+    assert_eq!(equal[2..], [set_aside("/scene"), set_aside("/tf"), ("/truth", 500, false)]);
     // Another transport and another time of day are told and are no difference.
     assert_eq!(found.benches.len(), 1);
     assert_eq!(found.benches[0].key, "transport");
+    // Nor is what was made of the other topics, which older logs do not have.
+    let old =
+        write(folder.path(), "old.mcap", &Change { transport: "inproc", plain: true, ..Change::default() });
+    let found = diff(&a, &old).unwrap();
+    assert!(
+        found.identical && found.topics.iter().any(|t| t.is_made_of_others && t.messages_b == 0),
+        "{found:?}"
+    );
 }
 
 #[test]

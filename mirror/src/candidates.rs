@@ -6,7 +6,7 @@ use whirlstand_vehicle::{Effect, Kind, Matrix, Vehicle, builtin_names};
 
 use crate::capture::Capture;
 use crate::known::Knowledge;
-use crate::replay::REACH_S;
+use crate::replay::{Belief, REACH_S};
 
 /// A parameter that is estimated.
 #[derive(Debug, Clone, Copy)]
@@ -27,6 +27,8 @@ pub struct Candidate {
     pub open: Vec<Open>,
     fixed: Vec<(&'static str, f64)>,
     pub starts: Vec<Vec<f64>>,
+    /// What it remembers of its input at its begin, which its motion depends on: an input, and the limits of that value.
+    pub memory: Option<(usize, Open)>,
 }
 
 impl Candidate {
@@ -38,6 +40,17 @@ impl Candidate {
     /// Whether what it does depends on where it began, for longer than the motion remembers.
     pub fn remembers(&self) -> bool {
         matches!(self.kind, Kind::Backlash | Kind::RateLimit)
+    }
+
+    /// All that is estimated: the effect's own parameters first.
+    pub fn parameters(&self) -> impl Iterator<Item = &Open> {
+        self.open.iter().chain(self.memory.iter().map(|(_, open)| open))
+    }
+
+    /// The effect from a step on with these values, one for each of [`Self::parameters`].
+    pub fn belief(&self, values: &[f64], since: u64) -> Option<Belief> {
+        let stood = self.memory.as_ref().and_then(|_| values.last().copied());
+        Some(Belief { effect: self.effect(values)?, since, stood })
     }
 
     /// The effect with these values; `None` when the table does not allow them.
@@ -115,6 +128,7 @@ impl Builder<'_> {
             open: open.to_vec(),
             fixed: Vec::new(),
             starts: starts.iter().map(|s| s.to_vec()).collect(),
+            memory: None,
         });
         let last = self.all.len() - 1;
         &mut self.all[last]
@@ -137,15 +151,17 @@ impl Builder<'_> {
             let late = open("delay_s", 0.0, REACH_S, 0.25 * period);
             self.add(Kind::InputDelay, name, &[late], &[&[2.0 * period], &[0.03], &[0.1], &[0.25]]);
             let lag = open("time_constant_s", 0.1 * period, 3.0, 0.1 * period);
-            self.add(Kind::ActuatorLag, name, &[lag], &[&[2.0 * period], &[0.05], &[0.2]]);
+            let memory = Some((i, open("stood", low - play, high + play, 1e-2 * play)));
+            self.add(Kind::ActuatorLag, name, &[lag], &[&[2.0 * period], &[0.05], &[0.2]]).memory = memory;
             let width = open("width", 0.0, 2.0 * peak, 1e-2 * peak);
             self.add(Kind::DeadZone, name, &[width], &[&[0.1 * peak], &[0.4 * peak]]);
             let width = open("width", 0.0, 2.0 * play, 1e-2 * play);
             let widths = [0.08, 0.15, 0.25, 0.4, 0.6, 0.9].map(|share| [share * play]);
-            self.add(Kind::Backlash, name, &[width], &widths.each_ref().map(|w| &w[..]));
+            self.add(Kind::Backlash, name, &[width], &widths.each_ref().map(|w| &w[..])).memory = memory;
             let rate = self.sizes.rates[i];
             let limit = open("limit_per_s", 1e-4 * rate, rate, 1e-3 * rate);
-            self.add(Kind::RateLimit, name, &[limit], &[&[0.3 * rate], &[0.05 * rate], &[0.01 * rate]]);
+            self.add(Kind::RateLimit, name, &[limit], &[&[0.3 * rate], &[0.05 * rate], &[0.01 * rate]])
+                .memory = memory;
             self.saturation(name, low, high);
             for (j, onto) in names.iter().enumerate().filter(|(j, _)| *j != i) {
                 let size = self.sizes.inputs[j].max(0.1 * unit) / unit;
@@ -196,6 +212,7 @@ impl Builder<'_> {
                     open: vec![value],
                     fixed: Vec::new(),
                     starts: vec![vec![start]],
+                    memory: None,
                 });
             }
         }

@@ -7,7 +7,7 @@ use crate::capture::Capture;
 use crate::finding::Value;
 use crate::known::Knowledge;
 use crate::predictor::Predictor;
-use crate::replay::predictor;
+use crate::replay::{Belief, predictor};
 
 /// Share of values that repeat from which on it is asked what they did to the filter.
 const LEAST_SHARE: f64 = 0.2;
@@ -228,7 +228,8 @@ fn not_measured(
     output: usize,
     (from, to): (u64, u64),
 ) -> f64 {
-    let plain = dropouts(known, output, 1.0).and_then(|e| predictor(known, like, capture, &e, from));
+    let plain = dropouts(known, output, 1.0)
+        .and_then(|effect| predictor(known, like, capture, &Belief { effect, since: from, stood: None }));
     let Some(mut without) = plain else { return 0.0 };
     let squares = |e: &[f64]| e.iter().map(|v| v * v).sum::<f64>();
     let (mut last, mut sum) = (f64::NAN, 0.0);

@@ -9,7 +9,7 @@ use crate::excess;
 use crate::finding::{Cause, Finding, Stage};
 use crate::known::Knowledge;
 use crate::predictor::{Predictor, Sample};
-use crate::replay::predictor;
+use crate::replay::{Belief, predictor};
 use crate::search::Search;
 use crate::verdict::Answer;
 
@@ -166,13 +166,9 @@ impl Mirror {
     /// the vehicle cannot have it, or that step is not kept any more.
     pub fn evidence_of(&self, effect: &Effect, since: u64) -> Option<Vec<f64>> {
         let kept = self.capture.first()..self.capture.next();
-        let mut other = predictor(
-            &self.known,
-            &self.predictor,
-            &self.capture,
-            kept.contains(&since).then_some(effect)?,
-            since,
-        )?;
+        let effect = kept.contains(&since).then_some(effect)?.clone();
+        let belief = Belief { effect, since, stood: None };
+        let mut other = predictor(&self.known, &self.predictor, &self.capture, &belief)?;
         let squares = |e: &[f64]| e.iter().map(|v| v * v).sum::<f64>();
         let mut sum = 0.0;
         let after = (since..self.capture.next()).map(|step| {

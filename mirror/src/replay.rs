@@ -2,7 +2,9 @@
 //!
 //! The replayed vehicle takes the states that were expected at the moment of the change: an effect that begins changes what
 //! moves, not where it stands. Before it, for as long as a delay or a lag may reach back, the replayed vehicle gets the
-//! inputs and keeps the states, so that its delays hold what they would.
+//! inputs and keeps the states, so that its delays hold what they would. What a lag, play or a rate limit remembers of its input
+//! at its begin is another matter: within a step it may have moved as far as the input, so that the likelihood of a begin says
+//! nothing of the next one's. It is a parameter of its own.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::{Effect, Kind, Simulator, Vehicle, Window};
@@ -33,14 +35,25 @@ pub fn from_step(effect: &Effect, step: u64, period_s: f64) -> Option<Effect> {
     }
 }
 
-/// A predictor that stands at step `since` and believes in `effect` from there on. `None` when the vehicle cannot have it.
+/// What is taken to have happened.
+#[derive(Debug, Clone)]
+pub struct Belief {
+    pub effect: Effect,
+    /// The step from which on it acts.
+    pub since: u64,
+    /// What it remembered of its input then, the input itself if not given.
+    pub stood: Option<f64>,
+}
+
+/// A predictor that stands at the step from which on an effect acts, and believes in it. `None` when the vehicle cannot have it.
 pub fn predictor(
     known: &Knowledge,
     like: &Predictor,
     capture: &Capture,
-    effect: &Effect,
-    since: u64,
+    belief: &Belief,
 ) -> Option<Predictor> {
+    let Belief { effect, since, stood } = belief;
+    let since = *since;
     let mut vehicle: Vehicle = known.vehicle.clone();
     vehicle.add_effect(from_step(effect, since, known.period_s)?).ok()?;
     let begin = since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
@@ -59,32 +72,35 @@ pub fn predictor(
             simulator.step(capture.sample(step).u);
         }
     }
+    if let Some(stood) = stood {
+        simulator.put(known.vehicle.effects.len(), *stood);
+    }
     Some(like.around(simulator, capture.errors(since)))
 }
 
-/// By how much log-likelihood two beliefs, each an effect and its begin, can be told apart by what was measured until `end`.
+/// By how much log-likelihood two beliefs can be told apart by what was measured until `end`.
 pub fn distance(
     known: &Knowledge,
     like: &Predictor,
     capture: &Capture,
-    (first, from): &(Effect, u64),
-    (second, other_from): &(Effect, u64),
+    (first, second): (&Belief, &Belief),
     end: u64,
 ) -> Option<f64> {
-    let mut a = predictor(known, like, capture, first, *from)?;
-    let mut b = predictor(known, like, capture, second, *other_from)?;
+    let mut a = predictor(known, like, capture, first)?;
+    let mut b = predictor(known, like, capture, second)?;
+    let (from, other_from) = (first.since, second.since);
     let mut sum = 0.0;
-    for step in *from.min(other_from)..end {
+    for step in from.min(other_from)..end {
         let sample = capture.sample(step);
         // Before its begin each predicts as if nothing had changed.
         let plain = capture.whitened(step);
-        for (p, since) in [(&mut a, *from), (&mut b, *other_from)] {
+        for (p, since) in [(&mut a, from), (&mut b, other_from)] {
             if step >= since {
                 p.step(&sample);
             }
         }
         let of = |p: &Predictor, since: u64, i: usize| if step >= since { p.whitened()[i] } else { plain[i] };
-        sum += (0..plain.len()).map(|i| (of(&a, *from, i) - of(&b, *other_from, i)).powi(2)).sum::<f64>();
+        sum += (0..plain.len()).map(|i| (of(&a, from, i) - of(&b, other_from, i)).powi(2)).sum::<f64>();
     }
     Some(0.5 * sum)
 }

@@ -106,7 +106,7 @@ impl Search {
             steps,
             repeats: excess::anyway(known),
         };
-        search.scan(known.period_s, capture.first());
+        search.scan(known.period_s, capture);
         search
     }
 
@@ -130,7 +130,7 @@ impl Search {
             self.candidates = fresh;
         }
         self.end = end;
-        self.scan(known.period_s, capture.first());
+        self.scan(known.period_s, capture);
     }
 
     /// The last step that it looks at, and one more.
@@ -139,7 +139,8 @@ impl Search {
     }
 
     /// Lays out the grid of those that have no size yet, or one that may be wrong.
-    fn scan(&mut self, period_s: f64, first: u64) {
+    fn scan(&mut self, period_s: f64, capture: &Capture) {
+        let first = capture.first();
         (self.purpose, self.fine) = (Purpose::Scan, false);
         self.grid = vec![Vec::new(); self.candidates.len()];
         let best = self.fits.iter().flatten().map(|f| f.score).fold(f64::NEG_INFINITY, f64::max);
@@ -152,11 +153,17 @@ impl Search {
             }
             let begins = if candidate.remembers() { &BEGINS[..] } else { &BEGINS[..1] };
             for (values, share) in candidate.starts.iter().flat_map(|s| begins.iter().map(move |b| (s, b))) {
+                let since = self.since.saturating_sub((share * span) as u64).max(first + 1).min(self.since);
+                // It stands where its input was.
+                let stood = candidate
+                    .memory
+                    .as_ref()
+                    .map(|(input, _)| capture.sample(since.saturating_sub(1).max(first)).u[*input]);
                 self.jobs.push_back(Job {
                     candidate: index,
-                    values: values.clone(),
+                    values: values.iter().copied().chain(stood).collect(),
                     from: None,
-                    since: self.since.saturating_sub((share * span) as u64).max(first + 1).min(self.since),
+                    since,
                     left: 0,
                     purpose: Purpose::Scan,
                 });
@@ -188,9 +195,10 @@ impl Search {
     /// Keeps a point of the grid if it is among the best.
     fn keep(&mut self, job: Job, evidence: f64) {
         let points = &mut self.grid[job.candidate];
+        let sizes = self.candidates[job.candidate].open.len();
         // One begin for each size: sizes are what a step of Gauss and Newton cannot find from afar.
-        match points.iter_mut().find(|p| p.1 == job.values) {
-            Some(known) if known.0 < evidence => (known.0, known.2) = (evidence, job.since),
+        match points.iter_mut().find(|p| p.1[..sizes] == job.values[..sizes]) {
+            Some(known) if known.0 < evidence => *known = (evidence, job.values, job.since),
             Some(_) => {}
             None => points.push((evidence, job.values, job.since)),
         }
@@ -240,14 +248,14 @@ impl Search {
 
     fn trial(&self, known: &Knowledge, like: &Predictor, capture: &Capture, job: &Job) -> Option<Trial> {
         let candidate = &self.candidates[job.candidate];
-        let at = |values: &[f64]| predictor(known, like, capture, &candidate.effect(values)?, job.since);
+        let at = |values: &[f64]| predictor(known, like, capture, &candidate.belief(values, job.since)?);
         let mut all = vec![at(&job.values)?];
         let mut moves = Vec::new();
         if job.purpose == Purpose::Scan {
             let end = self.end.min(self.since + (GRID_S / known.period_s) as u64);
             return Some(Trial::new(all, moves, job.since, end, None));
         }
-        for (k, open) in candidate.open.iter().enumerate() {
+        for (k, open) in candidate.parameters().enumerate() {
             let mut values = job.values.clone();
             // Inwards where the bound is near.
             let small = if values[k] + open.small > open.upper { -open.small } else { open.small };
@@ -301,7 +309,8 @@ impl Search {
         }
         let Some((step, _)) = newton else { return };
         let moved = |(v, (s, o)): (&f64, (&f64, &crate::candidates::Open))| (v + s).clamp(o.lower, o.upper);
-        let values: Vec<f64> = job.values.iter().zip(step.iter().zip(&candidate.open)).map(moved).collect();
+        let values: Vec<f64> =
+            job.values.iter().zip(step.iter().zip(candidate.parameters())).map(moved).collect();
         if values != job.values {
             self.jobs.push_front(Job { values, from: Some(job.values), left: job.left - 1, ..job });
         }

@@ -139,7 +139,7 @@ impl Standing<'_> {
     ) -> Vec<usize> {
         let believed = |index: usize| {
             let fit = self.fits[index].as_ref()?;
-            Some((self.candidates[index].effect(&fit.values)?, fit.since))
+            self.candidates[index].belief(&fit.values, fit.since)
         };
         let Some(best) = &self.fits[first] else { return Vec::new() };
         let near = order.iter().copied().filter(|i| {
@@ -148,7 +148,7 @@ impl Standing<'_> {
         });
         let alike = |&other: &usize| {
             let pair = believed(first).zip(believed(other));
-            let apart = pair.and_then(|(a, b)| distance(known, like, capture, &a, &b, self.end));
+            let apart = pair.and_then(|(a, b)| distance(known, like, capture, (&a, &b), self.end));
             apart.is_some_and(|apart| apart < SAME * best.evidence)
         };
         near.take(LIKELIEST).filter(alike).collect()

@@ -1,5 +1,6 @@
 //! What is asked for from outside while a bench flies, and what became of it.
 
+use crate::MAX_INPUTS;
 use crate::define::message;
 
 message! {
@@ -10,7 +11,8 @@ message! {
         /// more and not done again.
         id: u64 => "uint64",
         /// The new value, SI: of the state's derivative for a gust, of the state for a setpoint, a factor for the gain, 0
-        /// (off), 1 (on, on the ground) or 2 (flying) for the engine, 0 (off) or 1 (on) for an effect; for the end of the run 0.
+        /// (off), 1 (on, on the ground) or 2 (flying) for the engine, 0 (off) or 1 (on) for an effect, 1 (taken over) or 0 (given
+        /// back) for the stick; for the end of the run 0.
         value: f64 => "float64",
         /// How long a gust acts, ns of bench time; for the others 0.
         length_ns: u64 => "uint64",
@@ -23,6 +25,17 @@ message! {
         verdict: u32 => "uint32",
         /// Zero.
         reserved: u32 => "uint32",
+    }
+}
+
+message! {
+    /// The stick in the hand of somebody outside, who has taken it over with an [`Adjustment`]: it flies in the place of the
+    /// law. Who says nothing for half a second of bench time gives it back.
+    Stick on "stick" {
+        /// The inputs, in the vehicle's order, SI; unused ones are zero.
+        u: f64[MAX_INPUTS] => "float64[8]",
+        /// Number of the request with which it was taken over: what comes from others is not obeyed.
+        id: u64 => "uint64",
     }
 }
 
@@ -42,6 +55,9 @@ pub enum AdjustmentKind {
     Stop = 5,
     /// The plant: an effect that has a window acts, or does not, from now on whatever its window says.
     Effect = 6,
+    /// The controller: the stick is in the hand of whoever asks, or the law flies again. Also said without being asked, when
+    /// the hand has been silent for too long; `id` is then that of the request with which it was taken over.
+    Stick = 7,
 }
 
 /// What became of a request, as a number in [`Adjustment::verdict`].
@@ -60,7 +76,7 @@ pub enum AdjustmentVerdict {
     NoSuchState = 4,
     /// The value is beyond what the node allows.
     OutOfRange = 5,
-    /// As many gusts blow as there can be at once.
+    /// As many gusts blow as there can be at once, or somebody else has the stick.
     Busy = 6,
     /// This law has no such thing.
     NotOfThisLaw = 7,
@@ -71,9 +87,9 @@ pub enum AdjustmentVerdict {
 impl AdjustmentKind {
     /// The kind for a number in [`Adjustment::what`]; `None` for one that this version does not know.
     pub fn from_u32(value: u32) -> Option<Self> {
-        [Self::Gust, Self::Engine, Self::Setpoint, Self::Gain, Self::Stop, Self::Effect]
-            .into_iter()
-            .find(|k| *k as u32 == value)
+        let all =
+            [Self::Gust, Self::Engine, Self::Setpoint, Self::Gain, Self::Stop, Self::Effect, Self::Stick];
+        all.into_iter().find(|k| *k as u32 == value)
     }
 }
 

@@ -26,7 +26,7 @@ mod types;
 pub mod units;
 mod wire;
 
-pub use adjustment::{Adjustment, AdjustmentKind, AdjustmentVerdict};
+pub use adjustment::{Adjustment, AdjustmentKind, AdjustmentVerdict, Stick};
 pub use define::{Each, Field, Message};
 pub use finding::{Finding, FindingStage, MAX_PARAMETERS, text_field, text_of};
 pub use head::Head;

@@ -64,7 +64,7 @@ mod tests {
     use super::*;
     use crate::{
         Adjustment, Autopilot, Command, Disturbance, Estimate, Health, Imu, Odometry, Outputs, Progress,
-        Sent, Setpoint, Truth,
+        Sent, Setpoint, Stick, Truth,
     };
     use proptest::prelude::*;
 
@@ -114,6 +114,7 @@ mod tests {
         contiguous::<Health>();
         contiguous::<Progress>();
         contiguous::<Adjustment>();
+        contiguous::<Stick>();
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Field, Finding, Health, Imu, Message, Odometry,
-    Outputs, Progress, Sent, Setpoint, Truth, VERSION, decode, encode,
+    Outputs, Progress, Sent, Setpoint, Stick, Truth, VERSION, decode, encode,
 };
 
 /// Calls a generic function for each message type.
@@ -29,6 +29,7 @@ macro_rules! for_each_message {
             $function::<Health>(),
             $function::<Progress>(),
             $function::<Adjustment>(),
+            $function::<Stick>(),
             $function::<Finding>(),
         ]
     };

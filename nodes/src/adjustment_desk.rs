@@ -7,6 +7,7 @@ use whirlstand_bus::{Bus, Publisher, Subscriber};
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Head, Message};
 
 use crate::error::NodeError;
+use crate::notices::{Notice, say};
 use crate::ports::receive;
 
 /// Topic on which changes in flight are asked for.
@@ -17,24 +18,6 @@ const DEPTH: usize = 16;
 
 /// Requests whose answers are kept, because one that was not heard is asked again.
 const KEPT: usize = 16;
-
-/// Why a request is refused, as a sentence; `key` opens the node.
-pub fn refusal(verdict: AdjustmentVerdict, key: &str) -> String {
-    match verdict {
-        AdjustmentVerdict::Asked | AdjustmentVerdict::Done => "it is not refused".into(),
-        AdjustmentVerdict::Closed => {
-            format!("the bench takes nothing of the kind from outside: start it with --set {key}=true")
-        }
-        AdjustmentVerdict::Unusable => "its value means nothing here".into(),
-        AdjustmentVerdict::NoSuchState => "the vehicle has no such state".into(),
-        AdjustmentVerdict::OutOfRange => {
-            "it is beyond the limits: the bound of the state, or 0.1 to 10 for the gain".into()
-        }
-        AdjustmentVerdict::Busy => "as many gusts blow already as there can be at once".into(),
-        AdjustmentVerdict::NotOfThisLaw => "the law has no such thing".into(),
-        AdjustmentVerdict::NoSuchEffect => "the vehicle has no such effect with from_s or until_s".into(),
-    }
-}
 
 /// Requests that are answered in one step; more wait for the next.
 pub(crate) const MOST_REQUESTS: usize = 8;
@@ -121,6 +104,14 @@ impl AdjustmentDesk {
         Ok(self.answers.send(&answer)?)
     }
 
+    /// Says what nobody asked for now, at the step of `head`.
+    ///
+    /// # Errors
+    /// The transport fails.
+    pub fn tell(&mut self, change: Adjustment, head: Head) -> Result<(), NodeError> {
+        Ok(self.answers.send(&Adjustment { head, ..change })?)
+    }
+
     /// What is done between steps: refuses what came to a bench that is closed, and tells the log of refusals.
     ///
     /// # Errors
@@ -131,33 +122,12 @@ impl AdjustmentDesk {
             self.answer(&request, head, AdjustmentVerdict::Closed)?;
         }
         let Some(answer) = self.untold.take() else { return Ok(()) };
-        if let (Some(kind), Some(verdict)) =
-            (AdjustmentKind::from_u32(answer.what), AdjustmentVerdict::from_u32(answer.verdict))
-        {
-            tracing::warn!(
-                step = answer.head.step,
-                "{} of {} from outside is refused: {}",
-                name(kind),
-                answer.value,
-                refusal(verdict, self.key)
-            );
-        }
+        say(Notice::Refused { answer, key: self.key });
         Ok(())
     }
 
     /// Requests that could not be read. What was asked for and refused is no fault of the bench.
     pub fn malformed(&self) -> u64 {
         self.malformed
-    }
-}
-
-fn name(kind: AdjustmentKind) -> &'static str {
-    match kind {
-        AdjustmentKind::Gust => "a gust",
-        AdjustmentKind::Engine => "a state of the engine",
-        AdjustmentKind::Setpoint => "a setpoint",
-        AdjustmentKind::Gain => "a gain",
-        AdjustmentKind::Stop => "an end of the run",
-        AdjustmentKind::Effect => "a switch of an effect",
     }
 }

@@ -168,6 +168,16 @@ impl Pilot {
         onset: Option<&Onset>,
         mut each: impl FnMut(&Step<'_>),
     ) -> Result<Counts, NodeError> {
+        self.flown(config, onset, &mut each)
+    }
+
+    /// Not generic, so that it is compiled here, where it is compiled to be fast, and not where it is called from.
+    fn flown(
+        &self,
+        config: &NodeConfig,
+        onset: Option<&Onset>,
+        each: &mut dyn FnMut(&Step<'_>),
+    ) -> Result<Counts, NodeError> {
         let setup = &self.setup;
         let (n, m) = (setup.vehicle.states.len(), setup.limits.count);
         let (mut y, outputs) = ([0.0; MAX_OUTPUTS], setup.vehicle.outputs.len());

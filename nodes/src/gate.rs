@@ -26,6 +26,12 @@ impl InputLimits {
         u
     }
 
+    /// Whether every value is a number within the limits.
+    pub fn allow(&self, u: &[f64; MAX_INPUTS]) -> bool {
+        let mut within = u.iter().zip(self.lower.iter().zip(&self.upper)).take(self.count);
+        u.iter().all(|value| value.is_finite()) && within.all(|(v, (lower, upper))| lower <= v && v <= upper)
+    }
+
     /// Brings `u` within the limits; true when something had to move.
     #[inline]
     fn limit(&self, u: &mut [f64; MAX_INPUTS]) -> bool {

@@ -12,6 +12,7 @@ use crate::error::NodeError;
 use crate::estimator::Estimator;
 use crate::follower::Follower;
 use crate::mirror::Mirror;
+use crate::notices::{self, Writing};
 use crate::os::{StopFlag, sleep_until};
 use crate::plant::Plant;
 use crate::recorder::Recorder;
@@ -42,6 +43,8 @@ pub struct Bench {
     clock: Clock,
     realtime: bool,
     rounds: u32,
+    /// Last: what the nodes say at their end is written, too.
+    _writing: Writing,
 }
 
 impl Bench {
@@ -51,6 +54,7 @@ impl Bench {
     /// As for each node.
     pub fn open(config: &NodeConfig) -> Result<Self, NodeError> {
         let setup = Setup::new(config)?;
+        let writing = notices::begin()?;
         let bus = Bus::open(&Setup::bus_config(config, Role::Plant))?;
         let realtime = config.mode == Mode::Realtime;
         Ok(Self {
@@ -62,6 +66,7 @@ impl Bench {
             clock: if realtime { Clock::exact() } else { Clock::sampled(1024) },
             realtime,
             rounds: 0,
+            _writing: writing,
         })
     }
 

@@ -4,6 +4,7 @@ use whirlstand_bus::{RecvError, Subscriber};
 use whirlstand_msgs::Message;
 
 use crate::error::NodeError;
+use crate::notices::{Notice, say};
 
 /// The next message; one of another version or with damaged content is counted in `refused` and skipped.
 ///
@@ -20,7 +21,7 @@ pub(crate) fn receive<M: Message>(
             Err(e @ RecvError::Refused { .. }) => {
                 // The first one tells the reader what is going on, the count tells how often.
                 if *refused == 0 {
-                    tracing::warn!("{e}");
+                    say(Notice::Damaged(e));
                 }
                 *refused += 1;
             }

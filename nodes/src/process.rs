@@ -15,6 +15,7 @@ use crate::error::NodeError;
 use crate::estimator::Estimator;
 use crate::follower::Follower;
 use crate::mirror::Mirror;
+use crate::notices;
 use crate::os::{MonotonicTime, StopFlag, sleep_until};
 use crate::plant::Plant;
 use crate::ready::get_ready;
@@ -36,6 +37,7 @@ pub fn run_node(role: Role, config: &NodeConfig) -> Result<(), NodeError> {
 /// # Errors
 /// As [`run_node`].
 pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Result<Health, NodeError> {
+    let _writing = notices::begin()?;
     if let Some(bridge) = config.bridge.as_ref().filter(|b| role == Role::Plant && b.kind.is_vehicle()) {
         return run_vehicle(config, bridge, stop);
     }

@@ -4,9 +4,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use whirlstand_bus::Bus;
 
-use crate::config::{NodeConfig, Role};
+use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
-use crate::os::{apply_realtime, notify_ready};
+use crate::os::{apply_realtime, notify_ready, wake_when_due};
 
 static READY: AtomicBool = AtomicBool::new(false);
 
@@ -23,6 +23,9 @@ pub(crate) fn get_ready(
     bus: &Bus,
     more: &[String],
 ) -> Result<(), NodeError> {
+    if config.mode == Mode::Realtime {
+        wake_when_due();
+    }
     if let Some(options) = config.realtime.get(&role) {
         apply_realtime(options)?;
     }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, BusConfig, Publisher, Subscriber, Transport};
 use whirlstand_msgs::{
-    Adjustment, AdjustmentKind, AdjustmentVerdict, Command, Disturbance, Imu, Message, Setpoint,
+    Adjustment, AdjustmentKind, AdjustmentVerdict, Command, Disturbance, Imu, Message, Setpoint, Stick, flags,
 };
 use whirlstand_nodes::ADJUST_TOPIC;
 use whirlstand_nodes::clock::Turn;
@@ -133,6 +133,73 @@ fn the_gain_multiplies_the_feedback() {
     plain.fly(200);
     let plain = command_at(&mut commands, answer.head.step);
     assert!(plain != 0.0 && (doubled - 2.0 * plain).abs() < 1e-12, "{plain} {doubled}");
+}
+
+/// The rule of a hand on the stick: taken over, heard within the limits and from nobody else, and given back when it is silent.
+#[test]
+fn a_hand_flies_for_as_long_as_it_is_heard_and_the_law_goes_on_from_there() {
+    let config = open("stick");
+    let mut flight = Flight::new(&config);
+    let upper = whirlstand_vehicle::Vehicle::builtin("quadrotor").unwrap().inputs[0].upper;
+    let mut commands = flight.bus.subscriber::<Command>(1024).unwrap();
+    let mut setpoints = flight.bus.subscriber::<Setpoint>(1024).unwrap();
+    let mut stick = flight.bus.publisher::<Stick>().unwrap();
+    let mut say = |flight: &mut Flight, id: u64, u: f64| {
+        let mut said = Stick { id, ..Stick::zeroed() };
+        said.u[0] = u;
+        stick.send(&said).unwrap();
+        flight.fly(20);
+    };
+    say(&mut flight, 7, 0.5 * upper);
+    let taken = flight.ask(7, AdjustmentKind::Stick, 0, 1.0, 0);
+    assert_eq!(taken.verdict, DONE);
+    let second = flight.ask(8, AdjustmentKind::Stick, 0, 1.0, 0);
+    assert_eq!(second.verdict, AdjustmentVerdict::Busy as u32, "one hand at a time");
+    assert_eq!(flight.ask(9, AdjustmentKind::Stick, 0, 2.0, 0).verdict, AdjustmentVerdict::Unusable as u32);
+    let given = 0.02 * upper;
+    say(&mut flight, 7, given);
+    for nonsense in [(8, -given), (7, 1.1 * upper), (7, f64::NAN)] {
+        say(&mut flight, nonsense.0, nonsense.1);
+    }
+    flight.fly(600);
+    let mut flown: Vec<Command> = Vec::new();
+    while let Some(command) = commands.try_recv().unwrap() {
+        flown.push(command);
+    }
+    let is_by_hand = |c: &&Command| c.flags & flags::MANUAL != 0;
+    let by_hand: Vec<_> = flown.iter().filter(is_by_hand).copied().collect();
+    assert_eq!(by_hand[0].head.step, taken.head.step, "not before it was taken over");
+    let last = by_hand.last().unwrap();
+    assert_eq!(last.head.step - taken.head.step + 1, by_hand.len() as u64, "without a gap");
+    // Until the hand says something it holds what was commanded last, and from then on what it said last.
+    let before = flown.iter().find(|c| c.head.step + 1 == taken.head.step).unwrap();
+    let heard = by_hand.iter().position(|c| c.u[0] == given).expect("it is obeyed");
+    assert!(
+        by_hand[..heard].iter().all(|c| c.u == before.u) && by_hand[heard..].iter().all(|c| c.u[0] == given)
+    );
+    // Half a second of silence are 100 steps of 5 ms; beyond the limits is no word.
+    assert_eq!(last.head.step + 1 - by_hand[heard].head.step, 100);
+    let told = std::iter::from_fn(|| flight.answers.try_recv().unwrap()).last().expect("it is told");
+    assert_eq!((told.id, told.what, told.value), (7, AdjustmentKind::Stick as u32, 0.0));
+    assert_eq!((told.head.step, told.verdict), (last.head.step + 1, DONE));
+    let next = flown.iter().find(|c| c.head.step == last.head.step + 1).unwrap();
+    // Beside what the noise of the sensors makes of the command from step to step anyhow.
+    let settled: Vec<_> =
+        flown.iter().filter(|c| c.head.step > last.head.step + 200).map(|c| c.u[0]).collect();
+    let usual = settled.windows(2).map(|u| (u[1] - u[0]).abs()).fold(0.0, f64::max);
+    let bump = (next.u[0] - given).abs();
+    assert!(bump < usual + 0.005 * upper, "from {given} to {}, usually by {usual}", next.u[0]);
+    // The setpoints, which are in the log, say where the stick was.
+    while let Some(setpoint) = setpoints.try_recv().unwrap() {
+        let command = by_hand.iter().find(|c| c.head.step == setpoint.head.step);
+        assert_eq!(setpoint.stick[0], command.map_or(0.0, |c| c.u[0]), "step {}", setpoint.head.step);
+    }
+    // Anybody may give it back.
+    assert_eq!(flight.ask(10, AdjustmentKind::Stick, 0, 1.0, 0).verdict, DONE);
+    assert_eq!(flight.ask(11, AdjustmentKind::Stick, 0, 0.0, 0).verdict, DONE);
+    flight.fly(5);
+    let last = std::iter::from_fn(|| commands.try_recv().unwrap()).last().unwrap();
+    assert_eq!(last.flags & flags::MANUAL, 0);
 }
 
 #[test]

@@ -47,7 +47,7 @@ fn together<const K: usize>(pilot: &Pilot, configs: &[NodeConfig]) -> (Vec<Fligh
     for chunk in configs.chunks(K) {
         let configs: [&NodeConfig; K] = std::array::from_fn(|l| &chunk[l.min(chunk.len() - 1)]);
         let mut rows = vec![Vec::new(); K];
-        let counts = pilot.fly_together(&configs, |step| {
+        let counts = pilot.fly_lanes(&configs, &mut |step| {
             for (l, rows) in rows.iter_mut().enumerate() {
                 let lane = |all: &[[f64; K]]| all.iter().map(|row| row[l]).collect::<Vec<f64>>();
                 let values =

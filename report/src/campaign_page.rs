@@ -1,9 +1,10 @@
 //! The page of a campaign: how often limits are broken, how figures are distributed, what moves them, the worst flights.
 
 use whirlstand_campaign::{
-    Ended, Findings, Flight, LimitFindings, Proportion, Table as Flights, Value, WEIGHT, Worst, violated,
+    Ended, FigureColumn, Findings, Flight, LimitFindings, Proportion, Table as Flights, Value, WEIGHT, Worst,
+    violated,
 };
-use whirlstand_logs::shown::{number, shown};
+use whirlstand_logs::shown::{ShownUnit, number};
 
 use super::ReportError;
 use super::page::{Attachment, Cell, Level, Page, Row, Section, Table};
@@ -71,7 +72,7 @@ fn percent(share: f64) -> String {
 
 /// Whether flights count differently: they were drawn where failures are frequent.
 fn is_weighted(report: &CampaignReport) -> bool {
-    report.table.info.columns.figures.iter().any(|(key, _)| key == WEIGHT)
+    report.table.info.columns.figures.iter().any(|figure| figure.key == WEIGHT)
 }
 
 fn interval(p: &Proportion) -> Vec<Cell> {
@@ -92,9 +93,8 @@ fn shares(report: &CampaignReport) -> Section {
         rows.push(row("did not come to their end".into(), &findings.failed));
     }
     let figures = &report.table.info.columns.figures;
-    let unit =
-        |key: &str| figures.iter().find(|(figure, _)| figure == key).map_or("", |(_, unit)| unit.as_str());
-    let wanted = |l: &LimitFindings| format!("{} <= {}", l.key, shown(l.limit, unit(&l.key)));
+    let unit = |key: &str| figures.iter().find(|figure| figure.key == key).map(unit_of).unwrap_or_default();
+    let wanted = |l: &LimitFindings| format!("{} <= {}", l.key, unit(&l.key).text(l.limit));
     rows.extend(findings.limits.iter().map(|l| row(wanted(l), &l.violated)));
     let flights = &report.table.flights;
     let step = flights.len().div_ceil(POINTS).max(1);
@@ -130,17 +130,30 @@ fn shares(report: &CampaignReport) -> Section {
     }
 }
 
-fn column(flights: &[Flight], at: usize) -> Vec<f64> {
-    flights.iter().map(|f| f.figures.get(at).copied().flatten().unwrap_or(f64::NAN)).collect()
+/// How the values of a figure are shown.
+fn unit_of(figure: &FigureColumn) -> ShownUnit {
+    ShownUnit::named(&figure.unit, &figure.shown)
+}
+
+/// A figure of all flights, as it is shown.
+fn column(flights: &[Flight], at: usize, unit: &ShownUnit) -> Vec<f64> {
+    let values = flights.iter().map(|f| f.figures.get(at).copied().flatten().unwrap_or(f64::NAN));
+    values.map(|value| value * unit.factor()).collect()
+}
+
+/// What stands beside an axis.
+fn axis(key: &str, unit: &str) -> String {
+    if unit.is_empty() { key.into() } else { format!("{key}, {unit}") }
 }
 
 /// Histograms of the figures that have a limit, with that limit.
 fn figures(report: &CampaignReport) -> Section {
     let columns = &report.table.info.columns;
     let plots = report.findings.limits.iter().enumerate().filter_map(|(i, limit)| {
-        let at = columns.figures.iter().position(|(key, _)| *key == limit.key)?;
+        let at = columns.figures.iter().position(|figure| figure.key == limit.key)?;
+        let unit = unit_of(&columns.figures[at]);
         let known: Vec<f64> =
-            column(&report.table.flights, at).into_iter().filter(|v| v.is_finite()).collect();
+            column(&report.table.flights, at, &unit).into_iter().filter(|v| v.is_finite()).collect();
         let low = known.iter().copied().fold(f64::INFINITY, f64::min);
         let high = known.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if known.is_empty() || low == high {
@@ -154,21 +167,23 @@ fn figures(report: &CampaignReport) -> Section {
         // The last edge closes the outline.
         counts.push(0.0);
         let edges: Vec<f64> = (0..=BARS).map(|bar| low + bar as f64 * width).collect();
-        let label = if columns.figures[at].1.is_empty() {
-            limit.key.clone()
-        } else {
-            format!("{}, {}", limit.key, columns.figures[at].1)
-        };
+        let label = axis(&limit.key, unit.symbol());
         let mut plot = Plot::new(format!("figure-{i}"), limit.key.clone(), label, "flights");
         let most = counts.iter().copied().fold(0.0, f64::max);
         plot.traces.push(Trace::new("flights", 0, Style::Histogram, &edges, &counts));
-        plot.traces.push(Trace::new("limit", 0, Style::Limit, &[limit.limit, limit.limit], &[0.0, most]));
+        plot.traces.push(Trace::new(
+            "limit",
+            0,
+            Style::Limit,
+            &[limit.limit * unit.factor(); 2],
+            &[0.0, most],
+        ));
         Some(plot)
     });
-    let rows = report.findings.figures.iter().map(|f| Row {
-        label: f.key.clone(),
-        group: false,
-        cells: f.quantiles.iter().map(|q| Cell::new(shown(*q, &f.unit))).collect(),
+    let rows = report.findings.figures.iter().map(|f| {
+        let unit = ShownUnit::named(&f.unit, &f.shown);
+        let cells = f.quantiles.iter().map(|q| Cell::new(unit.text(*q))).collect();
+        Row { label: f.key.clone(), group: false, cells }
     });
     Section {
         title: "Figures".into(),
@@ -191,16 +206,16 @@ fn moved(report: &CampaignReport) -> Section {
     let plots = limited().enumerate().filter_map(|(i, figure)| {
         let first = figure.sensitivities.first()?;
         let key = columns.keys.iter().position(|(key, _)| *key == first.key)?;
-        let at = columns.figures.iter().position(|(key, _)| *key == figure.key)?;
+        let at = columns.figures.iter().position(|column| column.key == figure.key)?;
+        let unit = unit_of(&columns.figures[at]);
         let draws: Vec<f64> =
             flights.iter().map(|f| f.values.get(key).and_then(Value::number).unwrap_or(f64::NAN)).collect();
         if draws.iter().all(|v| v.is_nan()) {
             return None;
         }
-        let unit = &columns.keys[key].1;
-        let label = if unit.is_empty() { first.key.clone() } else { format!("{}, {unit}", first.key) };
-        let mut plot = Plot::new(format!("moved-{i}"), figure.key.clone(), label, figure.unit.clone());
-        plot.traces.push(Trace::new("flights", 0, Style::Cloud, &draws, &column(flights, at)));
+        let label = axis(&first.key, &columns.keys[key].1);
+        let mut plot = Plot::new(format!("moved-{i}"), figure.key.clone(), label, unit.symbol());
+        plot.traces.push(Trace::new("flights", 0, Style::Cloud, &draws, &column(flights, at, &unit)));
         Some(plot)
     });
     let rows = limited().flat_map(|figure| {

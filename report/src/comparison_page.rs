@@ -4,7 +4,7 @@ use super::ReportError;
 use super::page::{Cell, Level, Page, Row, Section, Table};
 use super::plot::{Plot, Span, SpanKind, Style, Trace};
 use whirlstand_ident::compare::{Comparison, OutputComparison, OutputSeries, spectrum};
-use whirlstand_logs::shown::{number, shown_factor, shown_unit};
+use whirlstand_logs::shown::number;
 
 /// The report of a comparison: figures, then for each output measured against simulated, the residual, the
 /// quadratic error and the spectrum of the residual.
@@ -16,8 +16,8 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
     let mut sections: Vec<Section> =
         outputs.filter_map(|s| Some(output(c, s, c.outputs.get(&s.name)?))).collect();
     let inputs = c.series.inputs.iter().enumerate().map(|(i, (name, unit, values))| {
-        let mut plot = Plot::over_time(format!("input-{i}"), name.clone(), shown_unit(unit));
-        let values: Vec<f64> = values.iter().map(|v| v * shown_factor(unit)).collect();
+        let mut plot = Plot::over_time(format!("input-{i}"), name.clone(), unit.symbol());
+        let values: Vec<f64> = values.iter().map(|v| v * unit.factor()).collect();
         plot.traces.push(Trace::new(name.clone(), 0, Style::Held, &c.series.t, &values));
         plot.height = 200;
         plot
@@ -89,7 +89,7 @@ fn table(c: &Comparison) -> Table {
         "spectral peak",
     ];
     let rows = c.ordered().map(|(name, o)| {
-        let factor = shown_factor(&o.unit);
+        let factor = o.unit.factor();
         let fit = |f: Option<f64>| match f {
             None => Cell::new("-"),
             Some(f) => {
@@ -110,7 +110,7 @@ fn table(c: &Comparison) -> Table {
         });
         let noise = Some(o.declared_noise).filter(|n| *n > 0.0);
         Row {
-            label: format!("{name}, {}", shown_unit(&o.unit)),
+            label: format!("{name}, {}", o.unit),
             group: false,
             cells: vec![
                 fit(o.fit),
@@ -134,8 +134,8 @@ fn table(c: &Comparison) -> Table {
 }
 
 fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
-    let factor = shown_factor(&o.unit);
-    let unit = shown_unit(&o.unit);
+    let factor = o.unit.factor();
+    let unit = o.unit.symbol();
     let t = &c.series.t;
     let scaled = |v: &[f64]| v.iter().map(|v| v * factor).collect::<Vec<f64>>();
     let residual: Vec<f64> = s.measured.iter().zip(&s.simulated).map(|(y, m)| y - m).collect();
@@ -143,9 +143,9 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
         o.worst.iter().map(|w| Span { from: w.from_s, until: w.until_s, kind: SpanKind::Worst }).collect();
     let id = |what: &str| format!("{what}-{}", s.name);
 
-    let mut both = Plot::over_time(id("both"), "measured and simulated", unit.clone());
+    let mut both = Plot::over_time(id("both"), "measured and simulated", unit);
     both.traces.push(Trace::new("measured", 5, Style::Main, t, &scaled(&s.measured)));
-    let mut error = Plot::over_time(id("residual"), "residual", unit.clone());
+    let mut error = Plot::over_time(id("residual"), "residual", unit);
     let ahead: Vec<f64> = scaled(&s.prediction_error);
     let name = format!("{} s prediction", c.horizon_s);
     if !c.diverged {
@@ -160,7 +160,7 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
     error.spans = worst;
     let mut plots = vec![both, error];
     if !c.diverged {
-        let mut quadratic = Plot::over_time(id("quadratic"), "quadratic error", squared(&unit));
+        let mut quadratic = Plot::over_time(id("quadratic"), "quadratic error", squared(unit));
         let squares: Vec<f64> = scaled(&residual).iter().map(|e| e * e).collect();
         quadratic.traces.push(Trace::new("quadratic error", 0, Style::Main, t, &squares));
         let step_t: Vec<f64> = o.quadratic_error.iter().flat_map(|i| [i.from_s, i.until_s]).collect();
@@ -168,7 +168,7 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
             o.quadratic_error.iter().flat_map(|i| [i.mean_square * factor * factor; 2]).collect();
         quadratic.traces.push(Trace::new("mean over a twentieth", 1, Style::Main, &step_t, &step));
         plots.push(quadratic);
-        plots.push(spectrum_plot(c, s, &residual, o, &unit));
+        plots.push(spectrum_plot(c, s, &residual, o, unit));
     }
     let fit = o.fit.map_or("no free-run fit".into(), |f| format!("fit {f:.1} %"));
     Section {
@@ -198,7 +198,7 @@ fn spectrum_plot(
     o: &OutputComparison,
     unit: &str,
 ) -> Plot {
-    let factor = shown_factor(&o.unit);
+    let factor = o.unit.factor();
     let id = format!("spectrum-{}", s.name);
     let spectrum = spectrum(residual, &s.measured, c.period_s);
     let mut plot =

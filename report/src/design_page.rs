@@ -2,7 +2,8 @@
 
 use whirlstand_control::design::Pole;
 use whirlstand_control::{Design, Responses};
-use whirlstand_logs::shown::{number, shown};
+use whirlstand_logs::shown::number;
+use whirlstand_msgs::units::ShownUnit;
 
 use super::ReportError;
 use super::page::{Attachment, Cell, Level, Page, Row, Section, Table};
@@ -17,8 +18,8 @@ pub struct DesignReport<'a> {
     pub design: &'a Design,
     /// Its responses.
     pub responses: &'a Responses,
-    /// SI units of the states, in their order.
-    pub state_units: &'a [String],
+    /// Units of the states, in their order.
+    pub state_units: &'a [ShownUnit],
     /// The design as text.
     pub text: &'a str,
 }
@@ -83,8 +84,8 @@ fn steps(report: &DesignReport) -> Section {
         for (plot, values) in inputs.iter_mut().zip(&step.inputs) {
             plot.traces.push(Trace::new(name, variant, Style::Held, &step.time_s, values));
         }
-        let unit = report.state_units.get(step.state).map_or("", String::as_str);
-        sizes.push(format!("{name} by {}", shown(step.size, unit)));
+        let unit = report.state_units.get(step.state).cloned().unwrap_or_default();
+        sizes.push(format!("{name} by {}", unit.text(step.size)));
     }
     for (plot, limits) in inputs.iter_mut().zip(plant.inputs()) {
         let end = plot.traces.iter().filter_map(|t| t.x.last().copied()).fold(0.0, f64::max);

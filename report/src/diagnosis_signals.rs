@@ -5,7 +5,6 @@ use super::page::Section;
 use super::plot::{Plot, Span, SpanKind, Style, Trace};
 use whirlstand_diagnose::Diagnosis;
 use whirlstand_diagnose::answer::{Axis, EvidenceCurve, OutputFigure};
-use whirlstand_logs::shown::{shown_factor, shown_unit};
 use whirlstand_logs::spectrum::welch;
 
 /// Colours: measured, given vehicle, extended vehicle.
@@ -16,7 +15,7 @@ const AFTER: usize = 0;
 /// One output: measured against simulated, the residual, its spectrum, its correlation with the inputs.
 pub(crate) fn output(answer: &Diagnosis, o: &OutputFigure) -> Section {
     let f = &answer.figures;
-    let (factor, unit) = (shown_factor(&o.unit), shown_unit(&o.unit));
+    let (factor, unit) = (o.unit.factor(), o.unit.symbol());
     let held = Span { from: answer.heldout.from_s, until: answer.heldout.to_s, kind: SpanKind::HeldOut };
     let id = |what: &str| format!("{what}-{}", o.name);
     let scaled = |v: &[f64]| v.iter().map(|v| v * factor).collect::<Vec<f64>>();
@@ -25,14 +24,14 @@ pub(crate) fn output(answer: &Diagnosis, o: &OutputFigure) -> Section {
         .filter(|(_, _, values)| !values.is_empty())
         .map(|(name, colour, values)| (name, colour, values.as_slice()))
         .collect();
-    let mut both = Plot::over_time(id("both"), "measured and simulated", unit.clone());
+    let mut both = Plot::over_time(id("both"), "measured and simulated", unit);
     // A slow sensor has values at some steps only: lines go from one to the next.
     let line = |name: &str, colour: usize, style: Style, values: &[f64]| {
         let (t, y): (Vec<f64>, Vec<f64>) = present(&f.t, values);
         Trace::new(name, colour, style, &t, &scaled(&y))
     };
     both.traces.push(line("measured", MEASURED, Style::Main, &o.measured));
-    let mut error = Plot::over_time(id("residual"), "residual: measured - simulated", unit.clone());
+    let mut error = Plot::over_time(id("residual"), "residual: measured - simulated", unit);
     for (name, colour, values) in &runs {
         both.traces.push(line(name, *colour, Style::Main, values));
         error.traces.push(line(name, *colour, Style::Main, &difference(&o.measured, values)));
@@ -40,7 +39,7 @@ pub(crate) fn output(answer: &Diagnosis, o: &OutputFigure) -> Section {
     for plot in [&mut both, &mut error] {
         plot.spans.push(held.clone());
     }
-    let mut plots = vec![both, error, spectrum(answer, o, &runs, factor, &unit)];
+    let mut plots = vec![both, error, spectrum(answer, o, &runs, factor, unit)];
     plots.extend(correlations(answer, o, &runs));
     let figures = answer.outputs.get(&o.name);
     let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.1} %"));
@@ -171,7 +170,7 @@ pub(crate) fn evidence(answer: &Diagnosis, accepted: bool) -> Vec<Plot> {
 }
 
 fn label(axis: &Axis) -> String {
-    match shown_unit(&axis.unit).as_str() {
+    match axis.unit.symbol() {
         "" => axis.name.clone(),
         unit => format!("{}, {unit}", axis.name),
     }
@@ -185,7 +184,7 @@ fn evidence_plot(curve: &EvidenceCurve, place: usize) -> Plot {
     plot.caption.clone_from(&curve.caption);
     plot.height = 320;
     (plot.log_x, plot.log_y) = (curve.logarithmic, curve.logarithmic);
-    let factors = (shown_factor(&curve.x.unit), shown_factor(&curve.y.unit));
+    let factors = (curve.x.unit.factor(), curve.y.unit.factor());
     let mut add = |name: &str, colour: usize, style: Style, points: &(Vec<f64>, Vec<f64>)| {
         if !points.0.is_empty() {
             let scaled = |v: &[f64], factor: f64| v.iter().map(|v| v * factor).collect::<Vec<f64>>();

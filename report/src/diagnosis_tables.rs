@@ -3,7 +3,7 @@
 use super::page::{Cell, Level, Row, Section, Table};
 use whirlstand_diagnose::Diagnosis;
 use whirlstand_diagnose::answer::{Cause, Estimate};
-use whirlstand_logs::shown::{number, parameter_unit, shown_factor, shown_unit};
+use whirlstand_logs::shown::number;
 
 fn head(names: &[&str]) -> Vec<String> {
     names.iter().map(|n| (*n).to_string()).collect()
@@ -52,8 +52,7 @@ fn cause(cause: &Cause) -> Vec<Row> {
     let cells = [text, String::new(), String::new()].into_iter().chain(evidence).map(Cell::new).collect();
     let mut rows = vec![Row { label: format!("{} on {}", cause.effect, cause.place), group: true, cells }];
     rows.extend(cause.parameters.iter().map(|(name, Estimate { value, low, high, unit })| {
-        let (unit, factor) = parameter_unit(name, unit);
-        let with_unit = |v: f64| format!("{} {unit}", number(v * factor)).trim_end().to_string();
+        let with_unit = |v: f64| unit.text(v);
         let ends =
             if low == high { ["given".into(), String::new()] } else { [with_unit(*low), with_unit(*high)] };
         let cells = std::iter::once(with_unit(*value)).chain(ends).map(Cell::new);
@@ -78,7 +77,7 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
         "error / noise",
     ];
     let rows = answer.outputs.iter().map(|(name, o)| {
-        let factor = shown_factor(&o.unit);
+        let factor = o.unit.factor();
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.1}"));
         let value = |v: Option<f64>| Cell::new(v.map_or("-".into(), |v| number(v * factor)));
         let errors = (o.rmse_before.or(o.horizon_rmse_before), o.rmse_after.or(o.horizon_rmse_after));
@@ -89,7 +88,7 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
         };
         let ratio = errors.1.filter(|_| o.noise_floor > 0.0).map(|e| e / o.noise_floor);
         row(
-            format!("{name}, {}", shown_unit(&o.unit)),
+            format!("{name}, {}", o.unit),
             vec![
                 Cell::new(percent(o.fit_before)),
                 Cell::leveled(percent(o.fit_after), gained),

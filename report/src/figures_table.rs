@@ -3,7 +3,8 @@
 use super::outcome::Expected;
 use super::page::{Cell, Level, Row, Table};
 use whirlstand_evaluate::summary::{Figure, RunSummary};
-use whirlstand_logs::shown::{number, shown_factor, shown_unit};
+use whirlstand_logs::shown::number;
+use whirlstand_msgs::units::ShownUnit;
 
 /// How a figure scales with the unit of its output.
 #[derive(Clone, Copy, PartialEq)]
@@ -48,7 +49,7 @@ pub fn output_table(summaries: &[RunSummary]) -> Table {
     let rows = names.into_iter().map(|name| {
         let unit = &first.outputs[name].unit;
         let what = if tracked(name) { " (tracked)" } else { "" };
-        (format!("{name}, {}{what}", shown_unit(unit)), name.as_str(), unit.as_str())
+        (format!("{name}, {unit}{what}"), name.as_str(), unit)
     });
     let columns: Vec<Column> = OUTPUT_COLUMNS
         .iter()
@@ -61,9 +62,9 @@ pub fn output_table(summaries: &[RunSummary]) -> Table {
 pub fn input_table(summaries: &[RunSummary]) -> Table {
     let Some(first) = summaries.first() else { return Table::default() };
     let rows = first.inputs.iter().map(|(name, input)| {
-        let unit = shown_unit(&input.unit);
-        let label = if unit.is_empty() { name.clone() } else { format!("{name}, {unit}") };
-        (label, name.as_str(), input.unit.as_str())
+        let unit = &input.unit;
+        let label = if unit.symbol().is_empty() { name.clone() } else { format!("{name}, {unit}") };
+        (label, name.as_str(), unit)
     });
     let columns: Vec<Column> = INPUT_COLUMNS
         .iter()
@@ -79,10 +80,10 @@ struct Column {
     scale: Scale,
 }
 
-/// Rows are `(label, name of the signal, SI unit)`.
+/// Rows are `(label, name of the signal, unit)`.
 fn table<'a>(
     summaries: &[RunSummary],
-    rows: impl Iterator<Item = (String, &'a str, &'a str)>,
+    rows: impl Iterator<Item = (String, &'a str, &'a ShownUnit)>,
     columns: &[Column],
 ) -> Table {
     let mut table = Table {
@@ -99,7 +100,7 @@ fn table<'a>(
                 let figures: Vec<Option<Figure>> =
                     summaries.iter().map(|s| s.figure(&format!("{name}.{}", column.key))).collect();
                 *used |= figures.iter().flatten().any(|f| *f != Figure::NoEvent);
-                let factor = shown_factor(unit);
+                let factor = unit.factor();
                 let power = match column.scale {
                     Scale::Unit => factor,
                     Scale::Plain => 1.0,
@@ -191,8 +192,7 @@ pub fn expected_table(expected: &[Expected]) -> Table {
     }
     let head = ["", "limit"].into_iter().chain(runs.iter().copied()).map(String::from).collect();
     let rows = rows.into_iter().map(|row| {
-        let (factor, unit) = (shown_factor(&row.unit), shown_unit(&row.unit));
-        let value = |v: f64| format!("{} {unit}", number(v * factor)).trim().to_string();
+        let value = |v: f64| row.unit.text(v);
         let of_run = |run: &&str| {
             let here = |e: &&Expected| e.run == *run && e.key == row.key && e.limit == row.limit;
             let Some(e) = expected.iter().find(here) else { return Cell::new("-") };

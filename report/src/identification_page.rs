@@ -6,7 +6,7 @@ use super::plot::{Plot, Style, Trace};
 use whirlstand_ident::identify::answer::{Identification, PartSeries, Role};
 use whirlstand_ident::identify::data::filled;
 use whirlstand_ident::identify::response::{Response, TRUSTED, response};
-use whirlstand_logs::shown::{clean, number, shown, shown_factor, shown_unit};
+use whirlstand_logs::shown::{clean, number};
 
 /// The report of an identification as one HTML text.
 ///
@@ -98,7 +98,7 @@ fn figures(answer: &Identification) -> Section {
             percent(other.and_then(|q| q.free_run_fit_bias_removed)),
             percent(other.and_then(|q| q.one_step_fit)),
         ];
-        cells.push(Cell::new(shown(o.noise_std, &o.unit)));
+        cells.push(Cell::new(o.unit.text(o.noise_std)));
         cells.push(match &o.whiteness {
             None => Cell::new("-"),
             Some(w) if w.white => Cell::leveled("yes", Level::Good),
@@ -129,17 +129,16 @@ fn role_words(part: &PartSeries) -> &'static str {
 fn real_and_simulated(part: &PartSeries, index: usize) -> Section {
     let mut plots = Vec::new();
     for o in &part.outputs {
-        let factor = shown_factor(&o.unit);
+        let factor = o.unit.factor();
         let scaled = |v: &[f64]| filled(v).iter().map(|v| v * factor).collect::<Vec<f64>>();
-        let mut plot =
-            Plot::over_time(format!("real-{index}-{}", o.name), o.name.clone(), shown_unit(&o.unit));
+        let mut plot = Plot::over_time(format!("real-{index}-{}", o.name), o.name.clone(), o.unit.symbol());
         plot.traces.push(Trace::new("real", 5, Style::Main, &part.t, &scaled(&o.measured)));
         plot.traces.push(Trace::new("simulated", 1, Style::Second, &part.t, &scaled(&o.simulated)));
         plots.push(plot);
     }
     for (name, unit, values) in &part.inputs {
-        let factor = shown_factor(unit);
-        let mut plot = Plot::over_time(format!("input-{index}-{name}"), name.clone(), shown_unit(unit));
+        let factor = unit.factor();
+        let mut plot = Plot::over_time(format!("input-{index}-{name}"), name.clone(), unit.symbol());
         let values: Vec<f64> = values.iter().map(|v| v * factor).collect();
         plot.traces.push(Trace::new(name.clone(), 2, Style::Held, &part.t, &values));
         plot.height = 200;
@@ -156,8 +155,8 @@ fn real_and_simulated(part: &PartSeries, index: usize) -> Section {
 
 fn quadratic_errors(part: &PartSeries, index: usize) -> Section {
     let plots = part.outputs.iter().map(|o| {
-        let factor = shown_factor(&o.unit);
-        let unit = shown_unit(&o.unit);
+        let factor = o.unit.factor();
+        let unit = o.unit.symbol();
         let square: Vec<f64> =
             o.measured.iter().zip(&o.simulated).map(|(y, s)| ((y - s) * factor).powi(2)).collect();
         let label = if unit.is_empty() { String::new() } else { format!("({unit})²") };

@@ -2,7 +2,7 @@
 
 use super::page::Level;
 use whirlstand_evaluate::summary::RunSummary;
-use whirlstand_logs::shown::shown;
+use whirlstand_msgs::units::ShownUnit;
 
 /// How a bench ended.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -31,7 +31,7 @@ pub struct Expected {
     /// What was found, SI; `None` when it never came to that or was not measured.
     pub found: Option<f64>,
     /// SI unit of both.
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Whether it holds.
     pub holds: bool,
 }
@@ -74,10 +74,10 @@ impl Outcome {
                 for d in output.disturbances.iter().filter(|d| d.recovery_s.is_none()) {
                     warn(format!(
                         "{name} was moved by {} by the disturbance at {:.2} s and had not recovered to within {} of {} at {:.2} s",
-                        shown(d.peak, &output.unit),
+                        output.unit.text(d.peak),
                         d.at_s,
-                        shown(d.band, &output.unit),
-                        shown(d.baseline, &output.unit),
+                        output.unit.text(d.band),
+                        output.unit.text(d.baseline),
                         d.until_s
                     ));
                 }

@@ -1,7 +1,6 @@
 //! What happened in a run, in the order of time.
 
 use whirlstand_evaluate::run::Run;
-use whirlstand_logs::shown::shown;
 
 use super::page::{Cell, Level, Row, Table};
 
@@ -76,15 +75,12 @@ fn of_run(run: usize, recorded: &Run) -> Vec<Event> {
     let mut events = Vec::new();
     for (name, output) in figures.outputs.iter().filter(|(_, output)| output.tracked) {
         for step in &output.steps {
-            let to = shown(step.to, &output.unit);
+            let to = output.unit.text(step.to);
             events.push(event(step.at_s, None, format!("setpoint of {name} to {to}"), Level::Neutral));
         }
     }
     for d in &figures.disturbances {
-        // Of several states, the one on which it acts most stands first.
-        let most = d.place.split(", ").next().unwrap_or_default();
-        let si = recorded.vehicle.states.iter().find(|s| s.name == most).map(|s| s.unit.si_symbol());
-        let size = shown(d.magnitude, &per_second(&si.unwrap_or_default()));
+        let size = d.unit.text(d.magnitude).replace("^2", "²");
         let until = (d.until_s < figures.duration_s).then_some(d.until_s);
         events.push(event(d.at_s, until, format!("disturbance of {size} on {}", d.place), Level::Neutral));
     }
@@ -101,12 +97,4 @@ fn of_run(run: usize, recorded: &Run) -> Vec<Event> {
         }
     }
     events
-}
-
-/// Unit of the derivative.
-fn per_second(si: &str) -> String {
-    match si.strip_suffix("/s") {
-        Some(unit) => format!("{unit}/s²"),
-        None => format!("{si}/s"),
-    }
 }

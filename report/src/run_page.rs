@@ -14,7 +14,6 @@ use super::winner::winner;
 use whirlstand_evaluate::metrics::nis_bounds;
 use whirlstand_evaluate::run::Run;
 use whirlstand_evaluate::summary::RunSummary;
-use whirlstand_logs::shown::{shown_factor, shown_unit};
 
 /// The report of a bench: one run, or several variants side by side.
 ///
@@ -156,10 +155,10 @@ fn nis_plot(runs: &[&Run], summaries: &[RunSummary]) -> Option<Plot> {
 fn error_plots(run: &Run, summaries: &[RunSummary]) -> Vec<Plot> {
     let states = run.vehicle.states.iter().zip(&run.lines.errors).enumerate();
     let plots = states.filter(|(_, (_, lines))| !lines.error.is_empty()).map(|(i, (state, lines))| {
-        let si = state.unit.si_symbol();
-        let factor = shown_factor(&si);
+        let unit = state.unit.shown();
+        let factor = unit.factor();
         let mut plot =
-            Plot::over_time(format!("error-{i}"), format!("{} estimate error", state.name), shown_unit(&si));
+            Plot::over_time(format!("error-{i}"), format!("{} estimate error", state.name), unit.symbol());
         plot.traces.push(trace("error", 0, Style::Main, &lines.error, factor));
         for sign in [2.0, -2.0] {
             plot.traces.push(trace("± 2 std", 0, Style::Limit, &lines.claimed, sign * factor));

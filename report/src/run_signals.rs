@@ -3,7 +3,6 @@
 use whirlstand_evaluate::run::Run;
 use whirlstand_evaluate::summary::RunSummary;
 use whirlstand_logs::Line;
-use whirlstand_logs::shown::{shown_factor, shown_unit};
 
 use super::plot::{Plot, Span, SpanKind, Style, Trace};
 
@@ -52,9 +51,9 @@ fn scaled(values: &[f64], factor: f64) -> Vec<f64> {
 
 pub(super) fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
     let output = &runs[0].vehicle.outputs[i];
-    let si = output.unit.si_symbol();
-    let factor = shown_factor(&si);
-    let mut plot = Plot::over_time(format!("output-{i}"), output.name.clone(), shown_unit(&si));
+    let unit = output.unit.shown();
+    let factor = unit.factor();
+    let mut plot = Plot::over_time(format!("output-{i}"), output.name.clone(), unit.symbol());
     let several = runs.len() > 1;
     let mut wanted = None;
     for (variant, run) in runs.iter().enumerate() {
@@ -94,9 +93,9 @@ pub(super) fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> 
 
 pub(super) fn input_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> Plot {
     let input = &runs[0].vehicle.inputs[i];
-    let si = input.unit.si_symbol();
-    let factor = shown_factor(&si);
-    let mut plot = Plot::over_time(format!("input-{i}"), input.name.clone(), shown_unit(&si));
+    let unit = input.unit.shown();
+    let factor = unit.factor();
+    let mut plot = Plot::over_time(format!("input-{i}"), input.name.clone(), unit.symbol());
     let (mut least, mut most, mut end) = (0.0f64, 0.0f64, 0.0f64);
     for (variant, run) in runs.iter().enumerate() {
         let Some(line) = run.lines.inputs.get(i) else { continue };
@@ -114,8 +113,7 @@ pub(super) fn input_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> P
         }
     }
     if input.lower.is_finite() && input.upper.is_finite() {
-        plot.aside =
-            format!("limits {} to {} {}", input.lower * factor, input.upper * factor, shown_unit(&si));
+        plot.aside = format!("limits {} to {} {}", input.lower * factor, input.upper * factor, unit);
     }
     plot.spans = spans(runs, summaries);
     plot

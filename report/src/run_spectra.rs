@@ -2,8 +2,8 @@
 
 use whirlstand_evaluate::run::Run;
 use whirlstand_evaluate::spectra::Spectrum;
-use whirlstand_logs::shown::{shown_factor, shown_unit};
 use whirlstand_logs::stats::quantile;
+use whirlstand_msgs::units::ShownUnit;
 
 use super::page::Section;
 use super::plot::{Heat, Plot, Style, Trace};
@@ -18,7 +18,7 @@ const LEAST_COLOUR: f64 = 0.1;
 struct Signal<'a> {
     id: String,
     name: &'a str,
-    si: String,
+    unit: ShownUnit,
     /// One for each variant.
     spectra: Vec<(&'a str, &'a Spectrum)>,
 }
@@ -50,13 +50,13 @@ fn signals<'a>(runs: &[&'a Run]) -> Vec<Signal<'a>> {
     let rates = (0..outputs.len()).filter(|&i| is_rate(i) || !any).map(|i| Signal {
         id: format!("output-spectrum-{i}"),
         name: &outputs[i].name,
-        si: outputs[i].unit.si_symbol(),
+        unit: outputs[i].unit.shown(),
         spectra: of_runs(runs, |run| run.lines.output_spectra.get(i)),
     });
     let inputs = first.vehicle.inputs.iter().enumerate().map(|(i, input)| Signal {
         id: format!("input-spectrum-{i}"),
         name: &input.name,
-        si: input.unit.si_symbol(),
+        unit: input.unit.shown(),
         spectra: of_runs(runs, |run| run.lines.input_spectra.get(i)),
     });
     rates.chain(inputs).collect()
@@ -71,8 +71,8 @@ fn of_runs<'a>(
 }
 
 fn density_plot(signal: &Signal) -> Option<Plot> {
-    let (factor, unit) = (shown_factor(&signal.si), shown_unit(&signal.si));
-    let mut plot = Plot::new(signal.id.clone(), signal.name, "frequency, Hz", root_density(&unit));
+    let (factor, unit) = (signal.unit.factor(), signal.unit.symbol());
+    let mut plot = Plot::new(signal.id.clone(), signal.name, "frequency, Hz", root_density(unit));
     plot.log_y = true;
     for (variant, (name, spectrum)) in signal.spectra.iter().enumerate() {
         // Without the mean, which was taken off.
@@ -85,7 +85,7 @@ fn density_plot(signal: &Signal) -> Option<Plot> {
 }
 
 fn spectrogram_plot(signal: &Signal) -> Option<Plot> {
-    let (factor, unit) = (shown_factor(&signal.si), shown_unit(&signal.si));
+    let (factor, unit) = (signal.unit.factor(), signal.unit.symbol());
     let (_, spectrum) = signal.spectra.first()?;
     let found = &spectrum.spectrogram;
     // Two columns are no course of time.
@@ -100,7 +100,7 @@ fn spectrogram_plot(signal: &Signal) -> Option<Plot> {
     let z = z.into_iter().map(|row| row.into_iter().map(|v| v.max(least)).collect()).collect();
     let title = format!("{} over time", signal.name);
     let mut plot = Plot::over_time(format!("{}-time", signal.id), title, "frequency, Hz");
-    let unit = format!("dB of 1 {}", root_density(&unit));
+    let unit = format!("dB of 1 {}", root_density(unit));
     plot.aside.clone_from(&unit);
     plot.heat = Some(Heat { x: found.time_s.clone(), y: found.frequency_hz.clone(), z, unit });
     Some(plot)

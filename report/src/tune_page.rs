@@ -1,7 +1,7 @@
 //! The page of a tuning: old and new law side by side.
 
 use whirlstand_control::design::Pole;
-use whirlstand_logs::shown::{shown_factor, shown_unit};
+use whirlstand_msgs::units::ShownUnit;
 
 use crate::ReportError;
 use crate::page::{Attachment, Cell, Level, Page, Row, Section, Table};
@@ -46,8 +46,8 @@ pub struct LawLine {
 pub struct Fan {
     /// The state.
     pub name: String,
-    /// Its SI unit.
-    pub unit: String,
+    /// Its unit.
+    pub unit: ShownUnit,
     /// Of the old and of the new law: time, s, and where 5 %, half and 95 % of the draws lie.
     pub laws: [[Vec<f64>; 4]; 2],
 }
@@ -92,7 +92,7 @@ fn figures(report: &TuneReport) -> Section {
 
 fn fans(report: &TuneReport) -> Section {
     let plots = report.fans.iter().enumerate().map(|(i, fan)| {
-        let (unit, factor) = (shown_unit(&fan.unit), shown_factor(&fan.unit));
+        let (unit, factor) = (fan.unit.symbol(), fan.unit.factor());
         let mut plot = Plot::over_time(format!("fan-{i}"), &fan.name, unit);
         for (law, [t, low, median, high]) in fan.laws.iter().enumerate() {
             let scaled = |values: &[f64]| values.iter().map(|v| v * factor).collect::<Vec<_>>();

@@ -4,6 +4,7 @@ mod support;
 
 use support::bench_log;
 use whirlstand_evaluate::{Figure, Run, RunSummary};
+use whirlstand_msgs::units::ShownUnit;
 use whirlstand_report::{Expected, Outcome, run_report};
 
 #[test]
@@ -74,7 +75,7 @@ fn reports_of_one_and_of_several_runs_are_complete_and_small() {
             key: "roll.peak".into(),
             limit: 10f64.to_radians(),
             found: Some(0.2666),
-            unit: "rad".into(),
+            unit: ShownUnit::of("rad"),
             holds: false,
         }],
         files: vec![("log.mcap".into(), "log.mcap".into())],

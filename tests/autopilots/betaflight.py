@@ -2,7 +2,7 @@
 
     betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT] [--blocked FLAGS] [--no-switch]
 
-Its clock follows the ratio of simulated to wall time as Betaflight's does; it arms after its boot grace on AUX 1 going
+Its clock runs at the ratio of told to wall time between the last two states, as Betaflight's does; it arms after its boot grace on AUX 1 going
 from low to high at low throttle. `--msp`: tells its attitude there, over TCP, and
 its arming flags; `--blocked`: with these it is never armed. `--no-switch`: fresh settings, in which no switch arms it.
 """
@@ -72,7 +72,8 @@ def main():
     state.bind(("127.0.0.1", args.state))
     channels.bind(("127.0.0.1", args.channels))
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    attitude, last, last_wall, clock = flight.Attitude(), None, None, 0.0
+    attitude, last, last_wall = flight.Attitude(), None, None
+    rate = 1.0
     began = None
     if args.msp:
         threading.Thread(target=tell, args=(args.msp, attitude, args.blocked, not args.no_switch), daemon=True).start()
@@ -107,13 +108,15 @@ def main():
         f = FDM.unpack(data)
         report.demand(all(math.isfinite(x) for x in f), "not finite")
         began = now if began is None else began
+        dt = 0.0
         if last is not None:
             sim, wall = f[0] - last, now - last_wall
-            report.demand(sim > 0, "time does not grow")
-            # Betaflight multiplies its clock by this until the next packet.
+            report.demand(sim >= 0, "older than the state before")
+            dt = rate * wall
+            # Betaflight's clock runs at this rate until the next packet.
             if 0 < sim < 0.02 and wall > 0:
-                rates.append(sim / wall)
-            clock += sim
+                rate = sim / wall
+            rates.append(rate)
         # Yaw comes positive nose left.
         gyro = (f[1], f[2], -f[3])
         # Betaflight negates all three, for forward, left, up.
@@ -122,7 +125,6 @@ def main():
         report.demand(abs(flight.norm(f[7:11]) - 1.0) < 1e-9, f"quaternion {f[7:11]}")
         report.demand(abs(f[14] - 8.545594) < 0.01 and abs(f[15] - 47.397742) < 0.01, f"place {f[14:17]}")
         report.demand(400 < f[16] < 600 and 90_000 < f[17] < 101_325, f"height {f[16]}, pressure {f[17]}")
-        dt = 0.0 if last is None else f[0] - last
         last, last_wall = f[0], now
         attitude.step(gyro, accel, dt)
         thrust = armed and throttle > 1200
@@ -136,7 +138,6 @@ def main():
         if report["steps"] % 50 == 0:
             ordered = sorted(rates)
             report["rates"] = [ordered[0], ordered[len(ordered) // 2], ordered[-1]]
-            report["clock_ratio"] = clock / (now - began)
 
 
 if __name__ == "__main__":

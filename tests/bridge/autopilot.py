@@ -23,6 +23,7 @@ from pymavlink import mavutil  # noqa: E402
 from pymavlink.dialects.v20 import common as mav  # noqa: E402
 
 from hand import Hand  # noqa: E402
+from pilot import Pilot  # noqa: E402
 
 IGNORE = 65535
 # The vehicle of a bench is any quadrotor: it rolls right on stick right and pitches up on stick back. Its inputs of the paper
@@ -60,6 +61,8 @@ class Autopilot:
         self.events = json.loads(options.events)
         self.neutral, self.lasted = None, 0
         self.hand = Hand(options.turned.split(","), options.reversed.split(",")) if options.hand else None
+        self.pilot = Pilot(json.loads(options.pilot)) if options.pilot else None
+        self.override = None
         self.rc = [1500, 1500, 1000, 1500] + [1500] * 12
         self.requested = {}
 
@@ -165,6 +168,20 @@ class Autopilot:
         if not self.history or self.history[-1][1] != neutral:
             self.history.append((round(now, 4), neutral, us))
         self.u = [0.0, 0.0] if released else [(value - 1500) / 500 * FULL_STICK for value in us]
+        self.override = None if released else [None if value == IGNORE else value for value in us]
+
+    def fly(self):
+        """One period by the pilot's radio and the override; it is armed by his switch. False at the end."""
+        radio = self.pilot.radio()
+        on = self.pilot.is_on()
+        if on != self.armed():
+            self.armed_at, self.disarmed, self.next_beat = self.now(), not on, 0.0
+        told = [mine if theirs is None else theirs for mine, theirs in zip(radio, self.override or (None, None))]
+        self.rc = told + radio[2:]
+        moved = self.pilot.step(self.override, self.fault)
+        if moved:
+            self.attitude(*moved[0], *moved[1])
+        return bool(moved)
 
     def arm_when_due(self):
         due = self.first_override is not None and self.now() > self.first_override + self.options.arm_after
@@ -277,6 +294,10 @@ def fly_alone(autopilot, ended):
             return
         t = autopilot.now()
         autopilot.beat()
+        if autopilot.pilot:
+            if not autopilot.fly():
+                return
+            continue
         autopilot.arm_when_due()
         if autopilot.hand:
             autopilot.hand.listen()
@@ -298,6 +319,7 @@ def main():
     parser.add_argument("--hand", action="store_true", help="somebody turns it as standard input asks")
     parser.add_argument("--turned", default="", help="axes that are told with the wrong sign then")
     parser.add_argument("--reversed", default="", help="axes whose stick moves its channel the other way")
+    parser.add_argument("--pilot", default="", help="phases of a pilot whose vehicle it is (JSON, as pilot.py has them)")
     parser.add_argument("--key", default="", help="secret of a signed link, 64 hexadecimal digits")
     parser.add_argument("--report", default="")
     options = parser.parse_args()

@@ -6,7 +6,7 @@ receiver is the pilot. SCRIPT is JSON: [["automatic", {"arm": true, "automatic":
 true, "roll": 1500}], ...]: the sticks, and what the channels must come to before the next phase; with "arm": null the
 switch goes off and on until they do. "by hand" instead of a script: somebody turns the vehicle as standard input asks, and
 tells roll with the wrong sign. VEHICLE is JSON: {"every": 10, "late": 10}: a vehicle flies by the channels instead of a wave, and its
-attitude is told every so many periods, and as it was so many periods ago. Strict: what the layouts do not allow is listed under `faults`.
+attitude is told every so many periods, and as it was so many periods ago; with "turned" it rolls left as channel 1 goes up. Strict: what the layouts do not allow is listed under `faults`.
 """
 
 import json
@@ -31,6 +31,8 @@ except ImportError:
 LASTING = 50
 # What they may take for that, s.
 PATIENCE = 40.0
+# What all phases together may take, s: less than a test waits for this program, so that the report says which one never came.
+ALL = 100.0
 PERIOD = 0.01
 
 
@@ -151,13 +153,15 @@ class Vehicle:
     B = [[0, 0], [-1.1045, 0], [0, 0], [-4.5267, -14.4146]]
     PARTS = 10
 
-    def __init__(self, every, late):
+    def __init__(self, every, late, turned=False):
         self.every, self.late = every, late
+        self.roll_sign = -1 if turned else 1
         self.x, self.past, self.periods = [0.0] * 4, [], 0
 
     def step(self, channels, push):
         """One period; `push` is somebody's hand on it, an angular acceleration about roll in deg/s^2."""
         u = [-20.0 * (us - 1500) / 500 for us in (channels[:2] if channels else (1500, 1500))]
+        u[0] *= self.roll_sign
         for _ in range(self.PARTS):
             dx = [sum(a * x for a, x in zip(row, self.x)) + sum(b * v for b, v in zip(b_row, u)) for row, b_row in zip(self.A, self.B)]
             dx[1] += push
@@ -220,7 +224,8 @@ class Radio:
     def phase(self, awaited, sticks):
         """The channels that were seen while they were as awaited, frame after frame for a while."""
         lasting = sticks.get("frames", LONGER.get(awaited, LASTING))
-        until, seen, frames = time.monotonic() + PATIENCE + 2 * PERIOD * lasting, [], self.module.frames
+        until = min(time.monotonic() + PATIENCE + 2 * PERIOD * lasting, self.start + ALL)
+        seen, frames = [], self.module.frames
         again, vain = sticks["arm"] is None, awaited == "refused"
         if "gust" in sticks:
             self.vehicle.x[1] += sticks["gust"]

@@ -2,6 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use serde_json::Value;
+
+use super::{json, run};
+
 /// What differs from one to the next.
 pub struct Bridged<'a> {
     /// `bridge` of the plant's node, and the table of its link.
@@ -44,4 +48,40 @@ link = "{link}"
         std::fs::write(&path, text).unwrap();
         path
     }
+}
+
+/// Steps of both angles, by turns, over a minute and a half.
+pub fn setpoints() -> String {
+    let step = |k: u32| {
+        let (roll, pitch) = ([6, -4, 0, 5, -6][k as usize % 5], [0, 5, -6, 4][k as usize % 4]);
+        format!(
+            "[[setpoint]]\nat_s = {}\nroll = \"{roll} deg\"\npitch = \"{pitch} deg\"\n",
+            1.3 * f64::from(k)
+        )
+    };
+    (1..70).map(step).collect()
+}
+
+/// The record `out` of the paper's quadrotor is one of two stretches in which the controller flew, and of a pilot's in between, in
+/// which somebody pushed the vehicle: of that nothing is learned, and it is said.
+pub fn what_the_controller_flew_alone_is_learned_from(out: &str, vehicle: &str, structure: &str) {
+    let answer = Path::new(out).with_extension("json");
+    let told = ["--json", answer.to_str().unwrap()];
+    let identified = run(["identify", out, "--vehicle", structure].iter().chain(&told)).success();
+    assert!(identified.stderr.contains("in 2 stretches; nothing else is used"), "{}", identified.stderr);
+    let parameters = json(&answer)["parameters"].clone();
+    let gain = parameters.as_array().unwrap().iter().find(|p| p["name"] == "B[2,1]").unwrap();
+    let value = gain["value"].as_f64().unwrap();
+    assert!((-1.5..-0.8).contains(&value), "-1.1045 in truth: {gain}\n{}", identified.stdout);
+
+    // What it knows by then is enough here.
+    let diagnosed = run(["diagnose", out, "--vehicle", vehicle, "--budget", "30 s"].iter().chain(&told));
+    assert!([0, 3].contains(&diagnosed.code()), "{}", diagnosed.stderr);
+    assert!(diagnosed.stderr.contains("in 2 stretches; nothing else is used"), "{}", diagnosed.stderr);
+    println!("{}", diagnosed.stdout);
+    let causes = json(&answer)["causes"].clone();
+    // The push is a pulse; how late a busy machine's frames come may have a rhythm of its own, and is in the record.
+    let pushes = ["step_disturbance", "pulse_disturbance"];
+    let pushed = |cause: &Value| pushes.contains(&cause["effect"].as_str().unwrap());
+    assert!(!causes.as_array().unwrap().iter().any(pushed), "{}", diagnosed.stdout);
 }

@@ -60,6 +60,12 @@ impl Page {
         page
     }
 
+    /// Goes to another address.
+    #[track_caller]
+    pub fn visit(&mut self, url: &str) {
+        self.ask("Page.navigate", json!({ "url": url }));
+    }
+
     /// The value of an expression in the page; a promise is waited for.
     #[track_caller]
     pub fn value(&mut self, expression: &str) -> Value {
@@ -86,6 +92,15 @@ impl Page {
         }
         let text = self.ask("Runtime.evaluate", json!({ "expression": "document.body.innerText" }));
         panic!("never true: {expression}\n{}", text["result"]["value"].as_str().unwrap_or_default());
+    }
+
+    /// The mouse: `mousePressed`, `mouseMoved` or `mouseReleased` with its left button, at a place in the window.
+    #[track_caller]
+    pub fn mouse(&mut self, what: &str, x: f64, y: f64) {
+        let held = if what == "mouseReleased" { 0 } else { 1 };
+        let event =
+            json!({ "type": what, "x": x, "y": y, "button": "left", "buttons": held, "clickCount": 1 });
+        self.ask("Input.dispatchMouseEvent", event);
     }
 
     /// Sets something of the page itself, as a device would.

@@ -9,6 +9,7 @@ pub mod devtools;
 pub mod flight;
 pub mod flood;
 pub mod foreign;
+pub mod page;
 pub mod relay;
 
 use std::io::{BufRead, BufReader, Read};
@@ -152,6 +153,11 @@ impl Running {
 impl Drop for Running {
     fn drop(&mut self) {
         self.kill_group();
+        if std::thread::panicking() {
+            // Why one command waited in vain is often said by another.
+            let said: Vec<String> = self.stderr_lines.try_iter().collect();
+            eprintln!("process {} had said:\n{}{}", self.pid(), self.shown, said.join("\n"));
+        }
     }
 }
 

@@ -27,6 +27,11 @@ pub struct Free {
 /// Where a fitted vehicle comes from: key and value, in the order in which they are written.
 pub type Provenance = Vec<(String, String)>;
 
+/// Key of the provenance that says where the noise of the outputs comes from.
+pub const SENSOR_NOISE: &str = "sensor_noise";
+/// Its value for noise that was estimated from a record in which the vehicle moved.
+pub const ESTIMATED_IN_MOTION: &str = "estimated from a record of the moving vehicle";
+
 impl Effect {
     /// The range in which the table allows a parameter, SI.
     pub fn range(&self, name: &str) -> Option<(f64, f64)> {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use nalgebra::{Complex, DMatrix};
 use whirlstand_linalg::{DecompositionError, eigenvalues};
+use whirlstand_msgs::units::ShownSignals;
 
 use crate::effects::Effect;
 use crate::signal_unit::SignalUnit;
@@ -171,6 +172,14 @@ impl Vehicle {
         eigenvalues(&self.a)
     }
 
+    /// True when the outputs' noise was estimated from a record in which the vehicle moved. It is what changes from sample to
+    /// sample then: no bound of what a sensor errs by, as a data sheet or a record at rest gives it.
+    pub fn sensor_noise_is_estimated(&self) -> bool {
+        self.provenance
+            .iter()
+            .any(|(key, value)| key == crate::free::SENSOR_NOISE && value == crate::free::ESTIMATED_IN_MOTION)
+    }
+
     /// Index of the state of that name.
     pub fn state_index(&self, name: &str) -> Option<usize> {
         self.states.iter().position(|s| s.name == name)
@@ -184,6 +193,15 @@ impl Vehicle {
     /// Index of the output of that name.
     pub fn output_index(&self, name: &str) -> Option<usize> {
         self.outputs.iter().position(|s| s.name == name)
+    }
+
+    /// How the values of each state, input and output are shown to a reader.
+    pub fn shown_units(&self) -> ShownSignals {
+        ShownSignals::new(
+            self.states.iter().map(|s| (s.name.clone(), s.unit.shown())),
+            self.inputs.iter().map(|s| (s.name.clone(), s.unit.shown())),
+            self.outputs.iter().map(|s| (s.name.clone(), s.unit.shown())),
+        )
     }
 
     /// Which signals differ in name or number from those of another vehicle: `states`, `inputs` or `outputs`.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use whirlstand_msgs::units::{Dimension, Unit, UnitError, two_readings};
+use whirlstand_msgs::units::{Dimension, ShownUnit, Unit, UnitError, two_readings};
 
 /// A unit with the text it was declared by.
 #[derive(Debug, Clone)]
@@ -33,6 +33,15 @@ impl SignalUnit {
     /// Symbol of the SI unit in which values are held in memory; empty for a pure number.
     pub fn si_symbol(&self) -> String {
         self.unit.si_symbol()
+    }
+
+    /// How values are shown to a reader: as the file declares them; an angle that no file declares, in degrees.
+    pub fn shown(&self) -> ShownUnit {
+        if self.implied {
+            ShownUnit::of(&self.si_symbol())
+        } else {
+            ShownUnit::declared(&self.unit, &self.text)
+        }
     }
 
     /// True for a pure number that is not written in another way, such as in per cent.

@@ -190,3 +190,25 @@ fn too_many_windows_are_refused_with_the_number_that_can_be() {
     let error = Simulator::new(&helicopter(&seven), PERIOD, 1).unwrap_err();
     assert!(matches!(error, SimulatorError::Windows { found: 7, most: 6 }), "{error}");
 }
+
+#[test]
+fn what_an_effect_remembers_can_be_put_where_it_stood() {
+    let cart = |effect: Effect| {
+        let text = "A = [[0.0]]\nB = [[1.0]]\nstates = [{ name = 'v' }]\ninputs = [{ name = 'u' }]\n";
+        let mut vehicle = Vehicle::parse(text, "cart").unwrap();
+        vehicle.add_effect(effect).unwrap();
+        Simulator::expected(&vehicle, 0.1).unwrap()
+    };
+    // The speed after a second without any command, from where the memory stood at 1.
+    for (kind, parameter, value, speed) in [
+        (Kind::ActuatorLag, "time_constant_s", 0.5, 0.5 * (1.0 - (-2.0_f64).exp())),
+        (Kind::RateLimit, "limit_per_s", 2.0, 0.25),
+        (Kind::Backlash, "width", 0.6, 0.3),
+    ] {
+        let mut simulator = cart(Effect::new(kind, "u", &[(parameter, value)]).unwrap());
+        assert!(simulator.put(0, 1.0) && !simulator.put(1, 1.0), "{kind}");
+        (0..10).for_each(|_| simulator.step(&[0.0]));
+        assert!((simulator.state()[0] - speed).abs() < 1e-12, "{kind}: {}", simulator.state()[0]);
+    }
+    assert!(!cart(Effect::new(Kind::InputGain, "u", &[("factor", 0.5)]).unwrap()).put(0, 1.0));
+}

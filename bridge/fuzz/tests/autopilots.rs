@@ -110,7 +110,7 @@ fn betaflight() {
         let packets = if input.first().is_some_and(|b| b & 1 == 0) { Packets::Raw } else { Packets::Motors };
         let options = BetaflightOptions { packets, ..BetaflightOptions::default() };
         let motors = input.first().is_some_and(|b| b & 2 == 0);
-        let mut betaflight = Betaflight::new(options, motors, Duration::from_nanos(PERIOD_NS));
+        let mut betaflight = Betaflight::new(options, motors);
         drive(&mut betaflight, &[RAW, MOTORS], input, |piece, _| {
             let mut bytes = piece.to_vec();
             bytes.resize(if piece.len() > 16 { 68 } else { 16 }, 0);

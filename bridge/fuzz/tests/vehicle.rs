@@ -8,6 +8,7 @@ use whirlstand_bridge::arming::Mode;
 use whirlstand_bridge::channels::Input;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, BridgeOptions};
 use whirlstand_bridge::mavlink::{Deframer, Event};
+use whirlstand_bridge::turning::OwnMotion;
 use whirlstand_bridge::vehicle::{Bench, Port, Vehicle};
 use whirlstand_bridge::{crsf, sbus};
 use whirlstand_bridge_fuzz::{crsf_frame, mavlink_frame, pieces, sbus_frame};
@@ -89,7 +90,7 @@ fn fuzz_vehicle() {
     check!().for_each(|bytes: &[u8]| {
         let bench = Bench {
             inputs: inputs.clone(),
-            own: [[0.0; 6]; 3],
+            own: OwnMotion::default(),
             rate_hz: 200.0,
             wants_odometry: true,
             signing: None,

@@ -22,7 +22,7 @@ pub enum AutopilotKind {
     BetaflightSitl,
 }
 
-/// Slowest loop that Betaflight's clock follows, Hz: it takes steps of 20 ms and more for a pause.
+/// Slowest loop that Betaflight flies in, Hz: its source (`updateState`) asks for more than 50.
 const BETAFLIGHT_SLOWEST_HZ: f64 = 60.0;
 
 /// The parts that connect an autopilot to one vehicle.
@@ -82,7 +82,6 @@ impl AutopilotConfig {
     /// The protocol of this autopilot, for steps of `period_ns` nanoseconds.
     pub fn autopilot(&self, period_ns: u64) -> Box<dyn Autopilot> {
         let motors = self.mixer.frame != FrameKind::Ccpm;
-        let period = std::time::Duration::from_nanos(period_ns);
         match self.kind {
             AutopilotKind::Px4Hil => {
                 let line = self.px4.state_period_ns(1e9 / period_ns as f64, self.sensors.gps_hz);
@@ -91,9 +90,7 @@ impl AutopilotConfig {
                 Box::new(Px4::with_state_period(self.px4.clone(), motors, state_period_ns))
             }
             AutopilotKind::ArdupilotJson => Box::new(Ardupilot::new(self.ardupilot.clone(), motors)),
-            AutopilotKind::BetaflightSitl => {
-                Box::new(Betaflight::new(self.betaflight.clone(), motors, period))
-            }
+            AutopilotKind::BetaflightSitl => Box::new(Betaflight::new(self.betaflight.clone(), motors)),
         }
     }
 
@@ -149,7 +146,7 @@ impl AutopilotConfig {
             }
             if rate_hz < BETAFLIGHT_SLOWEST_HZ {
                 let message = format!(
-                    "Betaflight's clock follows no less than {BETAFLIGHT_SLOWEST_HZ} Hz: raise rate_hz"
+                    "Betaflight wants its states at no less than {BETAFLIGHT_SLOWEST_HZ} Hz: raise rate_hz"
                 );
                 return wrong(&["betaflight"], message);
             }

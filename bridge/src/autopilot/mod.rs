@@ -69,7 +69,7 @@ pub struct Counts {
     pub stale: u64,
     /// Packets that never came, from gaps in their numbers.
     pub lost: u64,
-    /// Sensor packets that were left out because they would have come in a burst.
+    /// Sensor packets that were left out because the autopilot had not asked for them.
     pub skipped: u64,
     /// Messages of a ground station that belong to the loop, and were not passed on.
     pub refused: u64,
@@ -96,12 +96,6 @@ pub trait Autopilot {
 
     /// The next event from the received bytes; `None` until more bytes come.
     fn next(&mut self) -> Option<Event>;
-
-    /// Whether sensors that are sent now would come in a burst that the autopilot does not tolerate. They are then
-    /// skipped and counted, and the next sensors cover the whole time since the last ones that were sent.
-    fn hold_back(&mut self, _now: Duration) -> bool {
-        false
-    }
 
     /// Sends the sensors of a step, and the pilot's channels.
     fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>);

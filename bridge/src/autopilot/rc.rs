@@ -145,6 +145,11 @@ impl Rc {
         (self.options.arm_channel, HIGH)
     }
 
+    /// How long everything stays low before the switch goes on; no time where nobody wants to arm.
+    pub fn grace(&self) -> Duration {
+        if self.options.arm { Duration::from_secs_f64(self.options.grace_s) } else { Duration::ZERO }
+    }
+
     /// Lets time pass; `linked` says that the autopilot is there, `permitted` that it may be armed. Whoever is not
     /// permitted any more is disarmed at once.
     pub fn turn(&mut self, linked: bool, permitted: bool, now: Duration) -> Stage {

@@ -217,7 +217,7 @@ impl Vehicle {
         Ok(Self {
             telemetry: Telemetry::new(&options.measured)?,
             mapping,
-            signs: SignWatch::new(&bench.inputs, bench.own),
+            signs: SignWatch::new(&bench.inputs, &bench.own),
             arming: Arming::new(policy),
             watch: EstimateWatch::new(safety.max_innovation),
             command_timeout: Duration::from_secs_f64(safety.command_timeout_s),

@@ -110,9 +110,8 @@ impl Vehicle {
     /// Holds what acts against how the vehicle turns.
     fn watch_signs(&mut self, now: Duration) {
         self.mapping.acting(&mut self.acting);
-        if let (Mode::Automatic, Some(angles)) = (self.arming.mode(), self.telemetry.values(Group::Attitude))
-        {
-            self.signs.observe(&self.acting, angles, self.telemetry.values(Group::Rates), now);
+        if let (Mode::Automatic, Some(attitude)) = (self.arming.mode(), self.telemetry.attitude()) {
+            self.signs.observe(&self.acting, attitude, now);
         }
     }
 

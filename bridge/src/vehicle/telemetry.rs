@@ -7,6 +7,7 @@ use whirlstand_msgs::{Imu, Message, Odometry, valid};
 
 use super::clock::PeerClock;
 use crate::config::{ConfigError, Trim};
+use crate::sign_watch::Attitude;
 
 /// Names of the fields that the bus can carry of a vehicle: six of `Imu`, then six of `Odometry`. Three neighbours form
 /// a group and share one validity bit.
@@ -30,6 +31,9 @@ const RESTART_NS: i64 = 1_000_000_000;
 
 /// A message with an older stamp that comes within this time after newer ones was only held back on its way.
 const SILENCE: Duration = Duration::from_millis(200);
+
+/// Rates that are further from an attitude in time say nothing of it.
+const TOGETHER: Duration = Duration::from_millis(20);
 
 /// Attitudes that the rate is told from, and the fewest times between two of them.
 const ARRIVALS: usize = 9;
@@ -216,6 +220,15 @@ impl Telemetry {
     pub fn values(&self, group: Group) -> Option<[f64; 3]> {
         let held = &self.held[group as usize];
         held.at.map(|_| held.values)
+    }
+
+    /// The newest attitude, with the rates that were measured with it or shortly before.
+    pub fn attitude(&self) -> Option<Attitude> {
+        let [attitude, rates, ..] = &self.held;
+        let at = attitude.at?;
+        let belongs = |rates_at: Duration| at.abs_diff(rates_at) <= TOGETHER;
+        let rates = rates.at.filter(|rates_at| belongs(*rates_at)).map(|_| rates.values);
+        Some(Attitude { angles: attitude.values, rates, at })
     }
 
     /// Whether a group came since the last [`Telemetry::measure`].

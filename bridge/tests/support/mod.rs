@@ -8,6 +8,7 @@ use whirlstand_bridge::arming::ArmBy;
 use whirlstand_bridge::channels::Input;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, BridgeOptions, MavlinkConfig, OnFailure};
 use whirlstand_bridge::mavlink::{Deframer, Encoder, Event, MavMessage, dialect};
+use whirlstand_bridge::turning::OwnMotion;
 use whirlstand_bridge::vehicle::{Bench, Port, Vehicle};
 
 /// Limit of the inputs.
@@ -40,7 +41,13 @@ pub fn turning(by: f64) -> Bench {
     let mut inputs =
         ["u_roll", "u_pitch"].map(|name| Input { name: name.into(), full: FULL, turns: [0.0; 3] });
     (inputs[0].turns[0], inputs[1].turns[1]) = (by, by);
-    Bench { inputs: inputs.to_vec(), own: [[0.0; 6]; 3], rate_hz: 200.0, wants_odometry: true, signing: None }
+    Bench {
+        inputs: inputs.to_vec(),
+        own: OwnMotion::default(),
+        rate_hz: 200.0,
+        wants_odometry: true,
+        signing: None,
+    }
 }
 
 /// Both ends and the time between them.

@@ -7,6 +7,7 @@
 //! that it takes nothing from the stability of a linear loop.
 
 use super::Controller;
+use crate::actuation::Actuation;
 
 impl Controller {
     /// Steps until a law that flies along has only true commands in its memory.
@@ -20,26 +21,61 @@ impl Controller {
         if (self.n, self.m) != (flying.n, flying.m) {
             return false;
         }
-        self.handover.reset();
         self.at = flying.at.saturating_sub(1);
         self.loop_gain = flying.loop_gain;
         self.added.copy_from_slice(&flying.added);
         self.take_memory_of_sliding(flying);
-        let mut command = std::mem::take(&mut self.handover.command);
-        self.step(estimate, reference, tracked, &mut command);
-        for (i, missing) in command.iter_mut().enumerate() {
-            *missing = flying.command[i] - self.wanted.as_flattened()[i];
+        self.step_beside(estimate, reference, tracked, |_, command| {
+            command.copy_from_slice(&flying.command);
+        });
+        self.refusals = flying.refusals;
+        true
+    }
+
+    /// Flies along with a hand that has just given the inputs `u` in the place of this law's: going on with the law from the
+    /// next step on leaves the command where it is. False, and nothing is done, when `u` is not finite or not as long as the
+    /// plant has inputs.
+    pub fn fly_along_by_hand(
+        &mut self,
+        u: &[f64],
+        estimate: &[f64],
+        reference: &[f64],
+        tracked: u64,
+    ) -> bool {
+        if u.len() != self.m || u.iter().any(|v| !v.is_finite()) {
+            return false;
+        }
+        self.step_beside(estimate, reference, tracked, |actuation, command| {
+            command.copy_from_slice(u);
+            // What is taken back of effects is no part of what the law commands.
+            actuation.take_off(command);
+        });
+        self.refusals = 0;
+        true
+    }
+
+    /// Takes a step, and then as true what was commanded in the place of what came out of it.
+    fn step_beside(
+        &mut self,
+        estimate: &[f64],
+        reference: &[f64],
+        tracked: u64,
+        flown: impl FnOnce(&mut Actuation, &mut [f64]),
+    ) {
+        self.handover.reset();
+        let mut missing = std::mem::take(&mut self.handover.command);
+        self.step(estimate, reference, tracked, &mut missing);
+        flown(&mut self.actuation, &mut self.command);
+        self.in_force.copy_from_slice(&self.command);
+        for (i, missing) in missing.iter_mut().enumerate() {
+            *missing = self.command[i] - self.wanted.as_flattened()[i];
             if !missing.is_finite() {
                 *missing = 0.0;
             }
         }
-        self.condition(&mut command);
-        self.handover.offset.copy_from_slice(&command);
-        self.handover.command = command;
-        self.command.copy_from_slice(&flying.command);
-        self.in_force.copy_from_slice(&flying.command);
-        self.refusals = flying.refusals;
-        true
+        self.condition(&mut missing);
+        self.handover.offset.copy_from_slice(&missing);
+        self.handover.command = missing;
     }
 
     /// The memory of a sliding law is that of the other, where that is one too.

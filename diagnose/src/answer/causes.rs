@@ -37,7 +37,7 @@ pub(crate) fn causes(findings: &Findings<'_>) -> Vec<Cause> {
 fn fill_units(cause: &mut Cause, vehicle: &Vehicle) {
     let unit = |effect: &str, place: &str, name: &str| {
         let kind = Kind::from_name(effect).ok()?;
-        Some(Effect::unit_at(kind, place, name, vehicle)?.si_symbol())
+        Some(Effect::unit_at(kind, place, name, vehicle)?.in_words())
     };
     for (name, estimate) in &mut cause.parameters {
         estimate.unit = unit(&cause.effect, &cause.place, name).unwrap_or_default();
@@ -45,7 +45,7 @@ fn fill_units(cause: &mut Cause, vehicle: &Vehicle) {
     for alike in &mut cause.indistinguishable {
         let units = alike.parameters.keys().map(|name| {
             let unit = unit(&alike.effect, &alike.place, name).unwrap_or_default();
-            (name.clone(), unit)
+            (name.clone(), unit.into())
         });
         alike.units = units.collect();
     }

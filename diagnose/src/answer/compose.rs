@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use whirlstand_logs::shown::parameter_unit;
 use whirlstand_vehicle::Vehicle;
 
 use super::causes::causes;
@@ -121,7 +120,7 @@ fn outputs(findings: &Findings<'_>) -> BTreeMap<String, OutputGain> {
         let output = &findings.baseline.vehicle().outputs[channel.output];
         let free_run = gain.free_run.unwrap_or_default();
         let figures = OutputGain {
-            unit: output.unit.si_symbol(),
+            unit: output.unit.shown(),
             fit_before: free_run.0.fit,
             fit_after: free_run.1.fit,
             rmse_before: free_run.0.rmse,
@@ -294,20 +293,23 @@ fn whole_summary(answer: &Diagnosis) -> String {
 
 /// A parameter with its interval and its unit.
 fn interval(name: &str, p: &Estimate) -> String {
-    let (unit, factor) = parameter_unit(name, &p.unit);
-    let unit = if unit.is_empty() { unit } else { format!(" {unit}") };
-    let number = |v: f64| short(v * factor);
+    let unit = p.unit.symbol();
+    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+    let number = |v: f64| short(v * p.unit.factor());
     format!("{name} {}{unit} ({} to {}{unit})", number(p.value), number(p.low), number(p.high))
 }
 
 #[cfg(test)]
 mod tests {
+    use whirlstand_logs::shown::ShownUnit;
+
     use super::*;
 
     #[test]
     fn parameters_are_told_with_their_units() {
         let told = |name: &str, unit: &str, [value, low, high]: [f64; 3]| {
-            interval(name, &Estimate { value, low, high, unit: unit.into() })
+            let unit = if name.ends_with("_rad") { ShownUnit::si(unit) } else { ShownUnit::of(unit) };
+            interval(name, &Estimate { value, low, high, unit })
         };
         assert_eq!(told("delay_s", "s", [0.0599, 0.059, 0.061]), "delay_s 0.0599 s (0.0590 to 0.0610 s)");
         assert_eq!(

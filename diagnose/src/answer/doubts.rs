@@ -57,12 +57,14 @@ fn unit(cause: &Cause) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use whirlstand_logs::shown::ShownUnit;
+
     use super::*;
     use crate::answer::schema::{Estimate, Evidence};
     use crate::candidates::Tunable;
 
     fn cause(effect: &str, low: f64, high: f64) -> Cause {
-        let factor = Estimate { value: 0.5 * (low + high), low, high, unit: String::new() };
+        let factor = Estimate { value: 0.5 * (low + high), low, high, unit: ShownUnit::default() };
         Cause {
             effect: effect.into(),
             place: "u_roll".into(),
@@ -84,15 +86,8 @@ mod tests {
     fn a_size_at_an_end_of_its_range_is_doubted_unless_that_is_nothing() {
         let tunable = |name, size| Tunable { name, lower: 0.0, upper: 2.0, scale: 0.01, size };
         let late = Candidate {
-            kind: Kind::InputDelay,
-            place: "u_roll".into(),
             tunables: vec![tunable("delay_s", true), tunable("at_s", false)],
-            fixed: Vec::new(),
-            text: None,
-            starts: Vec::new(),
-            linear: false,
-            null: 0.0,
-            looks: 1.0,
+            ..Candidate::bare(Kind::InputDelay, "u_roll")
         };
         let told = |value: f64| at_limits(&late, &[value, 2.0]).collect::<Vec<_>>();
         assert_eq!(told(1.999).len(), 1, "a time that is no size is never at a limit");

@@ -19,7 +19,7 @@ pub(crate) fn figures(findings: &Findings<'_>, answer: &Diagnosis) -> Figures {
         .inputs
         .iter()
         .enumerate()
-        .map(|(j, input)| (input.name.clone(), input.unit.si_symbol(), data.input(j).collect()));
+        .map(|(j, input)| (input.name.clone(), input.unit.shown(), data.input(j).collect()));
     let ranges = data.ranges();
     let outputs = data.channels.iter().zip(&ranges).map(|(channel, range)| {
         let output = &vehicle.outputs[channel.output];
@@ -29,7 +29,7 @@ pub(crate) fn figures(findings: &Findings<'_>, answer: &Diagnosis) -> Figures {
         });
         OutputFigure {
             name: output.name.clone(),
-            unit: output.unit.si_symbol(),
+            unit: output.unit.shown(),
             measured: spread(data, channel, &channel.values),
             before: spread(data, channel, &gains.before[range.clone()]),
             after: if answer.causes.is_empty() {

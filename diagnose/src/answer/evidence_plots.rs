@@ -2,6 +2,7 @@
 
 mod sensors;
 
+use whirlstand_logs::shown::ShownUnit;
 use whirlstand_vehicle::{Effect, Kind, Matrix, Place, Vehicle};
 
 use crate::answer::curves::{Steps, binned, ends, gains, joined, loudest, thinned};
@@ -114,9 +115,9 @@ impl PlotInput<'_> {
         Some(Traces { explained: traces.next()?, measured: traces.next()?, rival: traces.next() })
     }
 
-    fn input(&self, j: usize) -> (Vec<f64>, &str, String) {
+    fn input(&self, j: usize) -> (Vec<f64>, &str, ShownUnit) {
         let input = &self.vehicle.inputs[j];
-        (self.data.input(j).collect(), &input.name, input.unit.si_symbol())
+        (self.data.input(j).collect(), &input.name, input.unit.shown())
     }
 
     fn time(&self) -> Vec<f64> {
@@ -140,8 +141,8 @@ impl PlotInput<'_> {
             without: (vec![low, high], vec![low, high]),
             ..traces.all(|more| binned(&u, &sum(more), |_| true)).curve(
                 caption,
-                Axis::new(&format!("{name} as sent"), &unit),
-                Axis::new(&format!("{name} as it must have arrived"), &unit),
+                Axis::new(&format!("{name} as sent"), unit.clone()),
+                Axis::new(&format!("{name} as it must have arrived"), unit),
             )
         })
     }
@@ -162,8 +163,8 @@ impl PlotInput<'_> {
             without: (vec![low, high], vec![0.0, 0.0]),
             ..traces.all(draw).curve(
                 "Rising inputs arrive too low, falling ones too high: two lines, half the play to each side.",
-                Axis::new(&format!("{name} as sent"), &unit),
-                Axis::new(&format!("missing in {name}"), &unit),
+                Axis::new(&format!("{name} as sent"), unit.clone()),
+                Axis::new(&format!("missing in {name}"), unit),
             )
         })
     }
@@ -225,7 +226,7 @@ impl PlotInput<'_> {
             ..traces.all(draw).curve(
                 "The input arrives on ramps of one slope wherever it was asked to move faster.",
                 Axis::time("time"),
-                Axis::new(&format!("{name} as it must have arrived"), &unit),
+                Axis::new(&format!("{name} as it must have arrived"), unit),
             )
         })
     }
@@ -252,8 +253,8 @@ impl PlotInput<'_> {
             &u,
             traces,
             "What one input lacks goes with the other input.",
-            Axis::new(name, &unit),
-            Axis::new(&format!("missing in {other}"), &other_unit),
+            Axis::new(name, unit),
+            Axis::new(&format!("missing in {other}"), other_unit),
         ))
     }
 
@@ -265,7 +266,7 @@ impl PlotInput<'_> {
             &self.states[j],
             traces,
             "Friction shows as a step at zero, viscous damping as a straight line, drag as a curve that grows with the square, a hardening spring as one that grows with the cube.",
-            Axis::new(&state.name, &state.unit.si_symbol()),
+            Axis::new(&state.name, state.unit.shown()),
             self.missing_on(i),
         ))
     }
@@ -278,20 +279,15 @@ impl PlotInput<'_> {
             &u,
             traces,
             "A straight line: what the input does is wrong by a factor.",
-            Axis::new(name, &unit),
+            Axis::new(name, unit),
             self.missing_on(i),
         ))
     }
 
     fn missing_on(&self, i: usize) -> Axis {
         let state = &self.vehicle.states[i];
-        let unit = state.unit.si_symbol();
-        let unit = match unit.as_str() {
-            "" | "1" => "1/s".to_string(),
-            u if u.ends_with("/s") => format!("{u}^2"),
-            u => format!("{u}/s"),
-        };
-        Axis::new(&format!("missing in the derivative of {}", state.name), &unit)
+        let unit = state.unit.shown().per_second();
+        Axis::new(&format!("missing in the derivative of {}", state.name), unit)
     }
 
     fn scatter(&self, x: &[f64], traces: Traces, caption: &str, x_axis: Axis, y_axis: Axis) -> EvidenceCurve {

@@ -2,6 +2,7 @@
 
 use crate::thresholds::{HISTOGRAM_BUCKETS, SAMPLES_SHOWN};
 use std::f64::consts::TAU;
+use whirlstand_logs::shown::ShownUnit;
 
 use whirlstand_vehicle::{Kind, Vehicle};
 
@@ -37,8 +38,8 @@ pub(crate) fn turbulence(
         cause: format!("{} on {}", Kind::Turbulence, state.name),
         accepted: true,
         caption: "A force that goes with no input, level up to its bandwidth and falling beyond; what rises again at high frequency is noise of the sensors.".into(),
-        x: Axis::new("frequency", "Hz"),
-        y: Axis::new(&format!("missing in the derivative of {}", state.name), &format!("{}/s/√Hz", state.unit.si_symbol())),
+        x: Axis::new("frequency", ShownUnit::si("Hz")),
+        y: Axis::new(&format!("missing in the derivative of {}", state.name), state.unit.shown().per_second().per_root_hertz()),
         logarithmic: true,
         explained: (f.clone(), f.iter().map(density).collect()),
         measured: (f, measured),
@@ -67,8 +68,8 @@ pub(crate) fn narrow_band(
         accepted: true,
         caption: "A line that stands far out of what is about it, wider than a tone's and narrower than any resonance of the noise."
             .into(),
-        x: Axis::new("frequency", "Hz"),
-        y: Axis::new(&format!("residual of {}", output.name), &format!("{}/√Hz", output.unit.si_symbol())),
+        x: Axis::new("frequency", ShownUnit::si("Hz")),
+        y: Axis::new(&format!("residual of {}", output.name), output.unit.shown().per_root_hertz()),
         logarithmic: true,
         explained: (f.clone(), f.iter().map(line).collect()),
         measured: (f, measured),
@@ -106,7 +107,7 @@ pub(crate) fn noise(
         cause: format!("{} on {}", Kind::Noise, output.name),
         accepted: true,
         caption: "What is left is a bell, wider than the declared noise.".into(),
-        x: Axis::new(&format!("residual of {}", output.name), &output.unit.si_symbol()),
+        x: Axis::new(&format!("residual of {}", output.name), output.unit.shown()),
         y: Axis::number("samples"),
         explained: (centres.clone(), bell(std)),
         without: (centres.clone(), bell(output.noise)),
@@ -152,7 +153,7 @@ pub(crate) fn samples(effect: &SampleEffect, data: &Data, vehicle: &Vehicle) -> 
         accepted: true,
         caption: caption.into(),
         x: Axis::time("time"),
-        y: Axis::new(&output.name, &output.unit.si_symbol()),
+        y: Axis::new(&output.name, output.unit.shown()),
         cloud: (marked.iter().map(|k| t(*k)).collect(), marked.iter().map(|k| channel.values[*k]).collect()),
         measured: (part.clone().map(t).collect(), channel.values[part].to_vec()),
         ..EvidenceCurve::default()

@@ -63,7 +63,7 @@ pub(crate) fn not_testable(findings: &Findings<'_>, data: &Data, vehicle: &Vehic
         } else {
             let text = format!(
                 "the input never exceeds {}; limits beyond that do not show: fly with more amplitude",
-                whirlstand_logs::shown::shown(peaks[j], &input.unit.si_symbol())
+                input.unit.shown().text(peaks[j])
             );
             found.push(NotTestable {
                 effect: Kind::InputSaturation.name().into(),

@@ -67,11 +67,12 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
     let (data, vehicle) = (baseline.data(), baseline.vehicle());
     let selection = &residual.selection;
     let cut = ((1.0 - HELD_OUT_SHARE) * data.steps as f64) as usize;
-    let asked = baseline.checked.loaded.options.horizon_s;
-    let horizon_s = asked.unwrap_or_else(|| default_horizon_s(vehicle, data));
+    let (asked, likeliest_s) =
+        (baseline.checked.loaded.options.horizon_s, baseline.checked.loaded.likeliest_s);
+    let horizon_s = asked.unwrap_or_else(|| default_horizon_s(vehicle, data, likeliest_s));
     let follows = data.memory_s.is_some();
     // Over a horizon even a model of the free run follows the record until then, for as long as the horizon reaches.
-    let following = Data { memory_s: data.memory_s.or(Some(horizon_s)), ..data.clone() };
+    let following = Data { memory_s: likeliest_s.or(Some(horizon_s)), ..data.clone() };
     let following = FreeRun::new(vehicle, &following);
     let training = first_part(data, cut);
     let free_run = FreeRun::new(vehicle, &training);

@@ -248,11 +248,13 @@ fn memory(r: &[f64]) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
+    use whirlstand_logs::shown::ShownUnit;
+
     use super::*;
 
     fn outputs(fits: &[Option<f64>]) -> BTreeMap<String, OutputGain> {
         let output = |fit: &Option<f64>| OutputGain {
-            unit: "rad/s".into(),
+            unit: ShownUnit::of("rad/s"),
             fit_before: None,
             fit_after: None,
             rmse_before: None,

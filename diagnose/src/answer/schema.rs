@@ -1,6 +1,7 @@
 //! What a diagnosis answers.
 
 use std::collections::BTreeMap;
+use whirlstand_logs::shown::ShownUnit;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Vehicle;
@@ -129,13 +130,13 @@ pub struct Estimate {
     pub high: f64,
     /// SI unit of the three; empty for a pure number.
     #[serde(default)]
-    pub unit: String,
+    pub unit: ShownUnit,
 }
 
 impl Estimate {
     /// An estimate whose unit is filled in with the others of the answer.
     pub(crate) fn new(value: f64, low: f64, high: f64) -> Self {
-        Self { value, low, high, unit: String::new() }
+        Self { value, low, high, unit: ShownUnit::default() }
     }
 }
 
@@ -207,7 +208,7 @@ pub struct NotTestable {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutputGain {
     /// SI unit.
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Fit of the given vehicle's free run, %; `None` when the output does not change or a free run means nothing, as of an
     /// unstable axis.
     pub fit_before: Option<f64>,
@@ -279,7 +280,7 @@ pub struct Figures {
     /// Time, s of the record's clock.
     pub t: Vec<f64>,
     /// Inputs: name, SI unit, values.
-    pub inputs: Vec<(String, String, Vec<f64>)>,
+    pub inputs: Vec<(String, ShownUnit, Vec<f64>)>,
     /// Outputs in the vehicle's order.
     pub outputs: Vec<OutputFigure>,
     /// Evidence curves: for the accepted and the nearest rejected causes.
@@ -294,7 +295,7 @@ pub struct OutputFigure {
     /// Name.
     pub name: String,
     /// SI unit.
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Measured.
     pub measured: Vec<f64>,
     /// Free run of the given vehicle.
@@ -314,20 +315,20 @@ pub struct Axis {
     /// What is on it.
     pub name: String,
     /// SI unit.
-    pub unit: String,
+    pub unit: ShownUnit,
 }
 
 impl Axis {
-    pub(crate) fn new(name: &str, unit: &str) -> Self {
-        Self { name: name.into(), unit: if unit == "1" { String::new() } else { unit.into() } }
+    pub(crate) fn new(name: &str, unit: ShownUnit) -> Self {
+        Self { name: name.into(), unit }
     }
 
     pub(crate) fn time(name: &str) -> Self {
-        Self::new(name, "s")
+        Self::new(name, ShownUnit::si("s"))
     }
 
     pub(crate) fn number(name: &str) -> Self {
-        Self::new(name, "")
+        Self::new(name, ShownUnit::default())
     }
 }
 

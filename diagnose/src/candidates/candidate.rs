@@ -41,6 +41,22 @@ pub struct Candidate {
 }
 
 impl Candidate {
+    /// The effect at a place with nothing to fit, for tests.
+    #[cfg(test)]
+    pub(crate) fn bare(kind: Kind, place: &str) -> Self {
+        Self {
+            kind,
+            place: place.into(),
+            tunables: Vec::new(),
+            fixed: Vec::new(),
+            text: None,
+            starts: Vec::new(),
+            linear: false,
+            null: 0.0,
+            looks: 1.0,
+        }
+    }
+
     /// The effect with the given values; `None` when the table does not allow them.
     pub fn effect(&self, values: &[f64]) -> Option<Effect> {
         let effect = match &self.text {

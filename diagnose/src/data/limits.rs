@@ -38,7 +38,7 @@ pub fn limits(records: &[Record], vehicle: &Vehicle, options: &Options) -> Limit
     let answered = answered.unwrap_or(0.0);
     let found = beyond.iter().map(|(j, least, greatest, share)| {
         let input = &vehicle.inputs[*j];
-        let shown = |v: f64| whirlstand_logs::shown::shown(v, &input.unit.si_symbol());
+        let shown = |v: f64| input.unit.shown().text(v);
         let whose = if answered > MIN_BIC_GAIN {
             "the outputs answered to them: the file's limits are too narrow, and are taken as wide as the commands"
         } else if answered < -MIN_BIC_GAIN {

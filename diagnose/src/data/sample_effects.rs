@@ -5,13 +5,18 @@
 
 use crate::thresholds::{
     COARSE_STEP_SHARE, MIN_HELD_SAMPLES, MIN_LEVELS, MIN_STEPS_OF_A_LIMIT, NEIGHBOURS, NEW_VALUE_SHARE,
+    OFTEN_SHARE, RARE_REPEAT,
 };
 use std::collections::BTreeMap;
 
 use whirlstand_vehicle::{Kind, Output, Vehicle};
 
 use crate::data::record::{Channel, Data};
-use whirlstand_logs::stats::{mad_std, median};
+use statrs::distribution::{Continuous, ContinuousCDF, Normal};
+use whirlstand_logs::stats::{mad_std, median, rms};
+
+/// Values whose difference is no more than this share of the largest are the same but for arithmetic.
+const SAME_VALUE: f64 = 1e-9;
 
 /// An effect on single samples of a channel.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,7 +82,7 @@ fn rounding(channel: &Channel, least: f64) -> Option<f64> {
 
 /// As [`rounding`], of sorted values.
 fn step_of(values: &[f64], least: f64) -> Option<f64> {
-    let tiny = 1e-9 * values.last()?.abs().max(values.first()?.abs());
+    let tiny = SAME_VALUE * values.last()?.abs().max(values.first()?.abs());
     let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|g| *g > tiny).collect();
     if gaps.len() < MIN_LEVELS - 1 || gaps.len() * 2 > values.len() {
         return None;
@@ -150,21 +155,20 @@ fn smoothed(values: &[f64]) -> Vec<f64> {
 
 /// Samples that repeat the one before, now and then.
 fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
-    let n = channel.values.len();
-    let repeats: Vec<usize> = (1..n)
-        .filter(|&k| channel.good[k] && channel.good[k - 1] && channel.values[k] == channel.values[k - 1])
+    let by_chance = repeats_by_chance(&channel.values);
+    // Where the sensor hardly moves, a rounded value repeats anyway: only where it moves does a repeat tell anything.
+    let n = by_chance.iter().filter(|p| **p < RARE_REPEAT).count() + 1;
+    let repeats: Vec<usize> = (1..channel.values.len())
+        .filter(|&k| {
+            let same = channel.values[k] == channel.values[k - 1] && by_chance[k - 1] < RARE_REPEAT;
+            same && channel.good[k] && channel.good[k - 1]
+        })
         .collect();
     let fraction = repeats.len() as f64 / n as f64;
-    let mut values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
-    values.sort_unstable_by(f64::total_cmp);
-    values.dedup();
-    if (values.len() as f64) < NEW_VALUE_SHARE * n as f64 {
+    if fraction > 1.0 - NEW_VALUE_SHARE {
         return None;
     }
-    // A sensor of few digits repeats a value by chance, about half as often as it steps to the next.
-    let steps = || channel.values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0);
-    let finest = steps().fold(f64::INFINITY, f64::min);
-    let chance = 0.5 * steps().filter(|d| *d < 1.05 * finest).count() as f64;
+    let chance: f64 = by_chance.iter().filter(|p| **p < RARE_REPEAT).sum();
     if repeats.len() < MIN_HELD_SAMPLES || (repeats.len() as f64) < 3.0 * (chance + chance.sqrt()) {
         return None;
     }
@@ -181,8 +185,63 @@ fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
         return None;
     }
     let (low, high) = share_interval(repeats.len() as f64, n as f64);
-    let parameters = BTreeMap::from([("fraction", (fraction, low, high))]);
+    let lost = |share: f64| (share - chance / n as f64).max(0.0);
+    let parameters = BTreeMap::from([("fraction", (lost(fraction), lost(low), lost(high)))]);
     Some(SampleEffect { kind: Kind::Dropouts, channel: index, parameters, samples: repeats.len() })
+}
+
+/// For every pair of neighbours the probability that rounding makes them equal: the values differ by a normal amount that is as
+/// large as the changes around there, and both are rounded (Sheppard 1898), so that they are equal with a probability that falls
+/// linearly to nothing at a difference of one step.
+fn repeats_by_chance(values: &[f64]) -> Vec<f64> {
+    let changes: Vec<(usize, f64)> = values.windows(2).map(|w| w[1] - w[0]).enumerate().collect();
+    let tiny = SAME_VALUE * values.iter().filter(|v| v.is_finite()).fold(0.0f64, |peak, v| peak.max(v.abs()));
+    let moved: Vec<(usize, f64)> = changes.iter().copied().filter(|(_, d)| d.abs() > tiny).collect();
+    let step = step_between_levels(values, tiny);
+    let normal = Normal::standard();
+    let equal = |k: usize| {
+        let at = moved.partition_point(|(i, _)| *i < k);
+        let before = moved[at.saturating_sub(NEIGHBOURS)..at].iter().rev();
+        let after = moved[at..].iter().filter(|(i, _)| *i > k).take(NEIGHBOURS);
+        // Where a motion turns round, it is slower than around there.
+        let beside = 0.5
+            * [before.clone().next(), after.clone().next()]
+                .into_iter()
+                .flatten()
+                .map(|(_, d)| d)
+                .sum::<f64>();
+        let near: Vec<f64> = before.chain(after).map(|(_, d)| *d).collect();
+        // Two roundings add a variance of step^2 / 6 to what is seen.
+        let std = (rms(&near).min(beside.abs()).powi(2) - step * step / 6.0).max(0.0).sqrt();
+        if step == 0.0 {
+            return 0.0;
+        }
+        if near.is_empty() || std <= 0.0 {
+            return 1.0;
+        }
+        let a = step / std;
+        2.0 * normal.cdf(a) - 1.0 - 2.0 * (normal.pdf(0.0) - normal.pdf(a)) / a
+    };
+    (0..changes.len()).map(equal).collect()
+}
+
+/// The least distance between values that repeat, 0 where none do. What was interpolated between rounded values repeats now and then:
+/// values that do so far less often than usual are left out.
+fn step_between_levels(values: &[f64], tiny: f64) -> f64 {
+    let mut repeated: Vec<f64> =
+        values.windows(2).filter(|w| (w[1] - w[0]).abs() <= tiny).map(|w| w[1]).collect();
+    repeated.sort_unstable_by(f64::total_cmp);
+    let levels: Vec<&[f64]> = repeated.chunk_by(|a, b| b - a <= tiny).collect();
+    // How often the value of a repeat repeats in all.
+    let times: Vec<f64> = levels.iter().flat_map(|l| vec![l.len() as f64; l.len()]).collect();
+    if levels.len() < MIN_LEVELS {
+        return 0.0;
+    }
+    let usual = median(&times);
+    let often: Vec<f64> =
+        levels.iter().filter(|l| l.len() as f64 >= OFTEN_SHARE * usual).map(|l| l[0]).collect();
+    let least = often.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
+    if least.is_finite() { least } else { 0.0 }
 }
 
 /// 95 % interval of a share, `count` of `n` (Wilson).
@@ -200,4 +259,52 @@ pub(crate) fn longest_run(sorted: &[usize]) -> usize {
         longest = longest.max(run);
     }
     longest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_vehicle::Stream;
+
+    const SAMPLES: usize = 4000;
+
+    /// A gyroscope that hardly moves half of the time and turns fast in the other half, and of which every `lost`-th sample
+    /// repeats the one before.
+    fn channel(step: f64, lost: Option<usize>) -> Channel {
+        let mut stream = Stream::new(5, "held");
+        let mut value = 0.0;
+        let mut values: Vec<f64> = Vec::new();
+        for k in 0..SAMPLES {
+            let change = if k < SAMPLES / 2 { 0.2 } else { 8.0 };
+            value = 0.98 * value + change * stream.normal();
+            let repeats = lost.is_some_and(|every| k % every == every - 1);
+            values.push(if repeats { values[k - 1] } else { (value / step).round() * step });
+        }
+        Channel { output: 0, stride: 1, first: 0, good: vec![true; SAMPLES], values, declared: 0.0 }
+    }
+
+    #[test]
+    fn a_rounded_sensor_that_hardly_moves_has_lost_nothing() {
+        for step in [0.25, 1.0] {
+            assert_eq!(held(&mut channel(step, None), 0), None, "{step}");
+            // On another clock than the logger's, with what lies between two samples interpolated.
+            let mut stream = Stream::new(7, "clock");
+            let mut jittered = channel(step, None);
+            let samples = jittered.values.clone();
+            for (value, two) in jittered.values.iter_mut().zip(samples.windows(2)) {
+                let share = 0.5 * stream.uniform();
+                *value = (1.0 - share) * two[0] + share * two[1];
+            }
+            assert_eq!(held(&mut jittered, 0), None, "{step}, interpolated");
+        }
+    }
+
+    #[test]
+    fn samples_that_are_lost_while_the_sensor_moves_are_counted() {
+        for step in [1e-9, 0.01, 0.25] {
+            let mut channel = channel(step, Some(25));
+            let (_, low, high) = held(&mut channel, 0).unwrap().parameters["fraction"];
+            assert!(low < 0.04 && 0.04 < high, "{step}: {low} to {high}");
+        }
+    }
 }

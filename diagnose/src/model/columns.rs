@@ -2,6 +2,21 @@
 
 use multiversion::multiversion;
 use nalgebra::DMatrix;
+use std::sync::Arc;
+
+/// Sensitivities of all samples by one value. Those by the initial state are the same in many fits.
+pub type Column = Arc<Vec<f64>>;
+
+/// Where a value may be, and a typical change of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slot {
+    /// Least value.
+    pub lower: f64,
+    /// Greatest value.
+    pub upper: f64,
+    /// A typical change, for differences.
+    pub scale: f64,
+}
 
 /// So many rows of a dozen columns lie near the processor (32 kB each): several columns are taken together block by block,
 /// so that each is fetched once.

@@ -3,12 +3,11 @@
 use crate::thresholds::{FIT_TOLERANCE, MAX_DAMPED_STEPS};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::sync::Arc;
-use whirlstand_vehicle::{Effect, Free, Target, Vehicle};
+use whirlstand_vehicle::{Effect, Free, Vehicle};
 
 use crate::candidates::library::Candidate;
 use crate::data::record::Data;
-use crate::model::columns::{blocks, dot, dots, products};
+use crate::model::columns::{Column, Slot, blocks, dot, dots, products};
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
 use whirlstand_ident::identify::normal::pseudo_inverse;
@@ -60,15 +59,6 @@ pub struct Fit {
     pub columns: Vec<Column>,
 }
 
-/// Sensitivities of all samples by one value. Those by the initial state are the same in many fits.
-pub type Column = Arc<Vec<f64>>;
-
-struct Slot {
-    lower: f64,
-    upper: f64,
-    scale: f64,
-}
-
 impl<'r, 'd> Model<'r, 'd> {
     /// How many values are the initial state, of every record its own.
     pub fn states(&self) -> usize {
@@ -118,69 +108,6 @@ impl<'r, 'd> Model<'r, 'd> {
     /// When an effect does not fit, or the free run leaves all bounds.
     pub fn predict(&self, values: &[f64]) -> Result<Vec<f64>, ModelError> {
         self.free_run.run_vehicle(&self.vehicle(values)?, &values[..self.states()])
-    }
-
-    fn slots(&self) -> Vec<Slot> {
-        let mut slots: Vec<Slot> = (0..self.states())
-            .map(|_| Slot { lower: f64::NEG_INFINITY, upper: f64::INFINITY, scale: 1e-2 })
-            .collect();
-        let vehicle = &self.free_run.vehicle;
-        slots.extend(self.free.iter().map(|f| {
-            let value = vehicle.free_value(&f.target).abs();
-            // A zero that was fitted has no size of its own: its neighbours in the matrix have.
-            let scale = if value > 0.0 { value } else { 1e-3 * (f.upper - f.lower).min(1e3) };
-            let _: &Target = &f.target;
-            Slot { lower: f.lower, upper: f.upper, scale: 1e-3 * scale }
-        }));
-        let tunables = self.terms.iter().flat_map(|t| &t.tunables);
-        slots.extend(tunables.map(|t| Slot { lower: t.lower, upper: t.upper, scale: t.scale }));
-        slots
-    }
-
-    /// Sensitivities by one-sided differences; those of the initial state may be given.
-    fn columns(
-        &self,
-        values: &[f64],
-        centre: &[f64],
-        slots: &[Slot],
-        initial: Option<&[Column]>,
-    ) -> Result<Vec<Column>, ModelError> {
-        let n = self.states();
-        let mut columns: Vec<Column> = match initial {
-            Some(columns) => columns.to_vec(),
-            None => {
-                let columns = self.free_run.initial_columns(&self.vehicle(values)?, &values[..n], centre)?;
-                columns.into_iter().map(Arc::new).collect()
-            }
-        };
-        columns.extend(self.own_columns(values, centre, slots)?.into_iter().map(Arc::new));
-        Ok(columns)
-    }
-
-    /// Those of the values after the initial state.
-    fn own_columns(
-        &self,
-        values: &[f64],
-        centre: &[f64],
-        slots: &[Slot],
-    ) -> Result<Vec<Vec<f64>>, ModelError> {
-        let column = |i: usize| {
-            let up = values[i] + slots[i].scale <= slots[i].upper;
-            let step = if up { slots[i].scale } else { -slots[i].scale };
-            let mut moved = values.to_vec();
-            moved[i] += step;
-            let mut column = match self.predict(&moved) {
-                Ok(column) => column,
-                Err(_) => {
-                    moved[i] = values[i] - step;
-                    self.predict(&moved)?
-                }
-            };
-            let inverse = 1.0 / (moved[i] - values[i]);
-            column.iter_mut().zip(centre).for_each(|(c, y)| *c = (*c - y) * inverse);
-            Ok(column)
-        };
-        (self.states()..values.len()).into_par_iter().map(column).collect()
     }
 
     fn residual(&self, measured: &[f64], predicted: &[f64]) -> Vec<f64> {

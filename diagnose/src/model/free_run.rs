@@ -1,12 +1,11 @@
 //! Free runs of a vehicle over a record's inputs, with any effects added.
 
-use rayon::prelude::*;
 use whirlstand_vehicle::{Effect, Rows, Simulator, Vehicle};
 
 use crate::data::record::{Channel, Data};
 use crate::model::commands::Commands;
 use crate::model::observer::Observer;
-use crate::thresholds::{DIVERGED_RATIO, INITIAL_STATE_STEP};
+use crate::thresholds::DIVERGED_RATIO;
 
 /// Why a hypothesis has no prediction, or no estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -299,45 +298,6 @@ impl<'d> FreeRun<'d> {
             |_, _| true,
         )?;
         Ok(states)
-    }
-
-    /// Derivatives of all samples by the initial states, one column a state of each record. One run moves the same state
-    /// of all records: none of them knows of the others.
-    ///
-    /// # Errors
-    /// When a run leaves all bounds.
-    pub fn initial_columns(
-        &self,
-        vehicle: &Vehicle,
-        initial: &[f64],
-        centre: &[f64],
-    ) -> Result<Vec<Vec<f64>>, ModelError> {
-        let (n, data) = (self.states(), self.data);
-        let runs = (0..n).into_par_iter().map(|state| {
-            let mut moved = initial.to_vec();
-            moved.iter_mut().skip(state).step_by(n).for_each(|x| *x += INITIAL_STATE_STEP);
-            let mut run = self.run_vehicle(vehicle, &moved)?;
-            run.iter_mut().zip(centre).for_each(|(y, c)| *y = (*y - c) / INITIAL_STATE_STEP);
-            Ok(run)
-        });
-        let runs: Vec<Vec<f64>> = runs.collect::<Result<_, ModelError>>()?;
-        if data.starts.len() == 1 {
-            return Ok(runs);
-        }
-        let mut columns = vec![vec![0.0; centre.len()]; self.initials()];
-        for (state, run) in runs.iter().enumerate() {
-            for (channel, range) in data.channels.iter().zip(data.ranges()) {
-                let mut record = 0;
-                for (sample, at) in range.enumerate() {
-                    let step = channel.step(sample);
-                    while data.starts.get(record + 1).is_some_and(|next| *next <= step) {
-                        record += 1;
-                    }
-                    columns[record * n + state][at] = run[at];
-                }
-            }
-        }
-        Ok(columns)
     }
 
     /// Predictions of all samples over a horizon of so many steps: each from what the record shows until then, and within

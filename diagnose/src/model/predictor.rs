@@ -90,10 +90,12 @@ fn gain_beside(vehicle: &Vehicle, data: &Data, inputs: &[usize], noise: Option<&
 }
 
 /// How far ahead predictions of a vehicle are judged where nobody says, s: its slowest time constant that a record of this
-/// length can show, since a prediction is then all but its own motion.
-pub fn default_horizon_s(vehicle: &Vehicle, data: &Data) -> f64 {
+/// length can show, since a prediction is then all but its own motion; where a filter follows the record, no further than that
+/// remembers, since what lies beyond is up to forces that nobody knows yet.
+pub fn default_horizon_s(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>) -> f64 {
     let longest = HORIZON_RECORD_SHARE * data.duration_s();
     let least = LEAST_HORIZON_STEPS * data.period_s;
     let constants = time_constants_s(vehicle).into_iter().filter(|t| *t <= longest);
-    constants.fold(least, f64::max)
+    let horizon_s = constants.fold(least, f64::max);
+    memory_s.map_or(horizon_s, |memory_s| memory_s.clamp(least, horizon_s))
 }

@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use crate::data::record::Data;
-use crate::model::columns::{dot, dots, subtract_all};
-use crate::model::fit::Column;
+use crate::model::columns::{Column, dot, dots, subtract_all};
 use crate::model::noise::Noise;
 
 /// A residual under one noise model, with what nuisances explain projected out.

@@ -150,7 +150,7 @@ fn judged(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
 
 /// Horizons up to the one that is chosen by itself, steps.
 fn horizons(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
-    let longest = ((default_horizon_s(vehicle, data) / data.period_s).round() as usize).max(1);
+    let longest = ((default_horizon_s(vehicle, data, None) / data.period_s).round() as usize).max(1);
     let horizons =
         std::iter::successors(Some(LEAST_HORIZON_STEPS as usize), |h| Some(MEMORY_GROWTH as usize * h));
     horizons.take_while(|h| *h < longest).chain([longest]).collect()

@@ -8,8 +8,8 @@ use crate::search::alternative::Alternative;
 use crate::search::cross_validation::held_out_gain;
 use crate::search::survey_cache::Surveyed;
 use crate::thresholds::{
-    MAX_P_VALUE, MAX_RELATIVE_ERROR, MIN_BIC_GAIN, MIN_HELD_OUT_SIGMAS, RIVAL_BIC, SAME_SIGNATURE_COSINE,
-    UNDECIDED_BIC,
+    COX_QUANTILE, MAX_P_VALUE, MAX_RELATIVE_ERROR, MIN_BIC_GAIN, MIN_HELD_OUT_SIGMAS, RIVAL_BIC,
+    SAME_SIGNATURE_COSINE, UNDECIDED_BIC,
 };
 use whirlstand_logs::stats::chi_square_tail;
 
@@ -50,6 +50,8 @@ pub struct Rival {
     pub ratio: f64,
     /// Cosine of the angle between the signatures.
     pub kappa: f64,
+    /// Squared norms of the whitened signatures, of the accepted cause and of the rival.
+    pub detectabilities: [f64; 2],
 }
 
 /// Whether a fitted candidate passes all conditions.
@@ -161,6 +163,7 @@ pub(crate) fn rivals(
                 gap: own.delta_bic - t.delta_bic,
                 ratio: own.ratio - t.ratio,
                 kappa: cosine(&mine, &theirs).abs(),
+                detectabilities: [dot(&mine, &mine), dot(&theirs, &theirs)],
             })
         })
         .collect();
@@ -169,13 +172,54 @@ pub(crate) fn rivals(
 }
 
 impl Rival {
-    /// True when it explains as much, and is another thing.
-    pub fn is_undecided(&self) -> bool {
-        self.gap < UNDECIDED_BIC && self.kappa <= SAME_SIGNATURE_COSINE
+    /// True when it explains as much, is another thing, and the record would have shown the accepted cause to be the better of the
+    /// two if that were what happened: neither is it.
+    pub fn excludes(&self) -> bool {
+        self.is_as_good() && self.cox(self.ratio, self.detectabilities[0]) < -COX_QUANTILE
     }
 
     /// True when the record cannot tell it from the accepted cause; a simpler cause may be preferred, not proven.
     pub fn indistinguishable(&self) -> bool {
-        self.kappa > SAME_SIGNATURE_COSINE && self.gap.min(self.ratio) < RIVAL_BIC
+        let same = self.kappa > SAME_SIGNATURE_COSINE && self.gap.min(self.ratio) < RIVAL_BIC;
+        let shown = self.cox(-self.ratio, self.detectabilities[1]) < -COX_QUANTILE;
+        same || self.is_as_good() && !self.excludes() && !shown
+    }
+
+    /// True when it explains as much, and does not look the same.
+    pub fn is_as_good(&self) -> bool {
+        self.gap < UNDECIDED_BIC && self.kappa <= SAME_SIGNATURE_COSINE
+    }
+
+    /// Cox's test of separate families (1961): by how many of its standard deviations twice the log-likelihood ratio of one of the
+    /// two over the other is above what it is where the one is the truth. Of signatures at an angle, and Gaussian noise, that has
+    /// the squared distance of the one from the other's direction for its mean, and four times that for its variance.
+    fn cox(&self, ratio: f64, detectability: f64) -> f64 {
+        let apart = (1.0 - self.kappa * self.kappa) * detectability;
+        (ratio - apart) / (2.0 * apart.sqrt()).max(f64::MIN_POSITIVE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_vehicle::Kind;
+
+    fn rival(detectability: f64, kappa: f64, ratio: f64) -> Rival {
+        let candidate = Candidate::bare(Kind::InputDelay, "u");
+        Rival { candidate, values: Vec::new(), gap: ratio, ratio, kappa, detectabilities: [detectability; 2] }
+    }
+
+    #[test]
+    fn of_two_that_explain_the_same_a_short_record_tells_neither_and_a_long_one_excludes_both() {
+        let short = rival(40.0, 0.8, 1.0);
+        assert!(!short.excludes() && short.indistinguishable());
+        let long = rival(4000.0, 0.8, 1.0);
+        assert!(long.excludes() && !long.indistinguishable());
+    }
+
+    #[test]
+    fn a_rival_that_explains_less_is_told_apart() {
+        let less = rival(400.0, 0.8, 140.0);
+        assert!(!less.excludes() && !less.indistinguishable());
     }
 }

@@ -170,7 +170,11 @@ impl Search<'_, '_, '_> {
                 let decision = fitted.map(|t| decide(&reduced, &without, &t, self.hypotheses));
                 !matches!(decision, Some(Decision::Undetermined(_)))
             };
-            if let Some(rival) = rivals.iter().filter(|r| r.is_undecided()).find(determined) {
+            // Of two that the record is too short to tell apart, either is the cause where there is no other; beside another, that
+            // there is a second one is less likely from the start than that there is none.
+            let alone = self.model.terms.len() == 1;
+            let excluding = |r: &&Rival| if alone { r.excludes() } else { r.is_as_good() };
+            if let Some(rival) = rivals.iter().filter(excluding).find(determined) {
                 let why = format!(
                     "{} explains as much, and the two do not look alike (gains in BIC differ by {:.1}, signatures alike to {:.2})",
                     rival.candidate.name(),

@@ -19,6 +19,8 @@ pub(crate) struct Loaded<'a> {
     pub found: Vec<DataFinding>,
     /// That the record is not of this vehicle, where nothing is wrong with the channels.
     pub stranger: Option<DataFinding>,
+    /// For how long the likeliest predictor remembers of those that follow the records, s, where that is asked for.
+    pub likeliest_s: Option<f64>,
 }
 
 impl<'a> Loaded<'a> {
@@ -35,12 +37,14 @@ impl<'a> Loaded<'a> {
         let data = Data::join(records, vehicle, options.period_s.or(coarser))?;
         let mut found: Vec<_> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
         found.extend(coarser.map(checks::thinned));
-        Ok(Self { records, vehicle, options, data, found, stranger: None })
+        Ok(Self { records, vehicle, options, data, found, stranger: None, likeliest_s: None })
     }
 
-    /// The same for a predictor that follows the records and remembers for so long, s.
-    pub fn remembering(&self, memory_s: f64) -> Self {
-        Self { data: Data { memory_s: Some(memory_s), ..self.data.clone() }, ..self.clone() }
+    /// The same for a predictor that follows the records and remembers for so long, s. Predictions ahead are those of the
+    /// likeliest.
+    pub fn remembering(&self, memory_s: f64, likeliest_s: f64) -> Self {
+        let data = Data { memory_s: Some(memory_s), ..self.data.clone() };
+        Self { data, likeliest_s: Some(likeliest_s), ..self.clone() }
     }
 
     /// The same with the first commands of each record as they were before it: what came before a record nobody knows.

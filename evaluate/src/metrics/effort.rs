@@ -1,13 +1,14 @@
 //! Control effort.
 
 use serde::{Deserialize, Serialize};
+use whirlstand_msgs::units::ShownUnit;
 
 /// Effort of one input over a run, in the unit of the input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Effort {
     /// SI unit of the input; empty for a pure number.
     #[serde(default)]
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Mean of the input: the trim that the controller holds.
     pub mean: f64,
     /// Root of the mean square of the input about neutral (zero).
@@ -21,21 +22,21 @@ pub struct Effort {
     pub saturated: f64,
 }
 
-/// The effort of an input while its samples come.
+/// The effort of an input while its samples come, in K flights side by side.
 #[derive(Debug, Clone)]
-pub(crate) struct EffortSum {
+pub(crate) struct EffortSum<const K: usize> {
     lower: f64,
     upper: f64,
     count: u64,
-    sum: f64,
-    square: f64,
-    peak: f64,
-    variation: f64,
-    at_limit: u64,
-    before: Option<f64>,
+    sum: [f64; K],
+    square: [f64; K],
+    peak: [f64; K],
+    variation: [f64; K],
+    at_limit: [u64; K],
+    before: Option<[f64; K]>,
 }
 
-impl EffortSum {
+impl<const K: usize> EffortSum<K> {
     /// An input with the given limits.
     pub fn new(lower: f64, upper: f64) -> Self {
         let margin = if (upper - lower).is_finite() { 1e-9 * (upper - lower).abs() } else { 0.0 };
@@ -43,38 +44,41 @@ impl EffortSum {
             lower: lower + margin,
             upper: upper - margin,
             count: 0,
-            sum: 0.0,
-            square: 0.0,
-            peak: 0.0,
-            variation: 0.0,
-            at_limit: 0,
+            sum: [0.0; K],
+            square: [0.0; K],
+            peak: [0.0; K],
+            variation: [0.0; K],
+            at_limit: [0; K],
             before: None,
         }
     }
 
     /// Takes the next sample, in the unit of the limits.
-    pub fn take(&mut self, u: f64) {
+    #[inline(always)]
+    pub fn take(&mut self, u: &[f64; K]) {
         self.count += 1;
-        self.sum += u;
-        self.square += u * u;
-        self.peak = u.abs().max(self.peak);
-        self.at_limit += u64::from(u <= self.lower || u >= self.upper);
-        if let Some(before) = self.before.replace(u) {
-            self.variation += (u - before).abs();
+        // The first sample is no change.
+        let before = self.before.replace(*u).unwrap_or(*u);
+        for l in 0..K {
+            self.sum[l] += u[l];
+            self.square[l] += u[l] * u[l];
+            self.peak[l] = u[l].abs().max(self.peak[l]);
+            self.at_limit[l] += u64::from(u[l] <= self.lower || u[l] >= self.upper);
+            self.variation[l] += (u[l] - before[l]).abs();
         }
     }
 
-    /// The effort of what came in an input in `unit`, a sample every `period_s` seconds.
-    pub fn finish(&self, period_s: f64, unit: String) -> Effort {
+    /// The effort of what came in flight `l` in an input in `unit`, a sample every `period_s` seconds.
+    pub fn finish(&self, l: usize, period_s: f64, unit: ShownUnit) -> Effort {
         let share = |sum: f64| if self.count > 0 { sum / self.count as f64 } else { 0.0 };
         let length = self.count.saturating_sub(1) as f64 * period_s;
         Effort {
             unit,
-            mean: share(self.sum),
-            rms: share(self.square).sqrt(),
-            peak: self.peak,
-            travel_per_s: if self.count > 1 { self.variation / length } else { 0.0 },
-            saturated: share(self.at_limit as f64),
+            mean: share(self.sum[l]),
+            rms: share(self.square[l]).sqrt(),
+            peak: self.peak[l],
+            travel_per_s: if self.count > 1 { self.variation[l] / length } else { 0.0 },
+            saturated: share(self.at_limit[l] as f64),
         }
     }
 }
@@ -85,8 +89,8 @@ mod tests {
 
     fn effort(u: impl IntoIterator<Item = f64>, period_s: f64, lower: f64, upper: f64) -> Effort {
         let mut sum = EffortSum::new(lower, upper);
-        u.into_iter().for_each(|u| sum.take(u));
-        sum.finish(period_s, String::new())
+        u.into_iter().for_each(|u| sum.take(&[u]));
+        sum.finish(0, period_s, ShownUnit::default())
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Consistency of the estimator: its errors compared with the covariance that it claims.
 
 use std::collections::BTreeMap;
+use whirlstand_msgs::units::ShownUnit;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_logs::stats::chi_square_quantile;
@@ -11,7 +12,7 @@ use whirlstand_msgs::{Estimate, flags};
 pub struct StateError {
     /// SI unit of the state; empty for a pure number.
     #[serde(default)]
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Root of the mean square error, SI.
     pub rms: f64,
     /// Root of the mean variance that the estimator claims, SI.
@@ -161,7 +162,7 @@ impl ConsistencySum {
     }
 
     /// The consistency, with the names of the states and their SI units; `None` without an estimate with a NIS.
-    pub fn finish(self, states: impl IntoIterator<Item = (String, String)>) -> Option<Consistency> {
+    pub fn finish(self, states: impl IntoIterator<Item = (String, ShownUnit)>) -> Option<Consistency> {
         let sums = if self.flagged.steps > 0 { self.flagged } else { self.settled };
         if sums.degrees == 0.0 {
             return None;

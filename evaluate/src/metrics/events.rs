@@ -1,6 +1,7 @@
 //! When something happened in a run: steps of the setpoint and onsets of disturbances.
 
 use std::collections::BTreeMap;
+use whirlstand_msgs::units::ShownUnit;
 
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +22,7 @@ pub struct DisturbanceEvent {
     pub magnitude: f64,
     /// SI unit of that derivative.
     #[serde(default)]
-    pub unit: String,
+    pub unit: ShownUnit,
 }
 
 /// Number of changes up to which their median is exact; beyond, it is that of a histogram.
@@ -77,7 +78,7 @@ impl Changes {
 struct StateOnsets {
     name: String,
     /// SI unit of its derivative.
-    unit: String,
+    unit: ShownUnit,
     continuous: bool,
     threshold: f64,
     before: f64,
@@ -103,7 +104,7 @@ pub(crate) struct Onsets {
 impl Onsets {
     /// `changes` are those of the states, given by name and by the SI unit of the derivative, over the whole run, which ends
     /// at `end_s`.
-    pub fn new(states: &[(String, String)], changes: &[Changes], period_s: f64, end_s: f64) -> Self {
+    pub fn new(states: &[(String, ShownUnit)], changes: &[Changes], period_s: f64, end_s: f64) -> Self {
         let states = states.iter().zip(changes).map(|((name, unit), changes)| StateOnsets {
             name: name.clone(),
             unit: unit.clone(),
@@ -222,7 +223,7 @@ mod tests {
         let mut changes = Changes::default();
         rows.iter().for_each(|(_, v)| changes.take(*v));
         let mut onsets =
-            Onsets::new(&[("roll_rate".to_string(), "rad/s^2".to_string())], &[changes], 1e-3, 100.0);
+            Onsets::new(&[("roll_rate".to_string(), ShownUnit::of("rad/s^2"))], &[changes], 1e-3, 100.0);
         rows.iter().for_each(|(t, v)| onsets.take(*t, &[*v]));
         onsets.finish()
     }

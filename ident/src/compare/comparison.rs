@@ -1,6 +1,7 @@
 //! A comparison as data: options, figures of the outputs, signals, and errors.
 
 use std::collections::BTreeMap;
+use whirlstand_logs::shown::ShownUnit;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_logs::SignalError;
@@ -138,7 +139,7 @@ pub struct Comparison {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutputComparison {
     /// SI unit.
-    pub unit: String,
+    pub unit: ShownUnit,
     /// 100 (1 - norm(y - y_sim) / norm(y - mean y)) of the free run, %; `None` when it diverged or the measured
     /// output never changes.
     pub fit: Option<f64>,
@@ -183,7 +184,7 @@ pub struct Series {
     /// Time, s of the record's clock.
     pub t: Vec<f64>,
     /// Inputs: name, SI unit and applied values, one a point.
-    pub inputs: Vec<(String, String, Vec<f64>)>,
+    pub inputs: Vec<(String, ShownUnit, Vec<f64>)>,
     /// Outputs in the vehicle's order.
     pub outputs: Vec<OutputSeries>,
 }

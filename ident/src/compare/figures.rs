@@ -2,6 +2,7 @@
 
 use super::comparison::{Interval, OutputComparison, OutputSeries};
 use super::grid::Grid;
+use whirlstand_logs::shown::ShownUnit;
 use whirlstand_logs::spectrum::{Spectrum, peaks, welch};
 use whirlstand_logs::stats::{correlation, mean, median, rms};
 
@@ -11,7 +12,7 @@ pub fn figures(
     signals: &OutputSeries,
     diverged: bool,
     noise: f64,
-    unit: String,
+    unit: ShownUnit,
 ) -> OutputComparison {
     let all: Vec<f64> = signals.measured.iter().zip(&signals.simulated).map(|(y, s)| y - s).collect();
     let known = |v: &[f64]| -> Vec<usize> { (0..v.len()).filter(|&k| v[k].is_finite()).collect() };

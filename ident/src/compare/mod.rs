@@ -35,7 +35,7 @@ pub fn compare(
     let m = vehicle.inputs.len();
     let inputs = vehicle.inputs.iter().enumerate().map(|(j, input)| {
         let values = grid.inputs.iter().skip(j).step_by(m).copied().collect();
-        (input.name.clone(), input.unit.si_symbol(), values)
+        (input.name.clone(), input.unit.shown(), values)
     });
     let series = Series {
         t: grid.t.clone(),
@@ -51,7 +51,7 @@ pub fn compare(
     };
     let outputs = series.outputs.iter().zip(&grid.outputs).map(|(signals, &i)| {
         let output = &vehicle.outputs[i];
-        let figures = figures::figures(&grid, signals, run.diverged, output.noise, output.unit.si_symbol());
+        let figures = figures::figures(&grid, signals, run.diverged, output.noise, output.unit.shown());
         (output.name.clone(), figures)
     });
     let mut comparison = Comparison {

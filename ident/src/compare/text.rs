@@ -4,7 +4,7 @@ use whirlstand_vehicle::Vehicle;
 
 use super::comparison::{Comparison, OutputComparison};
 use super::grid::Grid;
-use whirlstand_logs::shown::{clean, number, shown, shown_unit};
+use whirlstand_logs::shown::{clean, number};
 use whirlstand_logs::stats::{mean, rms};
 
 /// Remarks on the record: gaps, uneven sampling, inputs outside their limits.
@@ -32,8 +32,8 @@ pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
             remarks.push(format!(
                 "{} leaves the vehicle's limits ({} to {}) at {:.1} % of the points and is cut there by the simulation",
                 input.name,
-                shown(input.lower, &input.unit.si_symbol()),
-                shown(input.upper, &input.unit.si_symbol()),
+                input.unit.shown().text(input.lower),
+                input.unit.shown().text(input.upper),
                 100.0 * outside as f64 / u.len() as f64
             ));
         }
@@ -138,13 +138,13 @@ pub fn verdict(c: &Comparison) -> String {
 
 /// What stands out in the residual of an output.
 fn peculiarity(name: &str, o: &OutputComparison) -> Option<String> {
-    let unit = shown_unit(&o.unit);
+    let unit = o.unit.symbol();
     if let (Some(fit), Some(without), Some(bias)) = (o.fit, o.fit_bias_removed, o.bias)
         && without - fit > 20.0
     {
         return Some(format!(
             "A constant offset of {} explains much of {name}: without it the fit is {without:.1} %",
-            shown(bias, &o.unit)
+            o.unit.text(bias)
         ));
     }
     if let Some(line) = o.lines.first()
@@ -154,7 +154,7 @@ fn peculiarity(name: &str, o: &OutputComparison) -> Option<String> {
             "A tone of {:.1} Hz carries {:.0} % of the residual of {name} (amplitude {})",
             line.frequency_hz,
             100.0 * line.share,
-            shown(line.amplitude, &o.unit)
+            o.unit.text(line.amplitude)
         ));
     }
     let growth = o.growth.filter(|g| *g > 2.0)?;
@@ -188,9 +188,9 @@ pub fn text(c: &Comparison) -> String {
     ];
     let most = 8;
     for (name, o) in c.ordered().take(most) {
-        let value = |v: Option<f64>| v.map_or("-".into(), |v| shown(v, &o.unit));
+        let value = |v: Option<f64>| v.map_or("-".into(), |v| o.unit.text(v));
         let worst = o.worst.map_or("-".into(), |w| {
-            format!("{:.1}-{:.1} s, {}", w.from_s, w.until_s, shown(w.mean_square.sqrt(), &o.unit))
+            format!("{:.1}-{:.1} s, {}", w.from_s, w.until_s, o.unit.text(w.mean_square.sqrt()))
         });
         lines.push(format!(
             "{name:<22} {:>7} {:>9} {:>9} {:>14} {:>14}  {worst}",

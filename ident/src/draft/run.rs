@@ -4,7 +4,7 @@ use std::path::Path;
 
 use whirlstand_logs::Record;
 use whirlstand_logs::stats::{rms, white_noise_std};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{ESTIMATED_IN_MOTION, SENSOR_NOISE, Vehicle};
 
 use super::answer::{
     AxisAnswer, DRAFT_SCHEMA, Draft, HeldOut, LeftOut, ParameterAnswer, SignalAnswer, TriedAnswer,
@@ -287,6 +287,7 @@ fn provenance(log: &str, names: &Names) -> Vec<(String, String)> {
         ("command".into(), "vehicle new".into()),
         ("method".into(), "pem".into()),
         ("noise".into(), "kalman".into()),
+        (SENSOR_NOISE.into(), ESTIMATED_IN_MOTION.into()),
         ("log_1".into(), log.to_string()),
     ];
     if !names.sha256.is_empty() {

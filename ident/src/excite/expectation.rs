@@ -3,6 +3,7 @@
 use crate::identify::sweep::simulation;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use whirlstand_logs::shown::ShownUnit;
 use whirlstand_vehicle::{Effect, Kind, SimulatorError, Vehicle};
 
 use super::closed_loop::{ClosedLoop, FlightData, fly};
@@ -244,7 +245,7 @@ fn effects(
             place: effect.place().into(),
             parameter: (*parameter).to_string(),
             size: *size,
-            unit: effect.unit(parameter, vehicle).map_or(String::new(), |unit| unit.si_symbol()),
+            unit: effect.unit(parameter, vehicle).map_or_else(ShownUnit::default, |unit| unit.in_words()),
             detectability,
             least_size: if detectability > 0.0 {
                 distance.abs() * (NEEDED / detectability).sqrt()

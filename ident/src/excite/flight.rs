@@ -1,6 +1,7 @@
 //! A test flight as data: its options, its signals, the accuracy to expect, and errors of the design.
 
 use std::collections::BTreeMap;
+use whirlstand_logs::shown::ShownUnit;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::SimulatorError;
@@ -50,9 +51,9 @@ pub struct Flight {
     pub commands: Vec<(String, f64)>,
     /// SI units of the test signals and of the inputs, by name; empty for a pure number.
     #[serde(default)]
-    pub units: BTreeMap<String, String>,
+    pub units: BTreeMap<String, ShownUnit>,
     /// Greatest predicted output: name, unit and value, SI.
-    pub peaks: Vec<(String, String, f64)>,
+    pub peaks: Vec<(String, ShownUnit, f64)>,
     /// Accuracy to expect of each free parameter.
     pub parameters: Vec<ExpectedParameter>,
     /// Detectability to expect of each effect.
@@ -92,7 +93,7 @@ pub struct ExpectedEffect {
     pub size: f64,
     /// SI unit of `size` and `least_size`; empty for a pure number.
     #[serde(default)]
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Detectability: squared ratio to the noise of the change that the effect makes in the outputs, without the part
     /// that the free parameters and the initial state could imitate. About 12 is needed, 30 is safe.
     pub detectability: f64,
@@ -132,6 +133,14 @@ pub enum ExciteError {
         "the model leaves the limit of {name} under inputs a thousand times smaller than asked for: it is unstable; fly with a controller in the loop (--controller lqr), or for a shorter time"
     )]
     Unstable {
+        /// The output.
+        name: String,
+    },
+    /// An integral of the input grows too far.
+    #[error(
+        "the model integrates its inputs, and {name} leaves its limit under inputs a thousand times smaller than asked for: allow more with --limit, fly with a controller in the loop (--controller lqr), or for a shorter time"
+    )]
+    Integrates {
         /// The output.
         name: String,
     },

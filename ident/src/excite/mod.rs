@@ -7,6 +7,7 @@ pub mod signals;
 mod text;
 
 use std::collections::BTreeMap;
+use whirlstand_logs::shown::ShownUnit;
 
 use whirlstand_vehicle::Vehicle;
 
@@ -23,11 +24,8 @@ pub fn design(vehicle: &Vehicle, options: &Options) -> Result<Flight, ExciteErro
     let shape = &options.shape;
     let limits = limits(vehicle, options);
     let tops = tops(vehicle, options, &limits)?;
-    let unit = signals::signals(shape, tops.len());
-    let mut signals: Vec<Vec<f64>> =
-        unit.iter().zip(&tops).map(|(signal, (_, top))| signal.iter().map(|v| top * v).collect()).collect();
     let closed = options.closed.as_ref();
-    let (flown, shrunk) = fly_within(vehicle, options, &limits, &mut signals)?;
+    let Drawn { signals, flown, shrunk, returning } = draw(vehicle, options, &limits, &tops)?;
     let greatest = |v: &Vec<f64>| v.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let mut flight = Flight {
         schema: EXCITATION_SCHEMA.into(),
@@ -52,13 +50,19 @@ pub fn design(vehicle: &Vehicle, options: &Options) -> Result<Flight, ExciteErro
             .outputs
             .iter()
             .zip(peaks(&flown, vehicle.outputs.len()))
-            .map(|(o, p)| (o.name.clone(), o.unit.si_symbol(), p))
+            .map(|(o, p)| (o.name.clone(), o.unit.shown(), p))
             .collect(),
         parameters: Vec::new(),
         effects: Vec::new(),
         remarks: Vec::new(),
         signals,
     };
+    if returning {
+        flight.remarks.push(format!(
+            "'{}' integrates its inputs: every step is answered by its opposite, so that the outputs come back.",
+            vehicle.name
+        ));
+    }
     if shrunk < 1.0 {
         flight.remarks.push(format!(
             "The test signals were made smaller by a factor of {:.2}, so that the predicted outputs stay within their limits.",
@@ -92,6 +96,59 @@ fn check(vehicle: &Vehicle, options: &Options) -> Result<(), ExciteError> {
         });
     }
     Ok(())
+}
+
+/// Test signals within the limits, and the flight that they make.
+struct Drawn {
+    signals: Vec<Vec<f64>>,
+    flown: FlightData,
+    /// By how much they are smaller than asked for.
+    shrunk: f64,
+    /// Whether every step is answered by its opposite.
+    returning: bool,
+}
+
+/// Draws the signals. What integrates its inputs wanders off under random steps, however stable it is: there every step is
+/// answered by its opposite where that allows larger ones.
+fn draw(
+    vehicle: &Vehicle,
+    options: &Options,
+    limits: &[f64],
+    tops: &[(String, f64)],
+) -> Result<Drawn, ExciteError> {
+    let with = |integrations: usize| -> Result<Drawn, ExciteError> {
+        let unit = signals::signals(&options.shape, tops.len(), integrations);
+        let scaled = unit.iter().zip(tops).map(|(signal, (_, top))| signal.iter().map(|v| top * v).collect());
+        let mut signals: Vec<Vec<f64>> = scaled.collect();
+        let (flown, shrunk) = fly_within(vehicle, options, limits, &mut signals)?;
+        Ok(Drawn { signals, flown, shrunk, returning: integrations > 0 })
+    };
+    let plain = with(0);
+    let integrations = if options.closed.is_some() { 0 } else { integrations(vehicle) };
+    let drifts = plain.as_ref().map_or(true, |drawn| drawn.shrunk < 1.0);
+    if integrations == 0 || !drifts || options.shape.kind != Kind::Multistep {
+        return plain.map_err(|error| match error {
+            ExciteError::Unstable { name } if integrations > 0 => ExciteError::Integrates { name },
+            error => error,
+        });
+    }
+    match (plain, with(integrations)) {
+        (Ok(plain), Ok(other)) => Ok(if other.shrunk > plain.shrunk { other } else { plain }),
+        (Ok(one), Err(_)) | (Err(_), Ok(one)) => Ok(one),
+        (Err(ExciteError::Unstable { name }), Err(_)) => Err(ExciteError::Integrates { name }),
+        (Err(error), Err(_)) => Err(error),
+    }
+}
+
+/// Greatest size of a pole that counts as one at zero, as a share of the largest: a double pole is found to the root of the
+/// rounding error.
+const ZERO_POLE_SHARE: f64 = 1e-6;
+
+/// How many poles of a vehicle are at zero; none when another grows.
+fn integrations(vehicle: &Vehicle) -> usize {
+    let poles = vehicle.poles().unwrap_or_default();
+    let zero = ZERO_POLE_SHARE * poles.iter().map(|p| p.norm()).fold(0.0, f64::max);
+    if poles.iter().any(|p| p.re > zero) { 0 } else { poles.iter().filter(|p| p.norm() <= zero).count() }
 }
 
 /// Makes the signals smaller until the predicted outputs stay within their limits: the flight, and by which factor.
@@ -136,13 +193,12 @@ fn limits(vehicle: &Vehicle, options: &Options) -> Vec<f64> {
 }
 
 /// SI units of the inputs, and of the states whose setpoints move.
-fn units(vehicle: &Vehicle, options: &Options) -> BTreeMap<String, String> {
-    let mut units: BTreeMap<String, String> =
-        vehicle.inputs.iter().map(|i| (i.name.clone(), i.unit.si_symbol())).collect();
+fn units(vehicle: &Vehicle, options: &Options) -> BTreeMap<String, ShownUnit> {
+    let mut units: BTreeMap<String, ShownUnit> =
+        vehicle.inputs.iter().map(|i| (i.name.clone(), i.unit.shown())).collect();
     if let Some(ClosedLoop { through: InjectionPoint::Setpoint(states), .. }) = &options.closed {
-        units.extend(
-            states.iter().map(|&j| (vehicle.states[j].name.clone(), vehicle.states[j].unit.si_symbol())),
-        );
+        units
+            .extend(states.iter().map(|&j| (vehicle.states[j].name.clone(), vehicle.states[j].unit.shown())));
     }
     units
 }

@@ -46,13 +46,14 @@ impl Shape {
     }
 }
 
-/// Signals of `m` inputs, one vector each, within -1 to 1. The first and the last second are quiet.
-pub fn signals(shape: &Shape, m: usize) -> Vec<Vec<f64>> {
+/// Signals of `m` inputs, one vector each, within -1 to 1. The first and the last second are quiet. What integrates an input
+/// `integrations` times comes back after every random step.
+pub fn signals(shape: &Shape, m: usize, integrations: usize) -> Vec<Vec<f64>> {
     let quiet = ((1.0 / shape.period_s) as usize).min(shape.steps / 10);
     let active = shape.steps - 2 * quiet;
     let mut all = match shape.kind {
         Kind::Multisine => multisine(shape, active, m),
-        Kind::Multistep => (0..m).map(|j| multistep(shape, active, j)).collect(),
+        Kind::Multistep => (0..m).map(|j| multistep(shape, active, j, returning(integrations))).collect(),
         Kind::Doublets => one_by_one(shape, active, m, &[1.0, -1.0]),
         Kind::Steps3211 => one_by_one(shape, active, m, &[1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0]),
         Kind::Sweep => sweep(shape, active, m),
@@ -90,7 +91,16 @@ fn one_by_one(shape: &Shape, active: usize, m: usize, pattern: &[f64]) -> Vec<Ve
     }
 }
 
-fn multistep(shape: &Shape, active: usize, input: usize) -> Vec<f64> {
+/// The signs of equal steps after which an integral, or a double one, is where it began (Thue and Morse).
+fn returning(integrations: usize) -> &'static [f64] {
+    match integrations {
+        0 => &[1.0],
+        1 => &[1.0, -1.0],
+        _ => &[1.0, -1.0, -1.0, 1.0],
+    }
+}
+
+fn multistep(shape: &Shape, active: usize, input: usize, signs: &[f64]) -> Vec<f64> {
     let mut stream = Stream::new(shape.seed, &format!("multistep {input}"));
     let mut signal = Vec::with_capacity(active);
     while signal.len() < active {
@@ -98,7 +108,11 @@ fn multistep(shape: &Shape, active: usize, input: usize) -> Vec<f64> {
         let frequency = shape.lowest_hz * (shape.highest_hz / shape.lowest_hz).powf(stream.uniform());
         let length = ((0.5 / frequency / shape.period_s) as usize).max(1);
         let value = if stream.chance(0.2) { 0.0 } else { 2.0 * stream.uniform() - 1.0 };
-        signal.extend(std::iter::repeat_n(value, length));
+        // A step that has no time to come back is not flown.
+        if signs.len() > 1 && signal.len() + signs.len() * length > active {
+            signal.resize(active, 0.0);
+        }
+        signal.extend(signs.iter().flat_map(|sign| std::iter::repeat_n(sign * value, length)));
     }
     signal.truncate(active);
     signal
@@ -192,7 +206,7 @@ mod tests {
     #[test]
     fn every_kind_moves_every_input_within_its_limits_and_ends_quietly() {
         for kind in [Kind::Doublets, Kind::Steps3211, Kind::Multistep, Kind::Multisine, Kind::Sweep] {
-            let all = signals(&shape(kind), 3);
+            let all = signals(&shape(kind), 3, 0);
             for signal in &all {
                 assert_eq!(signal.len(), 6000);
                 assert!(signal.iter().all(|v| v.abs() <= 1.0), "{kind:?}");
@@ -204,8 +218,24 @@ mod tests {
     }
 
     #[test]
+    fn integrals_come_back_after_every_step() {
+        for integrations in [1, 2] {
+            let signal = &signals(&shape(Kind::Multistep), 1, integrations)[0];
+            let integral = |v: &[f64]| -> Vec<f64> {
+                v.iter().scan(0.0, |sum, v| (*sum += v * 0.01, Some(*sum)).1).collect()
+            };
+            let mut of = signal.clone();
+            for _ in 0..integrations {
+                of = integral(&of);
+                assert!(of[5999].abs() < 1e-9, "{integrations}: {}", of[5999]);
+            }
+            assert!(signal.iter().any(|v| *v != 0.0));
+        }
+    }
+
+    #[test]
     fn multisines_are_orthogonal_and_flat() {
-        let all = signals(&shape(Kind::Multisine), 2);
+        let all = signals(&shape(Kind::Multisine), 2, 0);
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
         let (a, b) = (&all[0], &all[1]);
         assert!(dot(a, b).abs() < 1e-3 * (dot(a, a) * dot(b, b)).sqrt());

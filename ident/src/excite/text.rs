@@ -1,8 +1,9 @@
 //! A test flight as text, as CSV and as a launch file.
 
 use std::fmt::Write as _;
+use whirlstand_logs::shown::ShownUnit;
 
-use whirlstand_logs::shown::{clean, number, parameter_unit, shown};
+use whirlstand_logs::shown::{clean, number};
 
 use super::Flight;
 
@@ -10,8 +11,8 @@ impl Flight {
     /// The flight as text for a terminal, without colour.
     pub fn text(&self) -> String {
         let mut out = String::new();
-        let peaks: Vec<String> = self.peaks.iter().map(|(n, u, v)| format!("{n} {}", shown(*v, u))).collect();
-        let with_unit = |(name, value): &(String, f64)| format!("{name} {}", shown(*value, self.unit(name)));
+        let peaks: Vec<String> = self.peaks.iter().map(|(n, u, v)| format!("{n} {}", u.text(*v))).collect();
+        let with_unit = |(name, value): &(String, f64)| format!("{name} {}", self.shown(name).text(*value));
         let inputs: Vec<String> = self.amplitudes.iter().map(with_unit).collect();
         let what = match (&self.controller, self.through.as_str()) {
             (None, _) => "inputs".to_string(),
@@ -47,8 +48,7 @@ impl Flight {
                 "effect", "where", "size", "lambda", "least size"
             );
             for e in &self.effects {
-                let (unit, factor) = parameter_unit(&e.parameter, &e.unit);
-                let size = |v: f64| format!("{} {unit}", number(v * factor)).trim_end().to_string();
+                let size = |v: f64| e.unit.text(v);
                 let _ = writeln!(
                     out,
                     "{:18} {:24} {:>28} {:>12} {:>18}",
@@ -68,7 +68,12 @@ impl Flight {
 
     /// SI unit of a test signal or an input.
     fn unit(&self, name: &str) -> &str {
-        self.units.get(name).map_or("", String::as_str)
+        self.units.get(name).map_or("", ShownUnit::si_symbol)
+    }
+
+    /// How a test signal or an input is shown.
+    fn shown(&self, name: &str) -> ShownUnit {
+        self.units.get(name).cloned().unwrap_or_default()
     }
 
     /// The test signals as CSV, SI: time, then one column a signal.

@@ -1,6 +1,7 @@
 //! The result of an identification as data.
 
 use std::collections::BTreeMap;
+use whirlstand_logs::shown::ShownUnit;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Vehicle;
@@ -175,7 +176,7 @@ pub struct Pole {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutputAnswer {
     /// SI unit.
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Figures on the data that were fitted.
     pub identification: Option<Quality>,
     /// Figures on the data that were held out.
@@ -243,7 +244,7 @@ pub struct PartSeries {
     /// Period, s.
     pub period_s: f64,
     /// Inputs: name, SI unit, one value a step.
-    pub inputs: Vec<(String, String, Vec<f64>)>,
+    pub inputs: Vec<(String, ShownUnit, Vec<f64>)>,
     /// Fitted outputs.
     pub outputs: Vec<OutputSeries>,
 }
@@ -254,7 +255,7 @@ pub struct OutputSeries {
     /// Name.
     pub name: String,
     /// SI unit.
-    pub unit: String,
+    pub unit: ShownUnit,
     /// Measured values.
     pub measured: Vec<f64>,
     /// Values of the free-running simulation, offset included.

@@ -214,14 +214,14 @@ pub fn series(problem: &Problem, segments: &[Segment], runs: &Runs, role: Role) 
                 .map(|j| {
                     let input = &vehicle.inputs[j];
                     let values = segment.inputs.iter().skip(j).step_by(m).copied().collect();
-                    (input.name.clone(), input.unit.si_symbol(), values)
+                    (input.name.clone(), input.unit.shown(), values)
                 })
                 .collect(),
             outputs: (0..p)
                 .filter(|i| problem.weights[*i] > 0.0)
                 .map(|i| OutputSeries {
                     name: vehicle.outputs[i].name.clone(),
-                    unit: vehicle.outputs[i].unit.si_symbol(),
+                    unit: vehicle.outputs[i].unit.shown(),
                     measured: segment.output(i, p),
                     simulated: match &runs.simulated {
                         Some(outputs) => outputs[s].iter().skip(i).step_by(p).copied().collect(),

@@ -17,7 +17,7 @@ use super::spread::correlation;
 use super::{IdentifyError, ga, text};
 use crate::watch::Watch;
 use whirlstand_logs::shown::clean;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{SENSOR_NOISE, Vehicle};
 
 /// A part of a log to fit, or to check the fit with.
 #[derive(Debug, Clone, PartialEq)]
@@ -166,7 +166,9 @@ fn answer(
     let other = quality::control_runs(&fit, &held);
     let problem = &fit.problem;
     let mut vehicle = problem.vehicle_at(&fit.theta);
+    let sensors = vehicle.provenance.iter().find(|(key, _)| key == SENSOR_NOISE).cloned();
     vehicle.provenance = provenance(options, noise, fitted);
+    vehicle.provenance.extend(sensors);
     if effort.partial {
         vehicle.provenance.push(("partial".into(), "the search was ended early".into()));
     }
@@ -322,7 +324,7 @@ fn outputs(
     all.map(|(i, output)| {
         let residuals: Vec<f64> = own.one_step[i].iter().flatten().copied().collect();
         let answer = OutputAnswer {
-            unit: output.unit.si_symbol(),
+            unit: output.unit.shown(),
             identification: quality::quality(problem, segments, own, i),
             control: quality::quality(problem, held, other, i),
             noise_std: whirlstand_logs::stats::rms(&residuals),

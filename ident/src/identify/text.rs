@@ -4,7 +4,7 @@ use super::answer::{Identification, Role};
 use super::options::Method;
 use super::pem::Noise;
 use super::prepare::Levels;
-use whirlstand_logs::shown::{counted, number, shown};
+use whirlstand_logs::shown::{counted, number};
 use whirlstand_vehicle::Vehicle;
 
 /// Name of a noise model on the command line.
@@ -171,7 +171,7 @@ impl Identification {
                 percent(own.and_then(|q| q.one_step_fit)),
                 percent(other.and_then(|q| q.free_run_fit)),
                 percent(other.and_then(|q| q.one_step_fit)),
-                shown(o.noise_std, &o.unit),
+                o.unit.text(o.noise_std),
             ));
         }
         let poles: Vec<String> = self

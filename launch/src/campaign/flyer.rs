@@ -5,10 +5,11 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
-use whirlstand_campaign::{Campaign, Columns, Ended, Flight, WEIGHT};
+use whirlstand_campaign::{Campaign, Columns, Ended, FigureColumn, Flight, WEIGHT};
 use whirlstand_evaluate::expectation::{check, signal_figures};
 use whirlstand_evaluate::summary::{INPUT_KEYS, OUTPUT_KEYS};
 use whirlstand_evaluate::{Expectation, Figure, Run, RunSummary};
+use whirlstand_msgs::units::ShownUnit;
 use whirlstand_nodes::flight::LANES;
 
 use super::in_thread::InThread;
@@ -188,7 +189,7 @@ impl Flyer {
     /// Flies one flight, unless its figures are there already.
     fn fly(&self, number: u64, plan: Option<Plan>, figures: Option<RunSummary>) -> Flight {
         let weights = self.columns.figures.iter();
-        let weights = weights.map(|(key, _)| self.weight(key, number)).collect();
+        let weights = weights.map(|figure| self.weight(&figure.key, number)).collect();
         let failed = |why: String| Flight {
             number,
             values: self.campaign.values(number),
@@ -224,7 +225,7 @@ impl Flyer {
                 .columns
                 .figures
                 .iter()
-                .map(|(key, _)| self.weight(key, number).or_else(|| value(&figures, key)))
+                .map(|figure| self.weight(&figure.key, number).or_else(|| value(&figures, &figure.key)))
                 .collect(),
         })
     }
@@ -280,19 +281,24 @@ pub(crate) fn limits(plan: &Plan) -> Vec<Expectation> {
 
 fn columns(campaign: &Campaign, plan: &Plan) -> Columns {
     let vehicle = &plan.vehicle;
-    let of = |name: &str, keys: &[&str]| -> Vec<(String, String)> {
+    let of = |name: &str, keys: &[&str]| -> Vec<FigureColumn> {
         let all = signal_figures(vehicle, name).unwrap_or_default();
         let of_kind = all.into_iter().filter(|(key, _)| keys.contains(key));
-        of_kind.map(|(key, unit)| (format!("{name}.{key}"), unit.unit.si_symbol())).collect()
+        of_kind.map(|(key, unit)| column(format!("{name}.{key}"), &unit.shown())).collect()
     };
     let outputs = vehicle.outputs.iter().flat_map(|output| of(&output.name, &OUTPUT_KEYS));
     let inputs = vehicle.inputs.iter().flat_map(|input| of(&input.name, &INPUT_KEYS));
-    let weight = campaign.weight(0).map(|_| (WEIGHT.to_string(), String::new()));
+    let pure = |key: &str| column(key.into(), &ShownUnit::default());
+    let weight = campaign.weight(0).map(|_| pure(WEIGHT));
     Columns {
         keys: campaign.keys(),
         limits: limits(plan).into_iter().map(|e| (e.key, e.limit)).collect(),
-        figures: outputs.chain(inputs).chain([("nis_ratio".into(), String::new())]).chain(weight).collect(),
+        figures: outputs.chain(inputs).chain([pure("nis_ratio")]).chain(weight).collect(),
     }
+}
+
+fn column(key: String, unit: &ShownUnit) -> FigureColumn {
+    FigureColumn { key, unit: unit.si_symbol().into(), shown: unit.symbol().into() }
 }
 
 fn value(figures: &RunSummary, key: &str) -> Option<f64> {
@@ -314,7 +320,7 @@ mod tests {
         let figures = figures.as_ref().map_err(Clone::clone)?;
         let of = |key: &str| (key.to_string(), value(figures, key).map(f64::to_bits));
         let counts = ["held_steps", "failsafe_steps", "deadline_misses", "lost", "restarts"];
-        Ok(flyer.columns.figures.iter().map(|(key, _)| key.as_str()).chain(counts).map(of).collect())
+        Ok(flyer.columns.figures.iter().map(|figure| figure.key.as_str()).chain(counts).map(of).collect())
     }
 
     /// Flies the campaign's flights without a log and with one, read from the launch file.

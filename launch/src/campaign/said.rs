@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use whirlstand_campaign::{Columns, Findings, LimitFindings, Proportion};
-use whirlstand_logs::shown::{number, shown};
+use whirlstand_logs::shown::{ShownUnit, number};
 
 /// Schema of the JSON answer.
 const SCHEMA: &str = "whirlstand.campaign.v1";
@@ -121,13 +121,14 @@ impl Said<'_> {
             writeln!(text, "  not ended   {}", share(&found.failed))?;
         }
         let figures = &self.columns.figures;
-        let unit =
-            |key: &str| figures.iter().find(|(figure, _)| figure == key).map(|(_, unit)| unit.as_str());
+        let unit = |key: &str| {
+            figures.iter().find(|figure| figure.key == key).map(|f| ShownUnit::named(&f.unit, &f.shown))
+        };
         // Limits of counts, such as of lost messages, are worth a line where they were broken.
         let told = |l: &LimitFindings| unit(&l.key).is_some() || l.violated.count > 0;
         for limit in found.limits.iter().filter(|l| told(l)) {
             let wanted =
-                format!("{} <= {}", limit.key, shown(limit.limit, unit(&limit.key).unwrap_or_default()));
+                format!("{} <= {}", limit.key, unit(&limit.key).unwrap_or_default().text(limit.limit));
             writeln!(text, "  {wanted:<34} violated in {}", share(&limit.violated))?;
         }
         let kept: Vec<&str> = found.limits.iter().filter(|l| !told(l)).map(|l| l.key.as_str()).collect();
@@ -135,7 +136,8 @@ impl Said<'_> {
             writeln!(text, "  never       {}", kept.join(", "))?;
         }
         for figure in found.figures.iter().filter(|f| found.limits.iter().any(|l| l.key == f.key)) {
-            let [_, low, middle, high, most] = figure.quantiles.map(|q| shown(q, &figure.unit));
+            let unit = ShownUnit::named(&figure.unit, &figure.shown);
+            let [_, low, middle, high, most] = figure.quantiles.map(|q| unit.text(q));
             writeln!(text, "  {:<24} median {middle}, 5 to 95 % {low} to {high}, most {most}", figure.key)?;
             let moved: Vec<String> = figure
                 .sensitivities

@@ -1,6 +1,6 @@
 //! One bench in this thread without bus and log: its figures are to the last bit those that its log would give.
 
-use whirlstand_evaluate::{Flown, FlownStep, NodeCounts, RunSummary};
+use whirlstand_evaluate::{Flown, FlownStep, FlownTogether, NodeCounts, RunSummary};
 use whirlstand_nodes::NodeError;
 use whirlstand_nodes::config::NodeConfig;
 use whirlstand_nodes::flight::{Counts, LANES, Pilot, Step};
@@ -20,12 +20,13 @@ pub(crate) fn without_log(
     let counts = pilot.fly(config, |step| {
         flown.take(&FlownStep {
             stamp_ns: step.stamp_ns,
-            x: step.x,
-            u: step.u,
-            flags: step.flags,
-            disturbance: step.disturbance,
+            x: step.x.as_chunks().0,
+            u: step.u.as_chunks().0,
+            flags: &[step.flags],
+            disturbance: step.disturbance.as_chunks().0,
             setpoint: step.setpoint,
-            innovation: (step.filter.nis(), step.filter.dof()),
+            nis: &[step.filter.nis()],
+            dof: step.filter.dof(),
             std: step.filter.std(),
             converged: step.filter.converged(),
         });
@@ -45,36 +46,24 @@ pub(super) fn together_without_log(
     pilot: &Pilot,
 ) -> [Option<RunSummary>; LANES] {
     let vehicle = pilot.vehicle();
-    let new = |(config, _): (&NodeConfig, &str)| {
-        Flown::new(vehicle, Setup::period_s(config), config.steps as usize)
-    };
-    let mut flown = benches.map(new);
-    let (mut x, mut disturbance) = (vec![0.0; vehicle.states.len()], vec![0.0; vehicle.states.len()]);
-    let mut u = vec![0.0; vehicle.inputs.len()];
-    let counts = pilot.fly_together(&benches.map(|(config, _)| config), |step| {
-        for (lane, flown) in flown.iter_mut().enumerate().filter(|(lane, _)| !step.lost[*lane]) {
-            let pick = |row: &mut [f64], all: &[[f64; LANES]]| {
-                row.iter_mut().zip(all).for_each(|(value, all)| *value = all[lane]);
-            };
-            pick(&mut x, step.x);
-            pick(&mut u, step.u);
-            pick(&mut disturbance, step.disturbance);
-            flown.take(&FlownStep {
-                stamp_ns: step.stamp_ns,
-                x: &x,
-                u: &u,
-                flags: step.flags[lane],
-                disturbance: &disturbance,
-                setpoint: step.setpoint,
-                innovation: (step.filter.nis()[lane], step.filter.dof()),
-                std: step.filter.std(),
-                converged: step.filter.converged(),
-            });
-        }
+    let (first, _) = benches[0];
+    let mut flown = FlownTogether::new(vehicle, Setup::period_s(first), first.steps as usize);
+    let counts = pilot.fly_together(&benches.map(|(config, _)| config), &mut |step| {
+        flown.take(&FlownStep {
+            stamp_ns: step.stamp_ns,
+            x: step.x,
+            u: step.u,
+            flags: step.flags,
+            disturbance: step.disturbance,
+            setpoint: step.setpoint,
+            nis: step.filter.nis(),
+            dof: step.filter.dof(),
+            std: step.filter.std(),
+            converged: step.filter.converged(),
+        });
     });
-    let mut flown = flown.into_iter().zip(benches).zip(counts);
-    std::array::from_fn(|_| {
-        let ((flown, (config, name)), counts) = flown.next()?;
-        Some(flown.summary(vehicle, name, config.seed, &node_counts(&counts?)))
+    std::array::from_fn(|lane| {
+        let (config, name) = benches[lane];
+        Some(flown.summary(lane, (vehicle, name, config.seed), &node_counts(&counts[lane]?)))
     })
 }

@@ -7,7 +7,24 @@ use clap::Args;
 use whirlstand_live::{Address, AddressError, FOXGLOVE_PORT};
 
 use super::JsonArg;
+use super::overrides::OverrideArgs;
 use super::quantity::seconds;
+
+/// A bench that runs: of this user on this machine, or on another host.
+#[derive(Debug, Args)]
+pub(crate) struct WhichBenchArgs {
+    /// Name of the bench, as `run` prints it.
+    #[arg(value_name = "BENCH")]
+    pub name: String,
+    /// Launch file of a bench on another host, which says where its nodes listen and where the keys are.
+    #[arg(long, value_name = "LAUNCH")]
+    pub launch: Option<String>,
+    /// Zenoh endpoint of a node on another host that is not in the launch file; may be repeated.
+    #[arg(long, value_name = "ENDPOINT", requires = "launch")]
+    pub connect: Vec<String>,
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+}
 
 /// Push the vehicle of a running bench: a gust on one or several states.
 #[derive(Debug, Args)]
@@ -17,8 +34,8 @@ use super::quantity::seconds;
     A gust is added to the derivative of the state, from the next step on, for its length in bench time, beside all others. \
     Exit code 2 when the bench refuses it.")]
 pub(crate) struct InjectArgs {
-    /// Name of the bench, as `run` prints it.
-    pub bench: String,
+    #[command(flatten)]
+    pub bench: WhichBenchArgs,
     /// State and size, with the unit of the state per second.
     #[arg(required = true, value_name = "STATE=SIZE")]
     pub gusts: Vec<String>,
@@ -39,8 +56,8 @@ pub(crate) struct InjectArgs {
     (on the ground) or flying, and sets the vibration that the sensors feel. effect.N switches \
     the Nth effect, those of the vehicle file first, if it has from_s or until_s. run=stop ends the run in order. Exit code 2 when the bench refuses one.")]
 pub(crate) struct SetArgs {
-    /// Name of the bench, as `run` prints it.
-    pub bench: String,
+    #[command(flatten)]
+    pub bench: WhichBenchArgs,
     /// setpoint.STATE=VALUE, gain=FACTOR, engine=off|on|flying, effect.N=on|off or run=stop.
     #[arg(required = true, value_name = "KEY=VALUE")]
     pub settings: Vec<String>,
@@ -53,11 +70,11 @@ pub(crate) struct SetArgs {
 #[command(after_help = "Examples:\n  \
     whirlstand echo lab imu\n  \
     whirlstand echo lab truth --count 1 --json\n\n\
-    Topics: imu, odometry, outputs, estimate, command, setpoint, truth, disturbance, sent, autopilot, health, progress, adjusted, and from \
-    outside inject, pilot, adjust. Angles are in degrees, in JSON (one message a line) all is SI.")]
+    Topics: imu, odometry, outputs, estimate, command, setpoint, truth, disturbance, finding, sent, autopilot, health, progress, adjusted, and from \
+    outside inject, pilot, adjust, stick. Angles are in degrees, in JSON (one message a line) all is SI.")]
 pub(crate) struct EchoArgs {
-    /// Name of the bench, as `run` prints it.
-    pub bench: String,
+    #[command(flatten)]
+    pub bench: WhichBenchArgs,
     /// The topic.
     pub topic: String,
     /// Stops after N messages.
@@ -72,12 +89,13 @@ pub(crate) struct EchoArgs {
 #[command(after_help = "Examples:\n  \
     whirlstand run quadrotor --bench lab --duration 10min\n  \
     whirlstand watch lab\n  \
-    whirlstand watch lab --tui\n\n\
+    whirlstand watch lab --tui\n  \
+    whirlstand watch lab --launch lab.toml    # from another host\n\n\
     The page takes what `whirlstand inject` and `set` take, where the bench is open to it. Beyond this machine (--listen \
     0.0.0.0) its address has a token. It ends with the bench, or with Ctrl-C; in the terminal q leaves.")]
 pub(crate) struct WatchArgs {
-    /// Name of the bench, as `run` prints it.
-    pub bench: String,
+    #[command(flatten)]
+    pub bench: WhichBenchArgs,
     /// In the terminal instead of a browser.
     #[arg(long, conflicts_with = "listen")]
     pub tui: bool,

@@ -34,7 +34,7 @@ pub(crate) use files::{
 };
 pub(crate) use json::JsonArg;
 pub(crate) use keys::{KeysCommand, KeysNewArgs, KeysShowArgs};
-pub(crate) use live::{EchoArgs, InjectArgs, PlayArgs, SetArgs, WatchArgs};
+pub(crate) use live::{EchoArgs, InjectArgs, PlayArgs, SetArgs, WatchArgs, WhichBenchArgs};
 pub(crate) use machine::{BenchArgs, BenchCommand, DoctorArgs};
 pub(crate) use mirror::BenchMirrorArgs;
 pub(crate) use overrides::{ModeArg, OverrideArgs, TransportArg};

@@ -46,7 +46,7 @@ impl TransportArg {
 }
 
 /// What may be changed in a launch file without editing it.
-#[derive(Debug, Clone, Default, Args)]
+#[derive(Debug, Clone, PartialEq, Default, Args)]
 pub(crate) struct OverrideArgs {
     /// Who keeps the time.
     #[arg(long)]

@@ -6,7 +6,7 @@ use serde_json::json;
 use whirlstand_vehicle::Vehicle;
 
 use super::tell;
-use crate::cli::{InjectArgs, JsonArg, SetArgs};
+use crate::cli::{InjectArgs, JsonArg, SetArgs, WhichBenchArgs};
 use crate::error::Failure;
 use crate::live::{BenchCard, Told, Wanted, ask};
 
@@ -24,18 +24,18 @@ pub(crate) fn set(args: &SetArgs) -> Result<ExitCode, Failure> {
 }
 
 fn adjust(
-    bench: &str,
+    bench: &WhichBenchArgs,
     texts: &[String],
     json: &JsonArg,
     read: impl Fn(&str, &Vehicle) -> Result<Wanted, Failure>,
 ) -> Result<ExitCode, Failure> {
-    let card = BenchCard::of(bench)?;
+    let card = BenchCard::find(bench)?;
     let vehicle = card.vehicle()?;
     let wanted = texts.iter().map(|text| read(text, &vehicle)).collect::<Result<Vec<_>, _>>()?;
     let answers = ask(&card, &wanted)?;
     let told: Vec<_> = wanted.iter().zip(&answers).map(|(w, a)| Told::new(w, a, &vehicle)).collect();
     let all: Vec<_> = told.iter().map(Told::json).collect();
-    let value = json!({ "schema": "whirlstand.adjusted.v1", "bench": bench, "adjusted": all });
+    let value = json!({ "schema": "whirlstand.adjusted.v1", "bench": bench.name, "adjusted": all });
     tell(json, &value, || told.iter().map(Told::line).collect())?;
     let refused = told.iter().any(|t| t.refused.is_some());
     Ok(if refused { ExitCode::from(REFUSED) } else { ExitCode::SUCCESS })

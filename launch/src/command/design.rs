@@ -33,7 +33,7 @@ pub(crate) fn design(args: &DesignArgs) -> Result<ExitCode, Failure> {
             vehicle: &vehicle.name,
             design: &design,
             responses: &responses,
-            state_units: &vehicle.states.iter().map(|s| s.unit.si_symbol()).collect::<Vec<_>>(),
+            state_units: &vehicle.states.iter().map(|s| s.unit.shown()).collect::<Vec<_>>(),
             text: &style::plain(&design_text(&design)),
         };
         write(path, &design_report(&report).map_err(Failure::run)?)?;

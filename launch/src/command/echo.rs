@@ -11,7 +11,7 @@ use crate::live::{BenchCard, follow};
 
 /// Runs the command.
 pub(crate) fn echo(args: &EchoArgs) -> Result<ExitCode, Failure> {
-    let card = BenchCard::of(&args.bench)?;
+    let card = BenchCard::find(&args.bench)?;
     let vehicle = card.vehicle()?;
     let mut out: Box<dyn Write> = match &args.json.path {
         Some(path) if !args.json.is_printed() => {
@@ -40,7 +40,7 @@ pub(crate) fn echo(args: &EchoArgs) -> Result<ExitCode, Failure> {
     if left.is_some_and(|left| left > 0) && ended.signal.is_none() {
         return Err(Failure::Run(format!(
             "bench '{}' was over after {} messages on {}",
-            args.bench, ended.shown, args.topic
+            args.bench.name, ended.shown, args.topic
         )));
     }
     Ok(ExitCode::SUCCESS)

@@ -239,7 +239,9 @@ fn signal_text(signal: &SignalSummary) -> String {
 fn diff_text(diff: &Diff) -> String {
     let mut text = String::new();
     for topic in &diff.topics {
-        let verdict = if topic.set_aside {
+        let verdict = if topic.is_made_of_others {
+            style::dim("made of the others, not compared")
+        } else if topic.set_aside {
             style::dim("wall-clock, not compared")
         } else if topic.first.is_none() {
             style::good("same")

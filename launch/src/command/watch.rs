@@ -16,11 +16,12 @@ use crate::supervisor::Signals;
 
 /// Runs `whirlstand watch`.
 pub(crate) fn watch(args: &WatchArgs) -> Result<ExitCode, Failure> {
-    let card = BenchCard::of(&args.bench)?;
-    let over = format!("bench {} is over", args.bench);
+    let card = BenchCard::find(&args.bench)?;
+    let bench = &args.bench.name;
+    let over = format!("bench {bench} is over");
     if args.tui {
         let hub = Hub::default();
-        let look = Look::begin(&card, &args.bench, &hub, None)?;
+        let look = Look::begin(&card, bench, &hub, None)?;
         let mut terminal = Terminal::open(&hub).map_err(no_terminal)?;
         let left = Cell::new(false);
         let seen = look.until_over(
@@ -34,7 +35,7 @@ pub(crate) fn watch(args: &WatchArgs) -> Result<ExitCode, Failure> {
     }
     let addresses = LiveAddresses { page: Some(args.listen), foxglove: args.foxglove };
     let Some(page) = LivePage::open(addresses)? else { return Ok(ExitCode::SUCCESS) };
-    let look = page.begin(&card, &args.bench)?;
+    let look = page.begin(&card, bench)?;
     page.hand_over(&card);
     page.announce();
     let signals = Signals::take().map_err(|e| Failure::Run(format!("cannot handle signals: {e}")))?;

@@ -26,7 +26,6 @@ pub(super) fn all() -> Vec<Check> {
         isolation(&first_line("/sys/devices/system/cpu/isolated"), &usable_cpus()),
         smt(&first_line("/sys/devices/system/cpu/smt/active")),
         clocksource(&first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource")),
-        timer_slack(&first_line("/proc/self/timerslack_ns")),
         shared_memory(),
         virtualisation(&std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default()),
     ]
@@ -212,21 +211,6 @@ fn clocksource(source: &Option<String>) -> Check {
         }
         Some(other) => check("clock source", Grade::Warn, other, advice),
         None => check("clock source", Grade::Unknown, "not reported by this kernel", ""),
-    }
-}
-
-fn timer_slack(slack: &Option<String>) -> Check {
-    match slack.as_deref().and_then(|s| s.parse::<u64>().ok()) {
-        Some(ns) if ns <= 50_000 => {
-            check("timer slack", Grade::Ok, format!("{} us (none under SCHED_FIFO)", ns as f64 / 1e3), "")
-        }
-        Some(ns) => check(
-            "timer slack",
-            Grade::Warn,
-            format!("{} us", ns as f64 / 1e3),
-            "wakes of ordinary processes may come this late: lower it with prctl(PR_SET_TIMERSLACK) in the parent, or use SCHED_FIFO",
-        ),
-        None => check("timer slack", Grade::Unknown, "not reported by this kernel", ""),
     }
 }
 

@@ -1,6 +1,7 @@
 //! `[expect]`: what must hold at the end of a run, read and checked against the vehicle.
 
 use std::collections::BTreeMap;
+use whirlstand_msgs::units::ShownUnit;
 
 use whirlstand_evaluate::Expectation;
 use whirlstand_evaluate::expectation::{BENCH_LIMITS, signal_figures, strict_bridge_limits, strict_limits};
@@ -31,7 +32,7 @@ pub(super) fn read(
         if let Some((_, unit)) = BENCH_LIMITS.iter().find(|(known, _)| known == key) {
             let unit_of_limit = unit.parse().unwrap_or(Unit::ONE);
             let limit = limit(document, at!["expect", key], &unit_of_limit, key, |_| None)?;
-            all.push(Expectation { key: key.clone(), limit, unit: (*unit).into() });
+            all.push(Expectation { key: key.clone(), limit, unit: ShownUnit::si(unit) });
         } else if let Some(known) = signal_figures(vehicle, key) {
             let figures: BTreeMap<String, Amount> = document.read_at(at!["expect", key])?.unwrap_or_default();
             for figure in figures.keys() {
@@ -42,7 +43,7 @@ pub(super) fn read(
                 };
                 let name = format!("{key}.{figure}");
                 let limit = limit(document, here, &unit.unit, &name, |value| unit.two_readings(value))?;
-                all.push(Expectation { key: name, limit, unit: unit.unit.si_symbol() });
+                all.push(Expectation { key: name, limit, unit: unit.shown() });
             }
         } else {
             let signals = vehicle.outputs.iter().map(|o| o.name.as_str());
@@ -93,7 +94,7 @@ mod tests {
         let all =
             expectations("[expect]\nmax_lost = 0\nroll.peak = '10 deg'\nroll.recovery_s = 2\n").unwrap();
         let all = &all[strict_limits(false).len()..];
-        let found: Vec<_> = all.iter().map(|e| (e.key.as_str(), e.unit.as_str())).collect();
+        let found: Vec<_> = all.iter().map(|e| (e.key.as_str(), e.unit.si_symbol())).collect();
         assert_eq!(found, [("max_lost", ""), ("roll.peak", "rad"), ("roll.recovery_s", "s")]);
         assert!((all[1].limit - 10f64.to_radians()).abs() < 1e-15);
     }

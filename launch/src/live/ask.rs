@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use whirlstand_bus::Bus;
 use whirlstand_msgs::{Adjustment, AdjustmentVerdict};
 use whirlstand_nodes::ADJUST_TOPIC;
 
@@ -11,7 +12,7 @@ use crate::error::Failure;
 use crate::keys::GUEST;
 
 /// Longest wait for all answers.
-const PATIENCE: Duration = Duration::from_secs(10);
+pub(super) const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Time after which the bench is joined anew: over a network, nodes that were not there yet have addresses by then.
 const JOIN_AGAIN: Duration = Duration::from_secs(2);
@@ -27,13 +28,7 @@ const DEPTH: usize = 64;
 /// # Errors
 /// When the bench takes nothing of the kind, cannot be joined, or does not answer.
 pub(crate) fn ask(card: &BenchCard, wanted: &[Wanted]) -> Result<Vec<Adjustment>, Failure> {
-    for one in wanted {
-        let closed = if one.is_for_the_plant() { &card.plant_closed } else { &card.controller_closed };
-        if let Some(why) = closed {
-            let what = if one.is_for_the_plant() { "gust or engine" } else { "setpoint or gain" };
-            return Err(Failure::Mend(format!("bench '{}' takes no {what} from outside: {why}", card.bench)));
-        }
-    }
+    wanted.iter().try_for_each(|one| is_open(card, one))?;
     let requests: Vec<_> = wanted.iter().map(Wanted::request).collect();
     let mut answers = vec![None; requests.len()];
     let until = Instant::now() + PATIENCE;
@@ -41,13 +36,27 @@ pub(crate) fn ask(card: &BenchCard, wanted: &[Wanted]) -> Result<Vec<Adjustment>
         converse(card, &requests, &mut answers, until.min(Instant::now() + JOIN_AGAIN))?;
     }
     let heard: Option<Vec<_>> = answers.into_iter().collect();
-    heard.ok_or_else(|| {
-        Failure::Run(format!(
-            "bench '{}' did not answer within {} s: its loop stands still, or the node that would answer is not there",
-            card.bench,
-            PATIENCE.as_secs()
-        ))
-    })
+    heard.ok_or_else(|| no_answer(card))
+}
+
+/// Nobody has answered.
+pub(super) fn no_answer(card: &BenchCard) -> Failure {
+    Failure::Run(format!(
+        "bench '{}' did not answer within {} s: its loop stands still, or the node that would answer is not there",
+        card.bench,
+        PATIENCE.as_secs()
+    ))
+}
+
+/// Whether a bench takes a change from outside.
+///
+/// # Errors
+/// Why it does not.
+pub(super) fn is_open(card: &BenchCard, one: &Wanted) -> Result<(), Failure> {
+    let closed = if one.is_for_the_plant() { &card.plant_closed } else { &card.controller_closed };
+    let Some(why) = closed else { return Ok(()) };
+    let what = if one.is_for_the_plant() { "gust or engine" } else { "setpoint, gain or stick" };
+    Err(Failure::Mend(format!("bench '{}' takes no {what} from outside: {why}", card.bench)))
 }
 
 /// Sends what is not answered yet, again and again, until all is answered or the time is over.
@@ -57,7 +66,19 @@ fn converse(
     answers: &mut [Option<Adjustment>],
     until: Instant,
 ) -> Result<(), Failure> {
-    let bus = card.join(GUEST)?;
+    converse_over(&card.join(GUEST)?, requests, answers, until)
+}
+
+/// The same on a bus that was joined.
+///
+/// # Errors
+/// When the transport fails.
+pub(super) fn converse_over(
+    bus: &Bus,
+    requests: &[Adjustment],
+    answers: &mut [Option<Adjustment>],
+    until: Instant,
+) -> Result<(), Failure> {
     let mut heard = bus.subscriber::<Adjustment>(DEPTH).map_err(Failure::mend)?;
     let mut publisher = bus.publisher_on::<Adjustment>(ADJUST_TOPIC).map_err(Failure::mend)?;
     while answers.contains(&None) && Instant::now() < until {

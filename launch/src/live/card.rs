@@ -8,9 +8,11 @@ use whirlstand_live::SwitchedEffect;
 use whirlstand_nodes::config::{Engine, Mode, Role, VehicleSource};
 use whirlstand_vehicle::Vehicle;
 
+use super::remote::Remote;
+use crate::cli::{OverrideArgs, WhichBenchArgs};
 use crate::error::Failure;
 use crate::exclusive::{running_benches, sockets_of};
-use crate::file::{Plan, unknown};
+use crate::file::{Plan, jobs, unknown};
 use crate::keys::{configuration, write_private};
 
 const FILE: &str = "bench.json";
@@ -42,6 +44,9 @@ pub(crate) struct BenchCard {
     /// The bench is run by this process, which can look into its own.
     #[serde(skip)]
     pub is_own: bool,
+    /// How it is joined, when it runs on another host.
+    #[serde(skip)]
+    pub remote: Option<Remote>,
 }
 
 impl BenchCard {
@@ -80,7 +85,41 @@ impl BenchCard {
                 "controller.pilot",
             ),
             is_own: false,
+            remote: None,
         }
+    }
+
+    /// The card of the bench that the user means.
+    ///
+    /// # Errors
+    /// As [`BenchCard::of`] and [`BenchCard::elsewhere`].
+    pub fn find(which: &WhichBenchArgs) -> Result<Self, Failure> {
+        match &which.launch {
+            Some(launch) => Self::elsewhere(&which.name, launch, &which.overrides, &which.connect),
+            None if which.overrides != OverrideArgs::default() => Err(Failure::Mend(
+                "what changes a launch file needs --launch, of a bench on another host".into(),
+            )),
+            None => Self::of(&which.name),
+        }
+    }
+
+    /// The card of a bench on another host, from the launch file that it flies there; `connect` are endpoints of nodes that are
+    /// not in it.
+    ///
+    /// # Errors
+    /// When the file cannot be read, and for a bench that is not reached from another host.
+    fn elsewhere(
+        bench: &str,
+        launch: &str,
+        overrides: &OverrideArgs,
+        connect: &[String],
+    ) -> Result<Self, Failure> {
+        let run = jobs(launch, overrides, false)?.runs.into_iter().next();
+        let mut plan = run.ok_or_else(|| Failure::Run("the launch file has no run".into()))?.plan;
+        plan.config.bench = bench.into();
+        let mut card = Self::new(&plan, bench);
+        card.remote = Some(Remote::new(&plan, connect)?);
+        Ok(card)
     }
 
     /// Leaves the card in the folder of a bench's sockets, with which it goes.
@@ -97,7 +136,7 @@ impl BenchCard {
     ///
     /// # Errors
     /// When no such bench runs.
-    pub fn of(bench: &str) -> Result<Self, Failure> {
+    fn of(bench: &str) -> Result<Self, Failure> {
         let absent = || {
             let running = running_benches().unwrap_or_default();
             let hint = match running.is_empty() {
@@ -115,7 +154,8 @@ impl BenchCard {
 
     /// Whether the bench is over.
     pub fn is_over(&self) -> bool {
-        !matches!(sockets_of(&self.bench), Ok(Some(_)))
+        // Of one on another host only its plant can say so.
+        self.remote.is_none() && !matches!(sockets_of(&self.bench), Ok(Some(_)))
     }
 
     /// The vehicle.
@@ -139,8 +179,12 @@ impl BenchCard {
             )));
         }
         let mut config = BusConfig::new(&self.bench, member, self.transport);
-        if self.transport == Transport::Zenoh {
-            config.zenoh.config = Some(configuration(&self.bench, member)?);
+        match &self.remote {
+            Some(remote) => remote.fill(member, &mut config)?,
+            None if self.transport == Transport::Zenoh => {
+                config.zenoh.config = Some(configuration(&self.bench, member)?);
+            }
+            None => {}
         }
         // Whoever looks on does not take the processor from those who fly.
         config.wait = WaitStrategy::realtime();
@@ -149,15 +193,15 @@ impl BenchCard {
 
     /// How a member finds the others: over a network it changes as nodes come and go.
     pub fn addresses(&self, member: &str) -> Option<String> {
-        let path =
-            (self.transport == Transport::Zenoh).then(|| configuration(&self.bench, member).ok()).flatten();
+        let changes = self.transport == Transport::Zenoh && self.remote.is_none();
+        let path = changes.then(|| configuration(&self.bench, member).ok()).flatten();
         path.and_then(|path| std::fs::read_to_string(path).ok())
     }
 
     /// "bench lab over iceoryx2 takes ...", for whoever starts it.
     pub fn line(&self) -> String {
         let plant = ("gusts, engine", "inject, adjust", &self.plant_closed);
-        let controller = ("setpoints, gain", "pilot, adjust", &self.controller_closed);
+        let controller = ("setpoints, gain, stick", "pilot, adjust, stick", &self.controller_closed);
         let (open, closed): (Vec<_>, Vec<_>) =
             [plant, controller].into_iter().partition(|(_, _, closed)| closed.is_none());
         let open: Vec<_> = open.iter().map(|(what, topics, _)| format!("{what} (topics {topics})")).collect();
@@ -175,8 +219,7 @@ impl BenchCard {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::OverrideArgs;
-    use crate::file::jobs;
+    use crate::keys::OBSERVER;
 
     fn card(launch: &str, set: &[&str]) -> BenchCard {
         let set = set.iter().map(|s| s.to_string()).collect();
@@ -189,13 +232,14 @@ mod tests {
         let closed = card("quadrotor", &[]);
         assert_eq!(
             closed.line(),
-            "bench lab over iceoryx2 takes nothing from outside (gusts, engine: --set plant.inject=true; setpoints, gain: \
-             --set controller.pilot=true)"
+            "bench lab over iceoryx2 takes nothing from outside (gusts, engine: --set plant.inject=true; setpoints, gain, \
+             stick: --set controller.pilot=true)"
         );
         let open = card("quadrotor", &["plant.inject=true", "controller.pilot=true"]);
         assert_eq!(
             open.line(),
-            "bench lab over iceoryx2 takes gusts, engine (topics inject, adjust) and setpoints, gain (topics pilot, adjust)"
+            "bench lab over iceoryx2 takes gusts, engine (topics inject, adjust) and setpoints, gain, stick (topics pilot, \
+             adjust, stick)"
         );
         let px4 = card("quadrotor-px4", &["plant.inject=true", "controller.pilot=true"]);
         assert_eq!(px4.controller_closed.as_deref(), Some("an autopilot flies it"));
@@ -209,5 +253,33 @@ mod tests {
     fn a_bench_that_does_not_run_is_told_and_changes_nothing() {
         let error = BenchCard::of("no-such-bench-runs-here").unwrap_err().to_string();
         assert!(error.starts_with("no bench 'no-such-bench-runs-here' of yours runs here"), "{error}");
+    }
+
+    fn refused(set: &[&str], connect: &[&str]) -> String {
+        let overrides =
+            OverrideArgs { set: set.iter().map(|s| s.to_string()).collect(), ..Default::default() };
+        let connect: Vec<_> = connect.iter().map(|s| s.to_string()).collect();
+        BenchCard::elsewhere("lab", "quadrotor", &overrides, &connect).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_missing_to_reach_a_bench_elsewhere_is_told() {
+        assert!(refused(&[], &["tcp/192.0.2.1:7447"]).contains("needs transport = \"zenoh\""));
+        let zenoh = "transport=zenoh";
+        assert!(refused(&[zenoh], &["tcp/192.0.2.1:7447"]).contains("mode = \"tls\" with keys"));
+        assert!(refused(&[zenoh, "security.mode=open"], &[]).contains("--connect ENDPOINT"));
+        let keys = ["transport=zenoh", "security.mode=tls", "security.keys=/no/such/keys"];
+        assert!(refused(&keys, &["tls/192.0.2.1:7447"]).contains("observer.pem"));
+    }
+
+    #[test]
+    fn the_launch_file_says_where_the_nodes_are() {
+        let set = ["transport=zenoh", "security.mode=open", "nodes.plant.listen=[\"tcp/192.0.2.1:7447\"]"];
+        let overrides = OverrideArgs { set: set.map(String::from).into(), ..Default::default() };
+        let more = ["tcp/192.0.2.1:7448".to_string()];
+        let card = BenchCard::elsewhere("lab", "quadrotor", &overrides, &more).unwrap();
+        let mut config = BusConfig::new("lab", OBSERVER, Transport::Zenoh);
+        card.remote.unwrap().fill(OBSERVER, &mut config).unwrap();
+        assert_eq!(config.zenoh.connect, ["tcp/192.0.2.1:7447", "tcp/192.0.2.1:7448"]);
     }
 }

@@ -3,12 +3,13 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use whirlstand_bus::{Bus, MAX_DEPTH, RecvError};
+use whirlstand_bus::{Bus, MAX_DEPTH, RecvError, Subscriber};
 use whirlstand_msgs::{
-    Adjustment, Autopilot, Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress,
-    Sent, Setpoint, Truth,
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, Message, NodeState,
+    Odometry, Outputs, Progress, Sent, Setpoint, Stick, Truth,
 };
 use whirlstand_nodes::ADJUST_TOPIC;
+use whirlstand_nodes::config::Role;
 use whirlstand_nodes::controller::PILOT_TOPIC;
 use whirlstand_nodes::plant::INJECT_TOPIC;
 
@@ -67,12 +68,14 @@ pub(crate) fn follow(
         Sent::TOPIC => Sent,
         Autopilot::TOPIC => Autopilot,
         Disturbance::TOPIC => Disturbance,
+        Finding::TOPIC => Finding,
         Health::TOPIC => Health,
         Progress::TOPIC => Progress,
         Adjustment::TOPIC => Adjustment,
         INJECT_TOPIC => Disturbance,
         PILOT_TOPIC => Setpoint,
         ADJUST_TOPIC => Adjustment,
+        Stick::TOPIC => Stick,
     )
 }
 
@@ -104,6 +107,7 @@ fn listen<M: Message>(
     show: &mut impl FnMut(&Shown<'_>) -> Result<ControlFlow<()>, Failure>,
 ) -> Result<ControlFlow<()>, Failure> {
     let mut messages = bus.subscriber_on::<M>(topic, MAX_DEPTH).map_err(Failure::mend)?;
+    let mut end = End::new(bus, card)?;
     loop {
         let mut message = None;
         bus.wait_until(Instant::now() + LOOK, || {
@@ -123,9 +127,29 @@ fn listen<M: Message>(
                     return Ok(ControlFlow::Break(()));
                 }
             }
-            None if card.is_over() => return Ok(ControlFlow::Break(())),
+            None if end.has_come(card)? => return Ok(ControlFlow::Break(())),
             None if follow.shown == 0 && Instant::now() >= patience => return Ok(ControlFlow::Continue(())),
             None => {}
         }
+    }
+}
+
+/// How the end of a bench is noticed: on this machine its sockets go, of one on another host only its plant says so.
+struct End(Option<Subscriber<Health>>);
+
+impl End {
+    fn new(bus: &Bus, card: &BenchCard) -> Result<Self, Failure> {
+        let health = card.remote.is_some().then(|| bus.subscriber(MAX_DEPTH)).transpose();
+        health.map(Self).map_err(Failure::mend)
+    }
+
+    fn has_come(&mut self, card: &BenchCard) -> Result<bool, Failure> {
+        let Self(Some(health)) = self else { return Ok(card.is_over()) };
+        while let Some(said) = health.try_recv().map_err(Failure::run)? {
+            if said.node_name() == Role::Plant.name() && said.state == NodeState::Stopping as u32 {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 }

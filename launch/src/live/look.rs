@@ -14,6 +14,13 @@ const CHECK: Duration = Duration::from_millis(250);
 /// Time between two attempts to join a bench that is about to begin.
 const JOIN_AGAIN: Duration = Duration::from_millis(50);
 
+/// Time after which a bench on another host is joined anew when not all of its nodes have been heard, and twice that each time
+/// again: a link that breaks while it is made is not always made once more.
+const NOT_HEARD: Duration = Duration::from_secs(2);
+
+/// The longest of these times: a node may be missing for good.
+const NOT_HEARD_LONGEST: Duration = Duration::from_secs(64);
+
 /// Why looking ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Seen {
@@ -57,9 +64,10 @@ impl Look {
         };
         let mut scene = Scene::new(title, &subtitle, card.period_ns, &vehicle, controls);
         scene.effects = card.effects.clone();
-        let collector = Collector::new(scene, &vehicle, true).with_engine(card.engine.into());
+        let collector =
+            Collector::new(scene, &vehicle, card.remote.is_none()).with_engine(card.engine.into());
         collector.greet(hub);
-        let foxglove = foxglove.map(|served| served.begin(&vehicle, card.period_ns as f64 * 1e-9));
+        let foxglove = foxglove.map(|served| served.begin(&vehicle, card.period_ns));
         let foxglove = foxglove.transpose().map_err(Failure::run)?;
         Ok(Self { card: card.clone(), collector, hub: hub.clone(), foxglove })
     }
@@ -76,6 +84,8 @@ impl Look {
         mut pause: impl FnMut(Instant),
     ) -> Result<Seen, Failure> {
         let Self { card, mut collector, hub, foxglove } = self;
+        let nodes = card.remote.as_ref().map_or(&[][..], |remote| &remote.nodes);
+        let mut patience = NOT_HEARD;
         loop {
             if is_told_to_end() {
                 return Ok(Seen::Told);
@@ -93,6 +103,7 @@ impl Look {
             let feed = BusFeed::open(bus, collector, hub.clone(), foxglove.clone());
             let mut feed = feed.map_err(Failure::mend)?;
             let mut check = Instant::now() + CHECK;
+            let hears_by = Instant::now() + patience;
             loop {
                 let now = Instant::now();
                 let next = feed.turn(now).map_err(Failure::run)?;
@@ -102,11 +113,15 @@ impl Look {
                 }
                 if now >= check {
                     check = now + CHECK;
-                    if card.is_over() {
+                    if card.is_over() || card.remote.is_some() && feed.plant_has_stopped() {
                         feed.leave();
                         return Ok(Seen::Over);
                     }
                     if card.addresses(OBSERVER) != addresses {
+                        break;
+                    }
+                    if now >= hears_by && !feed.has_heard(nodes) {
+                        patience = NOT_HEARD_LONGEST.min(2 * patience);
                         break;
                     }
                 }

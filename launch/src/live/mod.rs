@@ -3,8 +3,10 @@
 mod ask;
 mod card;
 mod follow;
+mod hand;
 mod look;
 mod page;
+mod remote;
 mod shown;
 mod told;
 mod wanted;

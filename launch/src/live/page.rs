@@ -1,14 +1,18 @@
 //! The live page of a run, and the same for Foxglove, in the launcher's process: the loop is in others, or in a thread that does not know of it.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
 use whirlstand_live::{Address, Answer, Control, Foxglove, Hub, Server};
+use whirlstand_msgs::MAX_INPUTS;
+use whirlstand_vehicle::Vehicle;
 
 use super::ask::ask;
 use super::card::BenchCard;
+use super::hand::Hands;
 use super::look::Look;
 use super::told::Told;
 use super::wanted::Wanted;
@@ -53,10 +57,10 @@ impl LivePage {
         let hub = Hub::default();
         let shown = Arc::<Mutex<Option<BenchCard>>>::default();
         let act = {
-            let shown = shown.clone();
+            let (shown, hands) = (shown.clone(), Arc::<Hands>::default());
             move |control: &Control| {
                 let card = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                card.map_or_else(|| Err("no bench runs".into()), |card| act(&card, control))
+                card.map_or_else(|| Err("no bench runs".into()), |card| act(&card, &hands, control))
             }
         };
         let server = addresses.page.map(|address| Server::start(address, hub.clone(), act.clone()));
@@ -128,7 +132,7 @@ impl Drop for Looker {
 }
 
 /// Does what a viewer asks for.
-fn act(card: &BenchCard, control: &Control) -> Answer {
+fn act(card: &BenchCard, hands: &Hands, control: &Control) -> Answer {
     let text = |e: Failure| e.to_string();
     let vehicle = card.vehicle().map_err(text)?;
     let wanted = match control {
@@ -137,6 +141,12 @@ fn act(card: &BenchCard, control: &Control) -> Answer {
         }
         Control::Inject { what, for_s } => Wanted::gust(what, *for_s, &vehicle).map_err(text)?,
         Control::Set { what } => Wanted::setting(what, &vehicle).map_err(text)?,
+        Control::Take { hand } => return hands.take(card, &vehicle, *hand),
+        Control::Stick { hand, at } => return hands.say(*hand, deflected(&vehicle, at)?),
+        Control::Give { hand } => {
+            hands.give(*hand);
+            Wanted::Stick(None)
+        }
         Control::Stop {} => Wanted::Stop,
         Control::Play { .. } => return Err("only a finished log is played".into()),
     };
@@ -144,4 +154,44 @@ fn act(card: &BenchCard, control: &Control) -> Answer {
     let told = answers.first().map(|answer| Told::new(&wanted, answer, &vehicle));
     let told = told.ok_or("the bench gave no answer")?;
     if told.refused.is_some() { Err(told.sentence()) } else { Ok(told.sentence()) }
+}
+
+/// The inputs at which a stick stands: between neutral and the limits of each.
+fn deflected(vehicle: &Vehicle, at: &BTreeMap<String, f64>) -> Result<[f64; MAX_INPUTS], String> {
+    let mut u = [0.0; MAX_INPUTS];
+    for (u, input) in u.iter_mut().zip(&vehicle.inputs) {
+        *u = input.neutral();
+    }
+    for (name, share) in at {
+        let index = vehicle.inputs.iter().position(|input| input.name == *name);
+        let index =
+            index.filter(|i| *i < MAX_INPUTS).ok_or_else(|| format!("the vehicle has no input '{name}'"))?;
+        let input = &vehicle.inputs[index];
+        if !(-1.0..=1.0).contains(share) {
+            return Err(format!("the stick on {name} goes from -1 to 1, not to {share}"));
+        }
+        let end = if *share < 0.0 { input.lower } else { input.upper };
+        if !end.is_finite() {
+            return Err(format!("{name} has no limit in the vehicle file, and so no stick"));
+        }
+        u[index] = input.neutral() + share.abs() * (end - input.neutral());
+    }
+    Ok(u)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stick_goes_to_the_limits_and_not_beyond() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let (name, upper) = (vehicle.inputs[1].name.clone(), vehicle.inputs[1].upper);
+        let at = |share: f64| deflected(&vehicle, &BTreeMap::from([(name.clone(), share)]));
+        assert_eq!(at(0.5).unwrap()[..2], [vehicle.inputs[0].neutral(), 0.5 * upper]);
+        assert_eq!(at(-1.0).unwrap()[1], vehicle.inputs[1].lower);
+        assert!(at(1.01).unwrap_err().contains("-1 to 1") && at(f64::NAN).is_err());
+        let unknown = deflected(&vehicle, &BTreeMap::from([("u_wings".into(), 0.0)]));
+        assert!(unknown.unwrap_err().contains("no input 'u_wings'"));
+    }
 }

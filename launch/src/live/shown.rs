@@ -1,9 +1,9 @@
 //! A message as a line of text, with the names and units of the vehicle, or as JSON.
 
 use serde_json::{Value, json};
-use whirlstand_logs::shown::shown;
+use whirlstand_msgs::units::ShownUnit;
 use whirlstand_msgs::{Field, Message};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{SignalUnit, Vehicle};
 
 /// A message of any type.
 pub(crate) struct Shown<'m> {
@@ -52,7 +52,7 @@ impl<'m> Shown<'m> {
         let at = |i: usize| field.offset + i * if field.kind == "u32" { 4 } else { 8 };
         match (field.name, field.kind, field.count) {
             ("reserved" | "count" | "states" | "inputs" | "id", _, _) | (_, "u8", _) => {}
-            (name, "f64", 1) => say(name, shown(self.f64_at(at(0)), &unit_of(name, vehicle))),
+            (name, "f64", 1) => say(name, unit_of(name, vehicle).text(self.f64_at(at(0)))),
             (name, "u64", 1) => say(name, self.u64_at(at(0)).to_string()),
             (name, "u32", 1) => say(name, self.u32_at(at(0)).to_string()),
             (name, "f64", count) => {
@@ -61,7 +61,7 @@ impl<'m> Shown<'m> {
                         "x" | "u" | "y" => signal,
                         prefix => format!("{prefix}.{signal}"),
                     };
-                    say(&name, shown(self.f64_at(at(i)), &unit));
+                    say(&name, unit.text(self.f64_at(at(i))));
                 }
             }
             // Histograms are for programs.
@@ -82,23 +82,22 @@ impl<'m> Shown<'m> {
     }
 }
 
-/// The SI unit of a scalar field, if it bears the name of an output.
-fn unit_of(name: &str, vehicle: &Vehicle) -> String {
+/// The unit of a scalar field, if it bears the name of an output.
+fn unit_of(name: &str, vehicle: &Vehicle) -> ShownUnit {
     let output = vehicle.outputs.iter().find(|o| o.name == name);
-    output.map_or(String::new(), |o| o.unit.unit().si_symbol())
+    output.map_or_else(ShownUnit::default, |o| o.unit.shown())
 }
 
-/// Names and SI units of the elements of an array.
-fn signals_of(name: &str, vehicle: &Vehicle) -> Vec<(String, String)> {
-    let states = |more: &str| {
-        let unit = |unit: String| if unit.is_empty() { String::new() } else { format!("{unit}{more}") };
-        vehicle.states.iter().map(|s| (s.name.clone(), unit(s.unit.unit().si_symbol()))).collect()
+/// Names and units of the elements of an array.
+fn signals_of(name: &str, vehicle: &Vehicle) -> Vec<(String, ShownUnit)> {
+    let states = |unit: fn(&SignalUnit) -> ShownUnit| {
+        vehicle.states.iter().map(|s| (s.name.clone(), unit(&s.unit))).collect()
     };
     match name {
-        "x" | "std" => states(""),
-        "dx" => states("/s"),
-        "u" | "stick" => vehicle.inputs.iter().map(|i| (i.name.clone(), i.unit.unit().si_symbol())).collect(),
-        "y" => vehicle.outputs.iter().map(|o| (o.name.clone(), o.unit.unit().si_symbol())).collect(),
+        "x" | "std" => states(SignalUnit::shown),
+        "dx" => states(|unit| unit.shown().per_second()),
+        "u" | "stick" => vehicle.inputs.iter().map(|i| (i.name.clone(), i.unit.shown())).collect(),
+        "y" => vehicle.outputs.iter().map(|o| (o.name.clone(), o.unit.shown())).collect(),
         "bias" => ["roll", "pitch", "roll_rate", "pitch_rate"]
             .map(|name| (name.to_string(), unit_of(name, vehicle)))
             .into(),

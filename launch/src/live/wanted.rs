@@ -43,6 +43,8 @@ pub(crate) enum Wanted {
     Gain(f64),
     /// The end of the run, in order.
     Stop,
+    /// The stick is taken over under this number, or given back.
+    Stick(Option<u64>),
     /// An effect that has a window acts from now on, or does not.
     Effect {
         /// Its index among the vehicle's and the launch file's.
@@ -124,6 +126,11 @@ impl Wanted {
                 AdjustmentKind::Gain
             }
             Self::Stop => AdjustmentKind::Stop,
+            Self::Stick(hand) => {
+                request.value = f64::from(u8::from(hand.is_some()));
+                request.id = hand.unwrap_or(request.id);
+                AdjustmentKind::Stick
+            }
             Self::Effect { effect, on } => {
                 (request.index, request.value) = (effect as u32, f64::from(u8::from(on)));
                 AdjustmentKind::Effect
@@ -135,7 +142,7 @@ impl Wanted {
 
     /// Whether it is the plant's business; all else is the controller's.
     pub fn is_for_the_plant(&self) -> bool {
-        !matches!(self, Self::Setpoint { .. } | Self::Gain(_))
+        !matches!(self, Self::Setpoint { .. } | Self::Gain(_) | Self::Stick(_))
     }
 
     /// Key of the launch file that opens the bench to it.
@@ -143,13 +150,13 @@ impl Wanted {
         if self.is_for_the_plant() { "plant.inject" } else { "controller.pilot" }
     }
 
-    /// As text, angles in degrees.
+    /// As text, in the units of the vehicle file.
     pub fn text(&self, vehicle: &Vehicle) -> String {
         match *self {
             Self::Gust { state, size, length_s } => {
                 let described = &vehicle.states[state];
-                let unit = per_second(described.unit.unit()).si_symbol();
-                format!("gust on {}: {} for {}", described.name, shown(size, &unit), shown(length_s, "s"))
+                let unit = described.unit.shown().per_second();
+                format!("gust on {}: {} for {}", described.name, unit.text(size), shown(length_s, "s"))
             }
             Self::Engine(engine) => {
                 let name = ENGINES.iter().find(|(_, e)| *e == engine).map_or("", |(name, _)| name);
@@ -157,14 +164,12 @@ impl Wanted {
             }
             Self::Setpoint { state, value } => {
                 let described = &vehicle.states[state];
-                format!(
-                    "setpoint of {}: {}",
-                    described.name,
-                    shown(value, &described.unit.unit().si_symbol())
-                )
+                format!("setpoint of {}: {}", described.name, described.unit.shown().text(value))
             }
             Self::Gain(factor) => format!("gain {factor}"),
             Self::Stop => "end of the run".into(),
+            Self::Stick(Some(_)) => "the stick is yours".into(),
+            Self::Stick(None) => "the law flies".into(),
             Self::Effect { effect, on } => {
                 format!("effect {} {}", effect + 1, if on { "on" } else { "off" })
             }

@@ -6,7 +6,6 @@ use std::path::Path;
 use whirlstand_evaluate::RunSummary;
 use whirlstand_evaluate::expectation::CheckedExpectation;
 use whirlstand_evaluate::summary::FindingEvent;
-use whirlstand_logs::shown::shown;
 use whirlstand_nodes::config::Mode;
 
 use super::summarised::Summarised;
@@ -135,8 +134,8 @@ fn response(figures: &RunSummary, at_s: f64) -> String {
     moved.truncate(MOST_OUTPUTS);
     moved.sort_by_key(|(name, _, _)| name.as_str());
     let texts = moved.iter().map(|(name, o, d)| match d.recovery_s {
-        Some(back) => format!("{name} by {}, recovered in {back:.2} s", shown(d.peak, &o.unit)),
-        None => format!("{name} by {}, not recovered", shown(d.peak, &o.unit)),
+        Some(back) => format!("{name} by {}, recovered in {back:.2} s", o.unit.text(d.peak)),
+        None => format!("{name} by {}, not recovered", o.unit.text(d.peak)),
     });
     texts.collect::<Vec<_>>().join("; ")
 }

@@ -65,12 +65,13 @@ mod tests {
     use std::collections::BTreeMap;
 
     use whirlstand_diagnose::answer::{Estimate, Evidence, ParameterPlace};
+    use whirlstand_msgs::units::ShownUnit;
 
     use super::*;
 
     fn cause(effect: &str, parameter: &str, value: f64, half: f64) -> Cause {
         let (low, high) = (value - half, value + half);
-        let estimate = Estimate { value, low, high, unit: String::new() };
+        let estimate = Estimate { value, low, high, unit: ShownUnit::default() };
         Cause {
             effect: effect.into(),
             place: "u_roll".into(),

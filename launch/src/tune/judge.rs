@@ -1,9 +1,10 @@
 //! What the flights of both laws say.
 
 use std::collections::BTreeMap;
+use whirlstand_msgs::units::ShownUnit;
 
 use serde::Serialize;
-use whirlstand_campaign::Proportion;
+use whirlstand_campaign::{Proportion, more_often_in_pairs};
 use whirlstand_control::SampledPlant;
 use whirlstand_evaluate::expectation::{check, signal_figures};
 use whirlstand_evaluate::{Expectation, Figure, Flight, RunSummary};
@@ -126,7 +127,7 @@ pub(crate) struct LawFigures {
     /// Figures under the keys of `[expect]`, SI, over the draws that have them.
     pub figures: BTreeMap<String, Spread>,
     /// SI units of these.
-    pub units: BTreeMap<String, String>,
+    pub units: BTreeMap<String, ShownUnit>,
 }
 
 impl LawFigures {
@@ -148,7 +149,7 @@ impl LawFigures {
 }
 
 /// SI unit of every figure of a signal, by its key.
-fn units(vehicle: &Vehicle) -> BTreeMap<String, String> {
+fn units(vehicle: &Vehicle) -> BTreeMap<String, ShownUnit> {
     let names = vehicle.outputs.iter().map(|o| &o.name).chain(vehicle.inputs.iter().map(|i| &i.name));
     let told = |f: &str| OUTPUT_FIGURES.contains(&f) || INPUT_FIGURES.contains(&f);
     names
@@ -157,7 +158,7 @@ fn units(vehicle: &Vehicle) -> BTreeMap<String, String> {
             figures
                 .into_iter()
                 .filter(|(f, _)| told(f))
-                .map(|(f, unit)| (format!("{name}.{f}"), unit.unit.si_symbol()))
+                .map(|(f, unit)| (format!("{name}.{f}"), unit.shown()))
                 .collect::<Vec<_>>()
         })
         .collect()
@@ -207,6 +208,10 @@ pub(super) fn compare(old: &[Judged], new: &[Judged]) -> Gain {
     let (lost_old, lost_new) = (count_of(old, &|j| j.lost), count_of(new, &|j| j.lost));
     let (violated_old, violated_new) = (count_of(old, &|j| j.violates), count_of(new, &|j| j.violates));
     let saves = lost_new < lost_old;
+    let broken_alone = |a: &[Judged], b: &[Judged]| {
+        a.iter().zip(b).filter(|(a, b)| a.violates && !b.violates).count() as u64
+    };
+    let keeps = more_often_in_pairs(broken_alone(old, new), broken_alone(new, old));
     let cheaper = known.is_some_and(|(mean, half)| mean + half < 0.0) && better > BETTER_SHARE;
     let why = if lost_new > lost_old {
         format!("the new law loses the vehicle on {lost_new} draws, the old one on {lost_old}")
@@ -214,17 +219,19 @@ pub(super) fn compare(old: &[Judged], new: &[Judged]) -> Gain {
         format!("the new law breaks an expectation on {violated_new} draws, the old one on {violated_old}")
     } else if saves {
         format!("the old law loses the vehicle on {lost_old} draws, the new one on {lost_new}")
+    } else if keeps {
+        format!("the old law breaks an expectation on {violated_old} draws, the new one on {violated_new}")
     } else if cheaper {
         format!("the new law costs less on {:.0} % of the draws", 100.0 * better)
     } else {
-        "the cost of the new law is not certainly lower than that of the old one".into()
+        "the new law neither breaks an expectation on certainly fewer draws nor certainly costs less".into()
     };
     Gain {
         cost_ratio: known.map(|(mean, _)| mean.exp()),
         cost_ratio_low: known.map(|(mean, half)| (mean - half).exp()),
         cost_ratio_high: known.map(|(mean, half)| (mean + half).exp()),
         better_share: better,
-        certain: lost_new <= lost_old && violated_new <= violated_old && (saves || cheaper),
+        certain: lost_new <= lost_old && violated_new <= violated_old && (saves || keeps || cheaper),
         why,
     }
 }
@@ -244,12 +251,30 @@ mod tests {
         let better = compare(&old, &all(&[0.5, 0.6, 0.45, 0.5]));
         assert!(better.certain && better.cost_ratio_high.unwrap() < 0.6, "{better:?}");
         let mixed = compare(&old, &all(&[0.5, 2.0, 0.4, 1.9]));
-        assert!(!mixed.certain && mixed.why.contains("not certainly lower"), "{mixed:?}");
+        assert!(!mixed.certain && mixed.why.contains("nor certainly costs less"), "{mixed:?}");
         let fatal = compare(&old, &all(&[0.1, 0.1, 0.1, f64::INFINITY]));
         assert!(!fatal.certain && fatal.why.contains("loses the vehicle on 1 draws"), "{fatal:?}");
         let saved = compare(&all(&[f64::INFINITY; 4]), &old);
         assert!(saved.certain && saved.cost_ratio.is_none(), "{saved:?}");
         let same = compare(&old, &old);
         assert!(!same.certain, "{same:?}");
+    }
+
+    /// `[expect]` is what its author wants; the cost is a measure that knows nothing of that.
+    #[test]
+    fn fewer_broken_expectations_are_a_gain_whatever_they_cost() {
+        let breaking = |count: usize, cost: f64| -> Vec<Judged> {
+            (0..40).map(|k| Judged { violates: k < count, ..flown(cost) }).collect()
+        };
+        let kept = compare(&breaking(10, 1.0), &breaking(2, 1.2));
+        assert!(kept.certain && kept.cost_ratio.unwrap() > 1.1, "{kept:?}");
+        assert_eq!(kept.why, "the old law breaks an expectation on 10 draws, the new one on 2");
+        let chance = compare(&breaking(10, 1.0), &breaking(7, 1.2));
+        assert!(
+            !chance.certain && chance.why.contains("neither breaks an expectation on certainly fewer"),
+            "{chance:?}"
+        );
+        let more = compare(&breaking(2, 1.0), &breaking(10, 0.1));
+        assert!(!more.certain && more.why.contains("the new law breaks an expectation on 10"), "{more:?}");
     }
 }

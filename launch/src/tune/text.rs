@@ -4,6 +4,7 @@ use whirlstand_campaign::Proportion;
 use whirlstand_control::design::LoopFigures;
 use whirlstand_logs::shown::{number, shown};
 use whirlstand_logs::stats;
+use whirlstand_msgs::units::ShownUnit;
 use whirlstand_report::{Fan, LawLine, TuneReport, tune_report};
 use whirlstand_vehicle::Vehicle;
 
@@ -22,16 +23,17 @@ fn lines(t: &Tuning) -> Vec<LawLine> {
     let mut add = |what: &str, before: String, after: String| {
         lines.push(LawLine { what: what.into(), before, after });
     };
-    let spread = |s: Option<&Spread>, unit: &str| {
+    let spread = |s: Option<&Spread>, unit: &ShownUnit| {
         s.map_or("-".into(), |s| {
-            format!("{} ({} to {})", shown(s.median, unit), shown(s.low, unit), shown(s.high, unit))
+            format!("{} ({} to {})", unit.text(s.median), unit.text(s.low), unit.text(s.high))
         })
     };
-    add("cost", spread(t.before.cost.as_ref(), ""), spread(t.after.cost.as_ref(), ""));
+    let one = ShownUnit::default();
+    add("cost", spread(t.before.cost.as_ref(), &one), spread(t.after.cost.as_ref(), &one));
     for key in
         t.before.figures.keys().chain(t.after.figures.keys().filter(|k| !t.before.figures.contains_key(*k)))
     {
-        let unit = t.before.units.get(key).map_or("", String::as_str);
+        let unit = t.before.units.get(key).unwrap_or(&one);
         add(key, spread(t.before.figures.get(key), unit), spread(t.after.figures.get(key), unit));
     }
     let percent =
@@ -65,12 +67,7 @@ pub(super) fn screen(t: &Tuning) -> String {
     let mut text = format!("{}  {}\n", style::strong("diagnosis"), t.diagnosis);
     for cause in &t.causes {
         let parameters = cause.parameters.iter().map(|(name, e)| {
-            format!(
-                "{name} {} ({} to {})",
-                shown(e.value, &e.unit),
-                shown(e.low, &e.unit),
-                shown(e.high, &e.unit)
-            )
+            format!("{name} {} ({} to {})", e.unit.text(e.value), e.unit.text(e.low), e.unit.text(e.high))
         });
         let parameters: Vec<String> = parameters.collect();
         text.push_str(&format!("  {} of {}: {}\n", cause.effect, cause.place, parameters.join(", ")));
@@ -153,7 +150,7 @@ pub(super) fn page(
 ) -> Result<String, Failure> {
     let fans = (0..vehicle.states.len()).map(|i| Fan {
         name: vehicle.states[i].name.clone(),
-        unit: vehicle.states[i].unit.si_symbol(),
+        unit: vehicle.states[i].unit.shown(),
         laws: [0, 1].map(|law| fan(&motions[law], i, vehicle.states.len())),
     });
     let frequencies: Vec<f64> =

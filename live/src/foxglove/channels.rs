@@ -3,110 +3,69 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use foxglove::messages::log::Level;
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
 use foxglove::{Channel, Context, FoxgloveError, PartialMetadata, RawChannel, Schema};
-use whirlstand_logs::{BenchInfo, CDR_HEADER};
+use whirlstand_logs::panels::{EVENTS_TOPIC, Panel, Panels, SCENE_TOPIC, TRANSFORMS_TOPIC};
+use whirlstand_logs::{BenchInfo, BenchMessage, CDR_HEADER};
 use whirlstand_vehicle::Vehicle;
 
-use super::poses::{Poses, timestamp};
-use super::shape;
-use crate::events::{Event, EventKind};
-use crate::heard::Heard;
-
-/// Bench time between two looks of the shape, for clients that came meanwhile, s.
-const SHAPE_EVERY_S: f64 = 1.0;
+use crate::scene::SwitchedEffect;
 
 /// The topics of one bench, until dropped.
 pub(super) struct Channels {
     raw: HashMap<&'static str, Arc<RawChannel>>,
-    poses: Poses,
+    panels: Panels,
     transforms: Channel<FrameTransforms>,
     scene: Channel<SceneUpdate>,
     events: Channel<Log>,
-    vehicle: String,
-    /// When the shape was told last, ns of bench time.
-    told_shape: Option<u64>,
     /// Latest bench time, ns: where messages that carry the wall clock's are put.
     bench_ns: u64,
     scratch: Vec<u8>,
 }
 
 impl Channels {
-    pub fn open(
-        context: &Arc<Context>,
-        info: &BenchInfo,
-        vehicle: &Vehicle,
-        period_s: f64,
-    ) -> Result<Self, FoxgloveError> {
+    pub fn open(context: &Arc<Context>, info: &BenchInfo, vehicle: &Vehicle) -> Result<Self, FoxgloveError> {
         let mut raw = HashMap::new();
-        for heard in Heard::types(info) {
-            let schema = Schema::new(heard.name, "ros2msg", heard.schema.into_bytes());
-            let channel = context.channel_builder(format!("/{}", heard.topic));
-            raw.insert(heard.topic, channel.message_encoding("cdr").schema(schema).build_raw()?);
+        for message in BenchMessage::types(info) {
+            let schema = Schema::new(message.name, "ros2msg", message.schema.into_bytes());
+            let channel = context.channel_builder(format!("/{}", message.topic));
+            raw.insert(message.topic, channel.message_encoding("cdr").schema(schema).build_raw()?);
         }
+        let effects = SwitchedEffect::all(vehicle).into_iter().map(|e| (e.number, e.text)).collect();
         Ok(Self {
             raw,
-            poses: Poses::new(vehicle, period_s),
-            transforms: context.channel_builder("/tf").build(),
-            scene: context.channel_builder("/scene").build(),
-            events: context.channel_builder("/log").build(),
-            vehicle: vehicle.name.clone(),
-            told_shape: None,
+            panels: Panels::new(info, effects),
+            transforms: context.channel_builder(TRANSFORMS_TOPIC).build(),
+            scene: context.channel_builder(SCENE_TOPIC).build(),
+            events: context.channel_builder(EVENTS_TOPIC).build(),
             bench_ns: 0,
             scratch: Vec::with_capacity(1024),
         })
     }
 
-    /// Hands on a message, with bench time on all channels.
-    pub fn hear(&mut self, heard: &Heard) {
-        if !matches!(heard, Heard::Health(_)) {
-            let stamp = heard.head().stamp_ns;
+    /// Hands on a message and what it tells to panels, with bench time on all channels.
+    pub fn hear(&mut self, message: &BenchMessage) {
+        if let Some(stamp) = message.bench_ns() {
+            let leads = matches!(message, BenchMessage::Imu(_));
+            if leads && stamp < self.bench_ns && message.head().step == 0 {
+                self.panels.begin_run();
+            }
             // A new run of the plant begins at zero again.
-            self.bench_ns = if matches!(heard, Heard::Imu(_)) { stamp } else { self.bench_ns.max(stamp) };
+            self.bench_ns = if leads { stamp } else { self.bench_ns.max(stamp) };
         }
-        let (topic, image) = heard.raw();
+        let (topic, image) = message.raw();
         let Some(channel) = self.raw.get(topic) else { return };
-        let stamp_ns = match heard {
-            Heard::Health(_) => self.bench_ns,
-            other => other.head().stamp_ns,
-        };
-        let time = PartialMetadata { log_time: Some(stamp_ns) };
+        let at = |ns: u64| PartialMetadata { log_time: Some(ns) };
         self.scratch.clear();
         self.scratch.extend_from_slice(&CDR_HEADER);
         self.scratch.extend_from_slice(image);
-        channel.log_with_meta(&self.scratch, time);
-        if let Some(transforms) = self.poses.hear(heard) {
-            self.transforms.log_with_meta(&transforms, time);
-            self.show_shape(stamp_ns);
-        }
-    }
-
-    /// Hands on something that happened.
-    pub fn tell(&self, event: &Event) {
-        let level = match event.kind {
-            EventKind::Warning => Level::Warning,
-            EventKind::Asked | EventKind::Disturbance | EventKind::Note => Level::Info,
-        };
-        let ns = (event.t * 1e9).round() as u64;
-        let line = Log {
-            timestamp: Some(timestamp(ns)),
-            level: level.into(),
-            message: event.text.clone(),
-            name: "whirlstand".into(),
-            ..Log::default()
-        };
-        self.events.log_with_meta(&line, PartialMetadata { log_time: Some(ns) });
-    }
-
-    fn show_shape(&mut self, ns: u64) {
-        let since = |told: u64| ns.abs_diff(told) as f64 * 1e-9;
-        if self.told_shape.is_none_or(|told| since(told) >= SHAPE_EVERY_S) {
-            self.told_shape = Some(ns);
-            let scene =
-                SceneUpdate { deletions: Vec::new(), entities: shape::of(&self.vehicle, timestamp(ns)) };
-            self.scene.log_with_meta(&scene, PartialMetadata { log_time: Some(ns) });
-        }
+        channel.log_with_meta(&self.scratch, at(message.bench_ns().unwrap_or(self.bench_ns)));
+        let Self { panels, transforms, scene, events, .. } = self;
+        panels.hear(message, |ns, panel| match panel {
+            Panel::Transforms(m) => transforms.log_with_meta(&m, at(ns)),
+            Panel::Scene(m) => scene.log_with_meta(&m, at(ns)),
+            Panel::Event(m) => events.log_with_meta(&m, at(ns)),
+        });
     }
 }
 

@@ -6,19 +6,16 @@
 
 mod channels;
 mod clients;
-mod poses;
-mod shape;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use foxglove::websocket::Capability;
 use foxglove::{Context, FoxgloveError, WebSocketServer, WebSocketServerHandle};
-use whirlstand_logs::{BenchInfo, SignalInfo};
+use whirlstand_logs::BenchMessage;
 use whirlstand_vehicle::Vehicle;
 
 use crate::address::Address;
-use crate::events::Event;
-use crate::heard::Heard;
+use crate::scene::bench_info;
 use crate::server::{Answer, Control, ServerError};
 use channels::Channels;
 use clients::Clients;
@@ -104,12 +101,13 @@ impl Foxglove {
     ///
     /// # Errors
     /// [`ServerError::Start`] when the SDK refuses a topic.
-    pub fn begin(&self, vehicle: &Vehicle, period_s: f64) -> Result<FoxgloveFeed, ServerError> {
+    pub fn begin(&self, vehicle: &Vehicle, period_ns: u64) -> Result<FoxgloveFeed, ServerError> {
         let refused = |e: FoxgloveError| ServerError::Start(std::io::Error::other(e));
         let mut place = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
         // Those of the bench before go first, as two of one name would stay beside each other.
         place.take();
-        let channels = Channels::open(&self.context, &info(vehicle), vehicle, period_s).map_err(refused)?;
+        let channels =
+            Channels::open(&self.context, &bench_info(vehicle, period_ns), vehicle).map_err(refused)?;
         *place = Some(channels);
         if let Some(handle) = &self.handle {
             handle.clear_session(None);
@@ -120,19 +118,10 @@ impl Foxglove {
 
 impl FoxgloveFeed {
     /// Hands on a message.
-    pub(crate) fn hear(&self, heard: &Heard) {
-        self.with(|channels| channels.hear(heard));
-    }
-
-    /// Hands on what happened.
-    pub(crate) fn tell(&self, events: &[Event]) {
-        self.with(|channels| events.iter().for_each(|event| channels.tell(event)));
-    }
-
-    fn with(&self, act: impl FnOnce(&mut Channels)) {
+    pub(crate) fn hear(&self, message: &BenchMessage) {
         let mut place = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(channels) = place.as_mut() {
-            act(channels);
+            channels.hear(message);
         }
     }
 }
@@ -151,14 +140,3 @@ impl Drop for Foxglove {
 
 /// How long clients have to be told of the end.
 const FAREWELL: std::time::Duration = std::time::Duration::from_millis(500);
-
-/// The names of the vehicle's signals.
-fn info(vehicle: &Vehicle) -> BenchInfo {
-    let signal = |name: &str, unit: &whirlstand_vehicle::SignalUnit| SignalInfo::new(name, unit.si_symbol());
-    BenchInfo {
-        states: vehicle.states.iter().map(|s| signal(&s.name, &s.unit)).collect(),
-        inputs: vehicle.inputs.iter().map(|s| signal(&s.name, &s.unit)).collect(),
-        outputs: vehicle.outputs.iter().map(|s| signal(&s.name, &s.unit)).collect(),
-        ..BenchInfo::default()
-    }
-}

@@ -19,6 +19,8 @@
 mod bare;
 mod dimension;
 mod number;
+mod shown;
+mod shown_signals;
 mod symbols;
 mod unit;
 
@@ -27,6 +29,8 @@ use std::str::FromStr;
 pub use self::bare::two_readings;
 pub use self::dimension::Dimension;
 pub use self::number::{MEANT_DIGITS, clean, number, rounded};
+pub use self::shown::ShownUnit;
+pub use self::shown_signals::ShownSignals;
 use self::symbols::lookup;
 pub use self::unit::Unit;
 

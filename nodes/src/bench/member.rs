@@ -56,6 +56,8 @@ pub(super) struct MemberReport {
     pub misses: u64,
     pub lost: u64,
     pub rejected: u64,
+    /// Beginnings of the periods of a realtime plant whose command did not come in time, `CLOCK_MONOTONIC`, ns.
+    pub missed_ns: Vec<u64>,
     /// Command latency of a realtime plant: 50 %, 99 %, 99.9 % and the greatest, ns.
     pub latency_ns: [u64; 4],
 }
@@ -104,6 +106,7 @@ fn node(role: Role, config: &NodeConfig) -> Result<MemberReport, NodeError> {
         misses: health.deadline_misses,
         lost: health.lost,
         rejected: health.rejected,
+        missed_ns: plant.missed().to_vec(),
         latency_ns: [quantile(0.5), quantile(0.99), quantile(0.999), latencies.max()],
     })
 }

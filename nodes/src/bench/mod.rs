@@ -18,6 +18,8 @@ mod realtime;
 mod round_trips;
 mod throughput;
 mod transports;
+mod two_hosts;
+mod witness;
 
 use serde::Serialize;
 

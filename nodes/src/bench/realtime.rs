@@ -1,4 +1,4 @@
-//! The loop at 1 kHz, with the kernel's own timing measured beside it.
+//! The loop at 1 kHz, with the kernel's own timing measured beside it, and witnesses of when the machine stood still.
 
 use std::time::Duration;
 
@@ -7,7 +7,9 @@ use whirlstand_bus::{Transport, remove_residue};
 use super::cyclictest::Cyclictest;
 use super::fleet::Fleet;
 use super::measured_bench::config;
+use super::member::MemberReport;
 use super::throughput::ring;
+use super::witness::{self, Standstill, Witnesses, stood_still};
 use super::{BenchError, Figure, Member, Options};
 use crate::config::{Mode, RealtimeOptions, Role};
 
@@ -31,8 +33,10 @@ pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
         roles.map(|role| (role.to_string(), Member::Node { role, config: Box::new(config.clone()) }));
     let mut fleet = Fleet::start(options, members)?;
     let cyclictest = Cyclictest::start(options.realtime_seconds, options.priority)?;
+    let witnesses = Witnesses::start(options.priority);
     let plant =
         fleet.finish_within(Role::Plant.name(), Duration::from_secs_f64(options.realtime_seconds) + START)?;
+    let standstills = witnesses.finish()?;
     for role in [Role::Controller, Role::Estimator] {
         fleet.stop(role.name());
         fleet.finish(role.name())?;
@@ -44,13 +48,14 @@ pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let us = |ns: u64| vec![ns as f64 * 1e-3];
     let [p50, p99, p999, max] = plant.latency_ns;
     let name = format!("realtime at 1 kHz, {class}: missed deadlines in {} steps", plant.count);
-    let mut figures = vec![
-        Figure::lowest(name, "", vec![plant.misses as f64], None),
+    let mut figures = vec![Figure::lowest(name, "", vec![plant.misses as f64], None)];
+    figures.extend(witnessed(options, &plant, &standstills));
+    figures.extend([
         Figure::lowest("  command latency, p50", "us", us(p50), None),
         Figure::lowest("  command latency, p99", "us", us(p99), None),
         Figure::lowest("  command latency, p99.9", "us", us(p999), None),
         Figure::lowest("  command latency, max", "us", us(max), None),
-    ];
+    ]);
     if let Some(wakes) = cyclictest.map(Cyclictest::finish).transpose()? {
         let beyond = wakes.beyond(Duration::from_secs_f64(1.0 / RATE));
         figures.extend([
@@ -74,4 +79,21 @@ pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
         ]);
     }
     Ok(figures)
+}
+
+/// Which missed deadlines the machine explains. The loop takes its median time where nothing comes between, and meets its deadline
+/// as long as less than the rest of the period is taken from it.
+fn witnessed(options: &Options, plant: &MemberReport, standstills: &[Standstill]) -> [Figure; 2] {
+    let period_ns = (1e9 / RATE) as u64;
+    let spare_ns = period_ns.saturating_sub(plant.latency_ns[0] + witness::PERIOD_NS);
+    let explained = plant.missed_ns.iter();
+    let explained =
+        explained.filter(|began| stood_still(standstills, (**began, **began + period_ns)) >= spare_ns);
+    let left = plant.misses.saturating_sub(explained.count() as u64) as f64;
+    let longest = standstills.iter().map(|(due, woke)| woke - due).max().unwrap_or(0) as f64;
+    let name = "  of these without a witness that the machine stood still";
+    [
+        Figure::lowest(name, "", vec![left], options.priority.map(|_| 0.0)),
+        Figure::lowest("  witnesses: longest standstill", "us", vec![1e-3 * longest], None),
+    ]
 }

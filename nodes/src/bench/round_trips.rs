@@ -7,7 +7,7 @@ use hdrhistogram::Histogram;
 use super::{BenchError, Figure};
 use crate::os::{MonotonicTime, sleep_until};
 
-/// Between two round trips: the period of the measured loop. Betaflight's pace must not be faster.
+/// Between two round trips: the period of the measured loop.
 pub(super) const PERIOD: Duration = Duration::from_millis(2);
 
 /// Round trips before those that count.
@@ -32,11 +32,9 @@ impl RoundTrips {
         for i in 0..count.saturating_add(WARM_UP) {
             sleep_until(due, || false);
             let start = Instant::now();
-            let period_ns = PERIOD.as_nanos() as u64;
-            let next = MonotonicTime::now().0 + period_ns;
+            // After a late one nobody hurries to catch up.
+            due = MonotonicTime(MonotonicTime::now().0 + PERIOD.as_nanos() as u64);
             exchange(i)?;
-            // After a late one nobody hurries to catch up: a bridge may hold back what comes too soon.
-            due = MonotonicTime(next.max(MonotonicTime::now().0 + period_ns / 2));
             if i >= WARM_UP {
                 times.saturating_record(start.elapsed().as_nanos() as u64);
             }

@@ -1,16 +1,17 @@
 //! What a transport costs: the same flight over each, in real time, by the figures of its run.
 
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
 
+use super::two_hosts::TwoHosts;
 use super::{BenchError, Figure, Options};
 
 /// The launch file: steps of roll and pitch, then a gust.
 const LAUNCH: &str = "quadrotor-lqr";
 
 /// Rates of the loop, Hz.
-const RATES: [u32; 2] = [200, 1000];
+const RATES: [u32; 3] = [200, 1000, 4000];
 
 /// Each transport, and its name.
 const TRANSPORTS: [(&str, &str); 3] =
@@ -19,15 +20,28 @@ const TRANSPORTS: [(&str, &str); 3] =
 /// Outputs whose course is told.
 const OUTPUTS: [&str; 2] = ["roll", "pitch"];
 
-/// Flies it over every transport at every rate, beside lockstep, in which no command is late.
+/// Flies it over every transport at every rate, beside lockstep, in which no command is late; and, where this machine lets two
+/// be made, with the controller on another host.
 pub(super) fn transports(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let mut figures = Vec::new();
+    let hosts = TwoHosts::new();
+    if let Err(why) = &hosts {
+        tracing::warn!("no flight over two hosts: {why}");
+    }
     for rate in RATES {
-        figures
-            .extend(told(&format!("lockstep, {rate} Hz"), &[flown(options, "inproc", "lockstep", rate)?])?);
-        for (transport, name) in TRANSPORTS {
-            let runs = (0..options.repeat).map(|_| flown(options, transport, "realtime", rate));
-            let runs = runs.collect::<Result<Vec<_>, _>>()?;
+        let alone = |transport, mode| Run { options, transport, mode, rate, hosts: None };
+        let runs = [alone("inproc", "lockstep").flown()?];
+        figures.extend(told(&format!("lockstep, {rate} Hz"), &runs)?);
+        let mut all: Vec<(Run<'_>, &str)> =
+            TRANSPORTS.iter().map(|(transport, name)| (alone(*transport, "realtime"), *name)).collect();
+        if let Ok(hosts) = &hosts {
+            all.push((
+                Run { hosts: Some(hosts), ..alone("zenoh", "realtime") },
+                "Zenoh, TCP between two hosts",
+            ));
+        }
+        for (run, name) in all {
+            let runs = (0..options.repeat).map(|_| run.flown()).collect::<Result<Vec<_>, _>>()?;
             figures.extend(told(&format!("realtime {name}, {rate} Hz"), &runs)?);
         }
     }
@@ -65,28 +79,70 @@ fn told(name: &str, runs: &[Value]) -> Result<Vec<Figure>, BenchError> {
     Ok(figures)
 }
 
-/// One run, as its JSON tells it.
-fn flown(options: &Options, transport: &str, mode: &str, rate: u32) -> Result<Value, BenchError> {
-    let who = || format!("the run of {LAUNCH} over {transport} at {rate} Hz");
-    let (program, arguments) = options
-        .run
-        .split_first()
-        .ok_or_else(|| BenchError::Member { who: who(), why: "no program was given that flies".into() })?;
-    let out = std::env::temp_dir()
-        .join(format!("whirlstand-bench-{}-{transport}-{mode}-{rate}", std::process::id()));
-    let mut call = Command::new(program);
-    call.args(arguments).args([LAUNCH, "--json", "--mode", mode, "--transport", transport]);
-    call.args(["--set", &format!("rate_hz={rate}"), "--out"]).arg(&out);
-    let answer = call.stdin(Stdio::null()).stderr(Stdio::piped()).output();
-    // The log is only a means here.
-    let _ = std::fs::remove_dir_all(&out);
-    let answer =
-        answer.map_err(|source| BenchError::Process { what: format!("cannot start {}", who()), source })?;
-    let run = serde_json::from_slice(&answer.stdout).ok().and_then(|mut told: Value| {
-        told.pointer_mut("/runs/0").map(Value::take).filter(|run| run["ended"]["how"] == "complete")
-    });
-    run.ok_or_else(|| BenchError::Member {
-        who: who(),
-        why: String::from_utf8_lossy(&answer.stderr).trim().to_string(),
-    })
+/// One run.
+struct Run<'a> {
+    options: &'a Options,
+    transport: &'a str,
+    mode: &'a str,
+    rate: u32,
+    /// The controller is on the second one, everything else on the first.
+    hosts: Option<&'a TwoHosts>,
+}
+
+/// A process that ends with this.
+struct Other(Child);
+
+impl Drop for Other {
+    fn drop(&mut self) {
+        // It may have ended by itself by now; either way it is gone afterwards.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Run<'_> {
+    fn name(&self) -> String {
+        format!("the run of {LAUNCH} over {} at {} Hz", self.transport, self.rate)
+    }
+
+    fn failed(&self, why: impl Into<String>) -> BenchError {
+        BenchError::Member { who: self.name(), why: why.into() }
+    }
+
+    /// What it comes to, as its JSON tells it.
+    fn flown(&self) -> Result<Value, BenchError> {
+        let Self { options, transport, mode, rate, hosts } = self;
+        let (program, arguments) =
+            options.run.split_first().ok_or_else(|| self.failed("no program was given that flies"))?;
+        let cannot = |source| BenchError::Process { what: format!("cannot start {}", self.name()), source };
+        let bench = format!("bench-{}-{transport}-{mode}-{rate}", std::process::id());
+        let out = std::env::temp_dir().join(format!("whirlstand-{bench}"));
+        let mut same = vec!["--mode".to_string(), (*mode).into(), "--transport".into(), (*transport).into()];
+        same.extend(["--set".into(), format!("rate_hz={rate}")]);
+        let (mut call, mut controller) = (Command::new(program), None);
+        if let Some(hosts) = hosts {
+            same.extend(["--bench".into(), bench, "--set".into(), "security.mode=open".into()]);
+            let mut there = hosts.on(1, program);
+            there.args(["node", "controller", "--launch", LAUNCH, "--listen", &TwoHosts::endpoint(1)]);
+            there.args(&same).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+            controller = Some(Other(there.spawn().map_err(cannot)?));
+            call = hosts.on(0, program);
+        }
+        call.args(arguments).args([LAUNCH, "--json"]).args(&same).arg("--out").arg(&out);
+        if hosts.is_some() {
+            call.args(["--set", "nodes.controller.external=true"]);
+            for node in ["plant", "estimator", "recorder"] {
+                call.args(["--set", &format!("nodes.{node}.connect=[\"{}\"]", TwoHosts::endpoint(1))]);
+            }
+        }
+        let answer = call.stdin(Stdio::null()).stderr(Stdio::piped()).output();
+        drop(controller);
+        // The log is only a means here.
+        let _ = std::fs::remove_dir_all(&out);
+        let answer = answer.map_err(cannot)?;
+        let run = serde_json::from_slice(&answer.stdout).ok().and_then(|mut told: Value| {
+            told.pointer_mut("/runs/0").map(Value::take).filter(|run| run["ended"]["how"] == "complete")
+        });
+        run.ok_or_else(|| self.failed(String::from_utf8_lossy(&answer.stderr).trim()))
+    }
 }

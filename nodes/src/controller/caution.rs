@@ -5,6 +5,7 @@ use whirlstand_msgs::{Finding, FindingStage};
 
 use crate::config::{NodeConfig, OnFinding};
 use crate::error::NodeError;
+use crate::notices::{Notice, say};
 use crate::ports::receive;
 
 /// Queue for findings.
@@ -34,10 +35,8 @@ impl Caution {
         while let Some(finding) = receive(findings, refused)? {
             self.is_wrong = finding.stage != FindingStage::Over as u32;
         }
-        if self.is_wrong && !before {
-            tracing::warn!(step, "the mirror says that prediction is wrong: commands are withheld");
-        } else if before && !self.is_wrong {
-            tracing::warn!(step, "prediction is right again: commands are given");
+        if self.is_wrong != before {
+            say(Notice::Caution { step, withholds: self.is_wrong });
         }
         Ok(self.is_wrong)
     }

@@ -1,17 +1,18 @@
 //! Who designs the next law, in a thread beside the loop, and takes those that flew.
 
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
-use std::thread;
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
 use whirlstand_msgs::Finding;
 
 use super::law::Law;
 use crate::config::NodeConfig;
 use crate::error::NodeError;
+use crate::notices::{Notice, say};
 use crate::setup::Setup;
 use crate::succession::{believing, extended};
+use crate::worker::Worker;
 
-/// Orders and drafts that may wait. Channels of a fixed size allocate nothing when something is sent.
+/// Orders and drafts that may wait.
 const DEPTH: usize = 8;
 
 #[expect(clippy::large_enum_variant, reason = "a box would be allocated in a step of the loop")]
@@ -32,7 +33,7 @@ pub(super) enum Draft {
 
 /// A thread that designs.
 pub(super) struct Draftsman {
-    orders: SyncSender<Order>,
+    orders: Worker<Order>,
     drafts: Receiver<(u64, Option<Law>)>,
     number: u64,
 }
@@ -40,31 +41,22 @@ pub(super) struct Draftsman {
 impl Draftsman {
     /// Begins to work. Before the node takes its priority, which the thread must not have.
     pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
-        let (orders, next) = sync_channel(DEPTH);
         let (done, drafts) = sync_channel(DEPTH);
         let (config, setup) = (config.clone(), setup.clone());
-        let work = move || {
-            while let Ok(order) = next.recv() {
-                let (number, finding) = match order {
-                    Order::Draft(number, finding) => (number, finding),
-                    Order::Retire(law) => {
-                        drop(law);
-                        continue;
-                    }
-                };
-                let law = extended(&setup.model, &finding)
-                    .and_then(|m| Law::new(&config, &believing(&setup, m)).map_err(|e| e.to_string()));
-                if let Err(why) = &law {
-                    tracing::warn!("the law that the mirror asked for does not fly: {why}");
-                }
-                if done.send((number, law.ok())).is_err() {
-                    return;
-                }
+        let work = move |order| {
+            let (number, finding) = match order {
+                Order::Draft(number, finding) => (number, finding),
+                Order::Retire(law) => return drop(law),
+            };
+            let law = extended(&setup.model, &finding)
+                .and_then(|m| Law::new(&config, &believing(&setup, m)).map_err(|e| e.to_string()));
+            if let Err(why) = &law {
+                tracing::warn!("the law that the mirror asked for does not fly: {why}");
             }
+            // Nobody waits for it when the controller is gone.
+            let _ = done.send((number, law.ok()));
         };
-        thread::Builder::new()
-            .name("law".into())
-            .spawn(work)
+        let orders = Worker::start("law", DEPTH, work)
             .map_err(|source| NodeError::System { action: "start the thread that designs laws", source })?;
         Ok(Self { orders, drafts, number: 0 })
     }
@@ -72,8 +64,8 @@ impl Draftsman {
     /// Asks for the law for a finding, in the place of what was asked for before.
     pub(super) fn order(&mut self, finding: &Finding) {
         self.number += 1;
-        if self.orders.try_send(Order::Draft(self.number, *finding)).is_err() {
-            tracing::warn!("the law that the mirror asked for is left out: others are still being designed");
+        if self.orders.hand(Order::Draft(self.number, *finding)).is_err() {
+            say(Notice::DraftLeftOut);
         }
     }
 
@@ -99,6 +91,6 @@ impl Draftsman {
     /// Frees a law.
     pub(super) fn retire(&self, law: Law) {
         // With more orders than fit it is freed here, which is late and not wrong.
-        drop(self.orders.try_send(Order::Retire(law)));
+        drop(self.orders.hand(Order::Retire(law)));
     }
 }

@@ -10,6 +10,7 @@ use super::draftsman::{Draft, Draftsman};
 use super::law::Law;
 use crate::config::{Mode, NodeConfig, OnFinding};
 use crate::error::NodeError;
+use crate::notices::{Notice, say};
 use crate::ports::receive;
 use crate::setup::Setup;
 use crate::succession::{ready_at, steps};
@@ -71,28 +72,28 @@ impl InCharge {
         &mut self.law
     }
 
-    /// Computes the inputs for the next period from the estimated states of a step; returns the command's flags.
+    /// Computes the inputs for the next period from the estimated states of a step, or takes those that are given `by_hand`;
+    /// returns the command's flags.
     pub(super) fn step(
         &mut self,
         step: u64,
         x: &[f64],
         setpoint: &Setpoint,
+        by_hand: Option<&[f64; MAX_INPUTS]>,
         u: &mut [f64; MAX_INPUTS],
         refused: &mut u64,
     ) -> Result<u32, NodeError> {
-        let Some(heirs) = &mut self.heirs else { return Ok(self.law.step(step, x, setpoint, u)) };
+        let Some(heirs) = &mut self.heirs else {
+            return Ok(self.law.step_or_follow(step, x, setpoint, by_hand, u));
+        };
         heirs.hear(refused)?;
         heirs.fetch(step);
         if let Some(coming) = heirs.coming.take_if(|c| step >= c.from) {
-            tracing::warn!(
-                step,
-                "{} is in charge",
-                if coming.is_first { "the first law" } else { "the law that the mirror asked for" }
-            );
+            say(Notice::InCharge { step, is_first: coming.is_first });
             let before = std::mem::replace(&mut self.law, coming.law);
             heirs.put_away(before, coming.is_first);
         }
-        let flags = self.law.step(step, x, setpoint, u);
+        let flags = self.law.step_or_follow(step, x, setpoint, by_hand, u);
         if let Some(coming) = heirs.coming.as_mut().filter(|c| step >= c.along) {
             coming.law.fly_along(&self.law, x, setpoint);
         }

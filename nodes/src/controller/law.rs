@@ -112,6 +112,25 @@ impl Law {
         }
     }
 
+    /// As [`Self::step`], but for inputs that are given `by_hand`: the law follows these, so that it can go on from there.
+    pub(super) fn step_or_follow(
+        &mut self,
+        step: u64,
+        x: &[f64],
+        setpoint: &Setpoint,
+        by_hand: Option<&[f64; MAX_INPUTS]>,
+        u: &mut [f64; MAX_INPUTS],
+    ) -> u32 {
+        let Some(given) = by_hand else { return self.step(step, x, setpoint, u) };
+        *u = *given;
+        if let Self::Designed { controller, states, inputs, .. } = self {
+            let (x, wanted) = (&x[..*states], &setpoint.x[..*states]);
+            controller.set_step(step);
+            controller.fly_along_by_hand(&u[..*inputs], x, wanted, setpoint.tracked);
+        }
+        flags::MANUAL
+    }
+
     /// Multiplies the law's feedback; refused beyond [`GAIN`], and by a law without feedback.
     pub(super) fn adjust_gain(&mut self, factor: f64) -> AdjustmentVerdict {
         match self {

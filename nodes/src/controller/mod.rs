@@ -6,6 +6,7 @@
 
 mod caution;
 mod draftsman;
+mod hand;
 mod heirs;
 mod law;
 mod outside;
@@ -20,6 +21,8 @@ use crate::clock::{Clock, Turn};
 use crate::config::{NodeConfig, Role};
 use crate::error::NodeError;
 use crate::follower::Follower;
+use crate::gate::InputLimits;
+use crate::notices::{Notice, say};
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
@@ -48,7 +51,7 @@ pub struct Controller {
     profile: Profile,
     last: Option<Command>,
     states: usize,
-    inputs: usize,
+    limits: InputLimits,
     steps: u64,
     refused: u64,
 }
@@ -66,7 +69,7 @@ impl Controller {
         let bounds = setup.vehicle.state_bounds(&vec![0.0; setup.vehicle.states.len()]);
         Ok(Self {
             estimates: bus.subscriber(DEPTH)?,
-            outside: Outside::open(bus, config.controller.pilot, bounds)?,
+            outside: Outside::open(bus, config, bounds, setup.limits)?,
             caution: Caution::open(bus, config)?,
             commands: bus.publisher()?,
             setpoints: bus.publisher()?,
@@ -77,7 +80,7 @@ impl Controller {
             profile,
             last: None,
             states: setup.vehicle.states.len(),
-            inputs: setup.limits.count,
+            limits: setup.limits,
             steps: 0,
             refused: 0,
         })
@@ -94,7 +97,7 @@ impl Controller {
         match self.last {
             Some(last) if step == last.head.step => return Ok(self.commands.send_again(&last)?),
             Some(last) if step < last.head.step => {
-                tracing::warn!(step, "the plant began a new run: resetting the law");
+                say(Notice::NewRun { step, then: "resetting the law" });
                 self.law.reset();
                 self.profile.rewind();
                 self.outside.forget();
@@ -104,10 +107,14 @@ impl Controller {
             _ => {}
         }
         let withholds = self.caution.withholds(step, &mut self.refused)?;
-        self.outside.take(estimate.head, self.law.law())?;
+        let before = self.last.map_or_else(|| self.limits.neutral(), |last| last.u);
+        self.outside.take(estimate.head, self.law.law(), &before)?;
+        let by_hand = self.outside.hand().copied();
         let setpoint = self.outside.setpoint(self.profile.at(estimate.head));
-        let mut command = Command { head: estimate.head, count: self.inputs as u32, ..Command::zeroed() };
-        command.flags = self.law.step(step, &estimate.x, setpoint, &mut command.u, &mut self.refused)?;
+        let mut command =
+            Command { head: estimate.head, count: self.limits.count as u32, ..Command::zeroed() };
+        let (x, u, refused) = (&estimate.x, &mut command.u, &mut self.refused);
+        command.flags = self.law.step(step, x, setpoint, by_hand.as_ref(), u, refused)?;
         if withholds {
             command = Command { head: estimate.head, flags: flags::WITHHELD, ..Command::zeroed() };
         }

@@ -1,12 +1,17 @@
-//! What reaches the controller from outside the loop: a pilot's setpoints on `pilot`, and single ones and the gain on
-//! `adjust`.
+//! What reaches the controller from outside the loop: a pilot's setpoints on `pilot`, single ones and the gain on `adjust`, and
+//! the stick on `stick`.
 
 use whirlstand_bus::{Bus, Subscriber};
-use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Head, MAX_STATES, Message, Setpoint};
+use whirlstand_msgs::{
+    Adjustment, AdjustmentKind, AdjustmentVerdict, Head, MAX_INPUTS, MAX_STATES, Message, Setpoint,
+};
 
+use super::hand::Hand;
 use super::law::Law;
 use crate::adjustment_desk::{AdjustmentDesk, MOST_REQUESTS};
+use crate::config::NodeConfig;
 use crate::error::NodeError;
+use crate::gate::InputLimits;
 use crate::ports::receive;
 
 /// Topic on which a pilot or planner outside the loop sets the reference.
@@ -18,6 +23,7 @@ const PILOT_DEPTH: usize = 64;
 pub(super) struct Outside {
     pilot: Option<Subscriber<Setpoint>>,
     desk: AdjustmentDesk,
+    hand: Option<Hand>,
     piloted: Option<Setpoint>,
     /// References that were set one by one, and which.
     reference: [f64; MAX_STATES],
@@ -30,11 +36,18 @@ pub(super) struct Outside {
 }
 
 impl Outside {
-    pub(super) fn open(bus: &Bus, is_open: bool, bounds: Vec<f64>) -> Result<Self, NodeError> {
-        let business = &[AdjustmentKind::Setpoint, AdjustmentKind::Gain];
+    pub(super) fn open(
+        bus: &Bus,
+        config: &NodeConfig,
+        bounds: Vec<f64>,
+        limits: InputLimits,
+    ) -> Result<Self, NodeError> {
+        let is_open = config.controller.pilot;
+        let business = &[AdjustmentKind::Setpoint, AdjustmentKind::Gain, AdjustmentKind::Stick];
         Ok(Self {
             pilot: if is_open { Some(bus.subscriber_on(PILOT_TOPIC, PILOT_DEPTH)?) } else { None },
             desk: AdjustmentDesk::open(bus, business, "controller.pilot", is_open)?,
+            hand: is_open.then(|| Hand::open(bus, config, limits)).transpose()?,
             piloted: None,
             reference: [0.0; MAX_STATES],
             set: 0,
@@ -44,8 +57,13 @@ impl Outside {
         })
     }
 
-    /// Takes in what has come, for the step of `head` and all later ones.
-    pub(super) fn take(&mut self, head: Head, law: &mut Law) -> Result<(), NodeError> {
+    /// Takes in what has come, for the step of `head` and all later ones; `before` was commanded last.
+    pub(super) fn take(
+        &mut self,
+        head: Head,
+        law: &mut Law,
+        before: &[f64; MAX_INPUTS],
+    ) -> Result<(), NodeError> {
         let Some(pilot) = &mut self.pilot else { return Ok(()) };
         // No more than waits: whoever sends without a pause does not keep the step from being taken.
         for _ in 0..PILOT_DEPTH {
@@ -60,16 +78,31 @@ impl Outside {
             let Some((kind, request)) = self.desk.next()? else { break };
             let verdict = match kind {
                 AdjustmentKind::Gain => law.adjust_gain(request.value),
+                AdjustmentKind::Stick => match &mut self.hand {
+                    Some(hand) => hand.adjust(&request, head.step, before),
+                    None => AdjustmentVerdict::Closed,
+                },
                 _ => self.set_reference(&request),
             };
             self.desk.answer(&request, head, verdict)?;
         }
+        if let Some(hand) = &mut self.hand
+            && let Some(let_go) = hand.take(head.step, &mut self.refused)?
+        {
+            self.desk.tell(let_go, head)?;
+        }
         Ok(())
+    }
+
+    /// What somebody's hand gives in the place of the law.
+    pub(super) fn hand(&self) -> Option<&[f64; MAX_INPUTS]> {
+        self.hand.as_ref().and_then(Hand::u)
     }
 
     /// What the controller tracks, from what the launch file says.
     pub(super) fn setpoint<'a>(&'a mut self, planned: &'a Setpoint) -> &'a Setpoint {
-        if self.piloted.is_none() && self.set == 0 {
+        let by_hand = self.hand().copied();
+        if self.piloted.is_none() && self.set == 0 && by_hand.is_none() {
             return planned;
         }
         self.combined = self.piloted.unwrap_or(*planned);
@@ -80,12 +113,18 @@ impl Outside {
                 *wanted = self.reference[i];
             }
         }
+        if let Some(u) = by_hand {
+            self.combined.stick = u;
+        }
         &self.combined
     }
 
     /// The plant began a new run, in which nothing has been asked for yet. A pilot's stick is where it is.
     pub(super) fn forget(&mut self) {
         self.set = 0;
+        if let Some(hand) = &mut self.hand {
+            hand.forget();
+        }
     }
 
     /// See [`AdjustmentDesk::attend`].

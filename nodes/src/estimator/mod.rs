@@ -23,6 +23,7 @@ use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
 use crate::follower::Follower;
 use crate::gate::Gate;
+use crate::notices::{Notice, say};
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
@@ -137,16 +138,12 @@ impl Estimator {
         let steps_to_predict = match &self.last {
             Some(last) if step == last.head.step => return Ok(self.estimates.send_again(last)?),
             Some(last) if step < last.head.step => {
-                tracing::warn!(step, "the plant began a new run: starting the filter anew");
+                say(Notice::NewRun { step, then: "starting the filter anew" });
                 self.restart();
                 0
             }
             Some(last) if step - last.head.step > LONGEST_GAP => {
-                tracing::warn!(
-                    step,
-                    last = last.head.step,
-                    "too many measurements are missing: starting anew"
-                );
+                say(Notice::Gap { step, last: last.head.step });
                 self.restart();
                 0
             }

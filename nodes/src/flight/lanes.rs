@@ -75,13 +75,23 @@ struct GateLanes<const K: usize> {
 }
 
 impl Pilot {
+    /// As [`Self::fly_lanes`], as many as are fast on every machine. Compiled here, where it is compiled to be fast, and not where
+    /// it is called from.
+    pub fn fly_together(
+        &self,
+        configs: &[&NodeConfig; LANES],
+        each: &mut dyn FnMut(&StepLanes<'_, LANES>),
+    ) -> [Option<Counts>; LANES] {
+        self.fly_lanes(configs, each)
+    }
+
     /// Flies K benches for each of which this is the pilot, and which differ in effects, initial states and seeds only; `each`
     /// sees every step. `None` for a flight that has to be flown alone; all are, where the filter or the benches are none for
     /// this.
-    pub fn fly_together<const K: usize>(
+    pub fn fly_lanes<const K: usize>(
         &self,
         configs: &[&NodeConfig; K],
-        each: impl FnMut(&StepLanes<'_, K>),
+        each: &mut dyn FnMut(&StepLanes<'_, K>),
     ) -> [Option<Counts>; K] {
         let Some(mut flights) = self.flights(configs) else { return [None; K] };
         fly(&mut flights, each);
@@ -140,9 +150,9 @@ impl Pilot {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
-fn fly<const K: usize, F: FnMut(&StepLanes<'_, K>)>(flights: &mut Flights<K>, mut each: F) {
+fn fly<const K: usize>(flights: &mut Flights<K>, each: &mut dyn FnMut(&StepLanes<'_, K>)) {
     for step in 0..flights.steps {
-        flights.step(step, &mut each);
+        flights.step(step, each);
         if flights.lost.iter().all(|lost| *lost) {
             return;
         }
@@ -152,7 +162,7 @@ fn fly<const K: usize, F: FnMut(&StepLanes<'_, K>)>(flights: &mut Flights<K>, mu
 impl<const K: usize> Flights<K> {
     /// As a turn of the loop in [`Pilot::fly`].
     #[inline(always)]
-    fn step(&mut self, step: u64, each: &mut impl FnMut(&StepLanes<'_, K>)) {
+    fn step(&mut self, step: u64, each: &mut dyn FnMut(&StepLanes<'_, K>)) {
         let Self { simulator, estimator, gate, .. } = self;
         if step > 0 {
             gate.close();

@@ -213,8 +213,9 @@ impl Mirror {
     }
 
     fn say(&mut self, finding: &Finding) -> Result<(), NodeError> {
+        let units = self.watcher.vehicle().shown_units();
         let names: Vec<&str> = self.outputs_of.iter().map(String::as_str).collect();
-        tracing::warn!("{}", finding_text(finding, &names).unwrap_or_default());
+        tracing::warn!("{}", finding_text(finding, &names, &units).unwrap_or_default());
         Ok(self.findings.send(finding)?)
     }
 

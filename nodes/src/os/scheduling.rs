@@ -103,7 +103,7 @@ fn set_affinity(cpus: &[usize]) -> io::Result<()> {
 }
 
 /// CPUs that the calling thread may run on.
-fn available_cpus() -> Vec<usize> {
+pub(crate) fn available_cpus() -> Vec<usize> {
     // SAFETY: a zeroed cpu_set_t is the empty set.
     let mut set: libc::cpu_set_t = unsafe { std::mem::zeroed() };
     // SAFETY: `set` is a valid cpu_set_t of the size given, to write to; 0 is the calling thread.

@@ -6,6 +6,7 @@
 //! a miss.
 
 mod latencies;
+mod missed;
 mod outside;
 mod pace;
 mod phase;
@@ -22,11 +23,13 @@ use crate::clock::{Clock, Turn};
 use crate::config::{Mode, NodeConfig, Role};
 use crate::error::NodeError;
 use crate::gate::Gate;
+use crate::notices::{Notice, say};
 use crate::os::MonotonicTime;
 use crate::peers::Peers;
 use crate::ports::receive;
 use crate::setup::Setup;
 use latencies::latencies;
+use missed::Missed;
 pub use outside::INJECT_TOPIC;
 use pace::Paces;
 use phase::Phase;
@@ -63,8 +66,7 @@ pub struct Plant {
     answered: bool,
     /// Bench time 0 of a realtime run.
     origin: MonotonicTime,
-    /// Deadlines that passed because the plant itself was not running.
-    overruns: u64,
+    missed: Missed,
     refused: u64,
     was_failsafe: bool,
     latencies: Histogram<u64>,
@@ -107,7 +109,7 @@ impl Plant {
             waiting: Waiting::new(plant.answer_timeout_s.map(Duration::from_secs_f64), now),
             answered: false,
             origin: MonotonicTime(0),
-            overruns: 0,
+            missed: Missed::new(),
             refused: 0,
             was_failsafe: false,
             latencies: latencies()?,
@@ -157,11 +159,7 @@ impl Plant {
     pub fn tick(&mut self, clock: &mut Clock) -> Result<(), NodeError> {
         let Some(deadline) = self.deadline() else { return Ok(()) };
         self.take_commands(clock)?;
-        let late = MonotonicTime::now().0.saturating_sub(deadline.0) / self.period_ns;
-        if late > 0 {
-            self.overruns += late;
-            self.origin.0 += late * self.period_ns;
-        }
+        self.origin.0 += self.missed.overrun(deadline, self.period_ns) * self.period_ns;
         self.advance(clock, false)?;
         if self.peers.is_due(self.waiting.since()) { self.report(self.waiting.since()) } else { Ok(()) }
     }
@@ -191,6 +189,12 @@ impl Plant {
     /// Times from publishing `Imu` to receiving its command, ns; of command 1 and later.
     pub fn latencies(&self) -> &Histogram<u64> {
         &self.latencies
+    }
+
+    /// Beginnings of the periods of a realtime run whose command did not come in time, `CLOCK_MONOTONIC`, ns; the first few
+    /// thousand.
+    pub(crate) fn missed(&self) -> &[u64] {
+        self.missed.began()
     }
 
     /// How long the loop ran, from command 0 to the last step.
@@ -341,6 +345,7 @@ impl Plant {
     /// Does step `self.step`.
     fn advance(&mut self, clock: &mut Clock, failsafe_at_once: bool) -> Result<(), NodeError> {
         let applied = if self.step == 0 { self.gate.applied() } else { self.gate.close(failsafe_at_once) };
+        self.missed.closed(self.gate.misses(), self.deadline(), self.period_ns);
         self.answered = false;
         self.simulation.publish(self.step, &applied)?;
         self.waiting.begin(clock.now());
@@ -363,14 +368,10 @@ impl Plant {
         let step = self.step - 1;
         if self.was_failsafe {
             self.peers.set_state(NodeState::Failsafe);
-            tracing::warn!(
-                step,
-                misses = self.gate.misses(),
-                "no command in time: FAILSAFE, inputs at neutral"
-            );
+            say(Notice::Failsafe { step, misses: self.gate.misses() });
         } else {
             self.peers.set_state(NodeState::Running);
-            tracing::warn!(step, "commands are back: failsafe over");
+            say(Notice::FailsafeOver { step });
         }
     }
 
@@ -388,7 +389,7 @@ impl Plant {
         let report = &mut self.peers.report;
         report.head.step = self.step.saturating_sub(1);
         report.steps = self.step;
-        report.deadline_misses = self.gate.misses() + self.overruns;
+        report.deadline_misses = self.gate.misses() + self.missed.overruns();
         report.lost = self.commands.lost();
         report.rejected = self.gate.rejected() + self.refused + self.simulation.refused();
     }

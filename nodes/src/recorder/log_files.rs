@@ -38,8 +38,7 @@ pub(super) struct LogFiles {
 impl LogFiles {
     pub(super) fn new(config: &NodeConfig, recorder: &RecorderConfig, setup: &Setup) -> Self {
         let vehicle = &setup.vehicle;
-        let signal =
-            |name: &str, unit: &whirlstand_vehicle::SignalUnit| SignalInfo::new(name, unit.si_symbol());
+        let signal = |name: &str, unit: &whirlstand_vehicle::SignalUnit| SignalInfo::of(name, &unit.shown());
         let info = BenchInfo {
             version: recorder.version.clone(),
             launch: config.bench.clone(),
@@ -70,6 +69,11 @@ impl LogFiles {
             launch_text: recorder.launch_text.clone(),
             vehicle_text: config.vehicle.text.clone(),
         }
+    }
+
+    /// What the files say of the bench.
+    pub(super) fn info(&self) -> &BenchInfo {
+        &self.info
     }
 
     /// When a file is full.

@@ -13,11 +13,12 @@ mod sink;
 mod sync;
 mod topic;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use whirlstand_bus::{Bus, Publisher};
-use whirlstand_logs::Channel;
+use whirlstand_logs::{Channel, Panels};
 use whirlstand_msgs::{Health, Message, NodeState, Progress};
 
 use crate::clock::Turn;
@@ -72,7 +73,9 @@ impl Recorder {
             value: "nothing".into(),
             reason: "a recorder needs to know where to write".into(),
         })?;
-        let mut sink = Sink::open(LogFiles::new(config, recorder, setup))?;
+        let files = LogFiles::new(config, recorder, setup);
+        let panels = Panels::new(files.info(), switched(config, setup));
+        let mut sink = Sink::open(files, panels)?;
         let listens_to: Vec<Role> = [Role::Plant, Role::Estimator, Role::Controller]
             .into_iter()
             .filter(|&r| r == Role::Plant || config.peers.contains(&r))
@@ -197,6 +200,7 @@ impl Recorder {
     fn begin_run(&mut self) {
         self.runs += 1;
         self.topics.begin_run();
+        self.sink.begin_run();
         if self.sink.begin_file() {
             tracing::warn!(path = %self.sink.files().current().display(), "the plant began a new run: next log file");
             self.move_to_file();
@@ -243,4 +247,11 @@ impl Recorder {
         report.lost = lost;
         report.rejected = self.refused;
     }
+}
+
+/// The effects that can be switched in flight, by their number from 1: those of the vehicle file first.
+fn switched(config: &NodeConfig, setup: &Setup) -> BTreeMap<u32, String> {
+    let all = setup.vehicle.effects.iter().chain(&config.effects);
+    let numbered = (1..).zip(all).filter(|(_, effect)| !effect.window().is_always());
+    numbered.map(|(number, effect)| (number, effect.told())).collect()
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use whirlstand_logs::{Channel, Hole, LogWriter, WriteError};
+use whirlstand_logs::{BenchMessage, Channel, Hole, LogWriter, PanelChannels, Panels, WriteError};
 use whirlstand_msgs::Message;
 
 use super::log_files::LogFiles;
@@ -23,6 +23,10 @@ pub(super) struct Sink {
     files: LogFiles,
     /// `None` in an outage, and after the end.
     log: Option<LogWriter>,
+    /// What panels understand by themselves, made of the messages.
+    panels: Panels,
+    /// Their channels in the file at hand.
+    panel_channels: Option<PanelChannels>,
     outage: Option<Outage>,
     syncer: Syncer,
     /// Latest bench time of a message, ns.
@@ -40,13 +44,15 @@ impl Sink {
     ///
     /// # Errors
     /// It cannot be created.
-    pub(super) fn open(mut files: LogFiles) -> Result<Self, NodeError> {
+    pub(super) fn open(mut files: LogFiles, panels: Panels) -> Result<Self, NodeError> {
         let system = |source| NodeError::System { action: "start the thread that syncs the log", source };
         let syncer = Syncer::start().map_err(system)?;
         let log = files.next()?;
         let mut sink = Self {
             files,
             log: None,
+            panels,
+            panel_channels: None,
             outage: None,
             syncer,
             latest_ns: 0,
@@ -77,8 +83,18 @@ impl Sink {
         if let Ok(file) = log.file() {
             self.syncer.follow(file);
         }
-        self.log = Some(log);
         self.began_ns = None;
+        self.panels.begin_anew();
+        let log = self.log.insert(log);
+        match PanelChannels::open(log) {
+            Ok(channels) => self.panel_channels = Some(channels),
+            Err(error) => self.break_off(&error),
+        }
+    }
+
+    /// The plant begins a new run.
+    pub(super) fn begin_run(&mut self) {
+        self.panels.begin_run();
     }
 
     /// The channel for `M` in the file at hand; `None` while there is none.
@@ -93,7 +109,10 @@ impl Sink {
     }
 
     /// Writes a message, or counts it as missing.
-    pub(super) fn write<M: Message>(&mut self, channel: Option<&Channel<M>>, message: &M) {
+    pub(super) fn write<M: Message>(&mut self, channel: Option<&Channel<M>>, message: &M)
+    where
+        BenchMessage: From<M>,
+    {
         let stamp_ns = message.head().stamp_ns;
         if M::TOPIC != whirlstand_msgs::Health::TOPIC {
             self.latest_ns = stamp_ns;
@@ -102,7 +121,17 @@ impl Sink {
         let Some((log, channel)) = self.log.as_mut().zip(channel) else { return self.miss(1) };
         if let Err(error) = log.write(channel, message) {
             self.break_off(&error);
-            self.miss(1);
+            return self.miss(1);
+        }
+        let Some(channels) = &mut self.panel_channels else { return };
+        let mut written = Ok(());
+        self.panels.hear(&(*message).into(), |ns, panel| {
+            if written.is_ok() {
+                written = channels.write(log, ns, &panel);
+            }
+        });
+        if let Err(error) = written {
+            self.break_off(&error);
         }
     }
 
@@ -116,6 +145,7 @@ impl Sink {
     /// Gives up the file at hand.
     fn break_off(&mut self, error: &WriteError) {
         let Some(log) = self.log.take() else { return };
+        self.panel_channels = None;
         self.syncer.close();
         self.give_up(log.messages(), log.unflushed(), error);
     }

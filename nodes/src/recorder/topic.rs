@@ -1,7 +1,7 @@
 //! The topics of the loop on their way into the log.
 
 use whirlstand_bus::{Bus, Subscriber};
-use whirlstand_logs::Channel;
+use whirlstand_logs::{BenchMessage, Channel};
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Head, Imu, Message, Odometry, Outputs,
     Sent, Setpoint, Truth,
@@ -40,7 +40,10 @@ impl First {
     }
 }
 
-impl<M: Message> Topic<M> {
+impl<M: Message> Topic<M>
+where
+    BenchMessage: From<M>,
+{
     fn open(bus: &Bus, sink: &mut Sink) -> Result<Self, NodeError> {
         let first = First { is_awaited: sink.files().is_new(), missed: 0 };
         Ok(Self { subscriber: bus.subscriber(QUEUE_DEPTH)?, channel: sink.channel(), last: None, first })

@@ -10,6 +10,7 @@
 //! A test program gets its `main` from [`tests!`](crate::tests), or calls [`run`] from its own, which may first look
 //! whether the process was started as a child of a test. Every option of the standard harness works.
 
+mod betaflight;
 mod prerequisite;
 mod undisturbed;
 
@@ -17,7 +18,8 @@ use std::process::ExitCode;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
-pub use prerequisite::{Missing, betaflight_sitl, browser, data, python, python_with};
+pub use betaflight::{Betaflight, betaflight_sitl};
+pub use prerequisite::{Missing, browser, data, python, python_with};
 pub use undisturbed::{in_real_time, undisturbed, wait_for_rest};
 
 /// What a test returns: nothing, or what the machine lacks. A failure is a panic, as in any test.

@@ -69,17 +69,6 @@ pub fn python_with(package: &str) -> Result<PathBuf, Missing> {
     Err(Missing::installable(what, "install it as .ci/run does, and set WHIRLSTAND_PYTHON to that Python"))
 }
 
-/// Betaflight's own program, built as software in the loop.
-///
-/// # Errors
-/// `WHIRLSTAND_BETAFLIGHT_SITL` names none, as in every CI: it is not ours to ship, and takes minutes to build.
-pub fn betaflight_sitl() -> Result<PathBuf, Missing> {
-    let why = "Betaflight is not ours to ship: build its SITL target and set it to the program";
-    Ok(named("WHIRLSTAND_BETAFLIGHT_SITL")
-        .ok_or_else(|| Missing::beyond_this_machine("no WHIRLSTAND_BETAFLIGHT_SITL", why))?
-        .into())
-}
-
 /// A headless browser that draws pages: Chromium.
 ///
 /// # Errors
@@ -92,6 +81,6 @@ pub fn browser() -> Result<PathBuf, Missing> {
     places.into_iter().find(|p| p.is_file()).ok_or_else(|| Missing::installable("no Chromium", remedy))
 }
 
-fn named(variable: &str) -> Option<OsString> {
+pub(crate) fn named(variable: &str) -> Option<OsString> {
     std::env::var_os(variable).filter(|value| !value.is_empty())
 }

@@ -77,6 +77,11 @@ impl Effect {
         &self.place
     }
 
+    /// What and where it is, in words.
+    pub fn told(&self) -> String {
+        format!("{} at {}", self.kind, self.place)
+    }
+
     /// A parameter's value in SI, its default if it has one.
     pub fn parameter(&self, name: &str) -> Option<f64> {
         let index = self.kind.spec().parameters.iter().position(|p| p.name == name)?;

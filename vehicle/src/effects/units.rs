@@ -1,6 +1,6 @@
 //! What the parameters of an effect are measured in, at its place in a vehicle.
 
-use whirlstand_msgs::units::{Dimension, Quantity, Unit, clean, two_readings};
+use whirlstand_msgs::units::{Dimension, Quantity, ShownUnit, Unit, clean, two_readings};
 
 use super::Effect;
 use super::kind::Kind;
@@ -40,6 +40,21 @@ impl ParameterUnit {
         match self.kind {
             UnitKind::Named => self.symbol.clone().unwrap_or_default(),
             _ => self.unit.si_symbol(),
+        }
+    }
+
+    /// How values in SI are shown to a reader: in the unit of the vehicle file for signals and entries that have one, in SI for
+    /// coefficients.
+    pub fn in_words(&self) -> ShownUnit {
+        match (&self.kind, &self.symbol) {
+            (UnitKind::Signal(signal), _) => signal.shown(),
+            // 1/s^2, not rad/s^2/rad.
+            (UnitKind::Entry, Some(symbol))
+                if !(self.unit.is_si() && self.si_symbol().len() <= symbol.len()) =>
+            {
+                ShownUnit::declared(&self.unit, symbol)
+            }
+            _ => ShownUnit::si(&self.si_symbol()),
         }
     }
 

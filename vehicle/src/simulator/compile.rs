@@ -101,6 +101,8 @@ pub struct System {
     /// What filter states settle to, in an order in which each depends only on those before.
     pub rests: Vec<Rest>,
     pub oscillators: Vec<Oscillator>,
+    /// Actuator lags: index of the effect and its state.
+    pub lags: Vec<(usize, usize)>,
 }
 
 /// Grows with every filter; v does not.
@@ -110,6 +112,7 @@ struct Builder {
     /// dz/dt of the filter states, by state.
     filters: Vec<(usize, Form)>,
     rests: Vec<(usize, f64, Form, bool)>,
+    lags: Vec<(usize, usize)>,
 }
 
 impl Builder {
@@ -213,7 +216,7 @@ impl System {
             }
         }
 
-        let mut builder = Builder { nz: n, m, filters: Vec::new(), rests: Vec::new() };
+        let mut builder = Builder { nz: n, m, filters: Vec::new(), rests: Vec::new(), lags: Vec::new() };
         let signals = actuators(&mut builder, effects, acts);
         let all = || effects.iter().zip(acts).enumerate();
         let of = |kind: Kind| all().filter(move |(_, ((e, _), _))| e.kind() == kind);
@@ -281,6 +284,7 @@ impl System {
                 })
                 .collect(),
             oscillators,
+            lags: builder.lags,
         })
     }
 
@@ -308,12 +312,17 @@ fn actuators(builder: &mut Builder, effects: &[(Effect, Place)], acts: &[bool]) 
     for kind in [Kind::ActuatorLag, Kind::UnmodelledMode] {
         for (i, signal) in signals.iter_mut().enumerate() {
             let here = |(e, p): &(Effect, Place)| e.kind() == kind && *p == Place::Input(i);
-            for ((effect, _), acts) in effects.iter().zip(acts).filter(|(e, _)| here(e)) {
+            let all = effects.iter().zip(acts).enumerate();
+            for (index, ((effect, _), acts)) in all.filter(|(_, (e, _))| here(e)) {
                 let before = std::mem::replace(signal, builder.zero());
+                let state = builder.nz;
                 *signal = match kind {
                     Kind::ActuatorLag => builder.lag(before, effect.get("time_constant_s"), *acts),
                     _ => builder.mode(before, effect, *acts),
                 };
+                if kind == Kind::ActuatorLag && builder.nz > state {
+                    builder.lags.push((index, state));
+                }
             }
         }
     }

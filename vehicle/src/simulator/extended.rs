@@ -21,6 +21,8 @@ pub struct Extended {
     delays: Vec<Delay>,
     settings: Settings,
     nonlinear: Option<Nonlinear>,
+    /// Actuator lags: index of the effect and its state.
+    lags: Vec<(usize, usize)>,
 }
 
 impl Extended {
@@ -54,7 +56,8 @@ impl Extended {
         let levels = nonlinear.as_ref().map_or(1, Nonlinear::levels);
         let cuts = (&disturbances.events()[..], levels);
         let settings = Settings::new(combinations, effects, period_s, sensors, cuts, neutral.len())?;
-        Ok(Self { period_s, chains, delays, settings, nonlinear })
+        let lags = combinations.all[0].system.lags.clone();
+        Ok(Self { period_s, chains, delays, settings, nonlinear, lags })
     }
 
     /// Whether an effect that acts in the step itself, not on commands or outputs alone, can be switched.
@@ -117,6 +120,15 @@ impl Extended {
         self.settings.switch(effect, on)
             || self.nonlinear.as_mut().is_some_and(|nonlinear| nonlinear.switch(effect, on))
             || self.chains.iter_mut().any(|chain| chain.switch(effect, on))
+    }
+
+    /// Puts what an effect on an input remembers; whether it is one that remembers a single value.
+    pub fn put(&mut self, effect: usize, value: f64, z: &mut [f64]) -> bool {
+        match self.lags.iter().find(|(own, _)| *own == effect) {
+            Some((_, state)) => z[*state] = value,
+            None => return self.chains.iter_mut().any(|chain| chain.put(effect, value)),
+        }
+        true
     }
 
     /// Keeps the states of filters that are off where the signals are, so that nothing jumps when they begin.

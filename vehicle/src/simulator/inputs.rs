@@ -131,6 +131,17 @@ impl Chain {
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
         self.0.iter_mut().any(|(switch, _)| switch.set(effect, on))
     }
+
+    /// Puts the position of a rate limit or of play, if the effect is such a one; whether it is.
+    pub fn put(&mut self, effect: usize, position: f64) -> bool {
+        let own = self.0.iter_mut().find(|(switch, _)| switch.is_of(effect));
+        match own.map(|(_, link)| link) {
+            Some(Link::Rate(limit)) => limit.position = position,
+            Some(Link::Backlash(play)) => play.position = position,
+            _ => return false,
+        }
+        true
+    }
 }
 
 impl Link {

@@ -37,6 +37,11 @@ impl Switch {
         t - self.window.from_s.unwrap_or(0.0)
     }
 
+    /// Whether this is the switch of that effect.
+    pub fn is_of(&self, effect: usize) -> bool {
+        self.effect == effect
+    }
+
     /// Switches, if this is the effect; whether it is.
     pub fn set(&mut self, effect: usize, on: bool) -> bool {
         let is_meant = effect == self.effect && !self.window.is_always();

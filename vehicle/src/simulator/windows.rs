@@ -23,6 +23,15 @@ impl Simulator {
         is_one
     }
 
+    /// Puts what the effect of that index in the vehicle remembers of its input: the output of an actuator lag, the position of a
+    /// rate limit or of play, as the present step finds it. False for an effect that does not remember one value.
+    pub fn put(&mut self, effect: usize, value: f64) -> bool {
+        match &mut self.dynamics {
+            Dynamics::Plain(_) => false,
+            Dynamics::Extended(extended) => extended.put(effect, value, &mut self.z),
+        }
+    }
+
     /// Whether something in the motion begins or ends with a step, so that steps are to be taken one by one.
     pub(super) fn has_windows(&self) -> bool {
         let extended = match &self.dynamics {

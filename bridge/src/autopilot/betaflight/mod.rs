@@ -1,9 +1,10 @@
 //! Betaflight's software-in-the-loop interface: motor outputs in, vehicle state and pilot's channels out.
 //!
-//! Betaflight runs in real time beside the bench and waits for nobody. Its clock follows the ratio of simulated to wall
-//! time between one state packet and the next, so each packet is stamped with the wall time at which it is sent, and one
-//! that would come sooner than half a period after the one before is left out: a burst would make Betaflight's clock
-//! run many times too fast, and its filters with it.
+//! Betaflight runs in real time beside the bench and waits for nobody. Its clock runs at the ratio of told to wall time
+//! between the last two state packets that it took in (`updateState`, `micros64`): of two that waited for it together the
+//! second comes microseconds after the first, and its clock then runs hundreds of times too fast until the next one. It
+//! misses its pilot and disarms, and its estimator turns too far. Packets of the same time leave the rate at its first
+//! value, one, and are used like any other. So all of them tell the same time, and no packet need be held back.
 //!
 //! | direction | port | packet |
 //! |---|---|---|
@@ -62,6 +63,10 @@ pub const NATIVE_ORDER: [usize; 4] = [2, 3, 4, 1];
 /// Time between two packets of channels: a receiver's 50 Hz.
 const CHANNEL_PERIOD: Duration = Duration::from_millis(20);
 
+/// Without outputs for this long it does not run, and gets no channels: those that come while it starts it would forget, and
+/// then know no pilot (`udpRCThread` makes them its receiver once, `rxInit` then sets it to another).
+const NOT_RUNNING: Duration = Duration::from_millis(500);
+
 /// Which packets hold the outputs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -113,10 +118,9 @@ impl Default for BetaflightOptions {
 pub struct Betaflight {
     options: BetaflightOptions,
     motors: bool,
-    period: Duration,
     origin: Option<(f64, f64)>,
-    last_state: Option<Duration>,
     answered: bool,
+    last_outputs: Option<Duration>,
     last_channels: Option<Duration>,
     event: Option<Event>,
     counts: Counts,
@@ -132,15 +136,14 @@ pub struct Betaflight {
 }
 
 impl Betaflight {
-    /// A conversation at one state packet a `period`; `motors` says that outputs are motors and not servos.
-    pub fn new(options: BetaflightOptions, motors: bool, period: Duration) -> Self {
+    /// A conversation; `motors` says that outputs are motors and not servos.
+    pub fn new(options: BetaflightOptions, motors: bool) -> Self {
         Self {
             options,
             motors,
-            period,
             origin: None,
-            last_state: None,
             answered: false,
+            last_outputs: None,
             last_channels: None,
             event: None,
             counts: Counts::default(),
@@ -231,7 +234,7 @@ impl Autopilot for Betaflight {
         self.outputs(port, datagram).is_ok()
     }
 
-    fn receive(&mut self, port: usize, bytes: &[u8], _now: Duration, _send: &mut Send<'_>) -> bool {
+    fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, _send: &mut Send<'_>) -> bool {
         if port == MSP {
             return self.hear(bytes);
         }
@@ -243,6 +246,7 @@ impl Autopilot for Betaflight {
         if (port == RAW) == (self.options.packets == Packets::Raw) {
             self.counts.outputs += 1;
             self.answered = true;
+            self.last_outputs = Some(now);
             self.turns = outputs.values[..4].iter().any(|v| *v > TURNING);
             self.event = Some(Event::Outputs(outputs));
         }
@@ -253,24 +257,18 @@ impl Autopilot for Betaflight {
         self.event.take()
     }
 
-    fn hold_back(&mut self, now: Duration) -> bool {
-        let soon = self.last_state.is_some_and(|last| now.saturating_sub(last) < self.period / 2);
-        self.counts.skipped += u64::from(soon);
-        soon
-    }
-
     fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>) {
-        if self.last_channels.is_none_or(|last| now.saturating_sub(last) >= CHANNEL_PERIOD) {
+        let runs = self.last_outputs.is_some_and(|last| now.saturating_sub(last) < NOT_RUNNING);
+        if runs && self.last_channels.is_none_or(|last| now.saturating_sub(last) >= CHANNEL_PERIOD) {
             self.last_channels = Some(now);
             self.counts.sent += 1;
             send(CHANNELS, &packet::channels(now, &rc.pulses()));
         }
         self.ask(rc, now, send);
-        self.last_state = Some(now);
         self.answered = false;
         self.counts.sent += 1;
         let origin = *self.origin.get_or_insert((sensors.gps.latitude, sensors.gps.longitude));
-        send(STATE, &packet::state(now, sensors, self.options.flavour, origin));
+        send(STATE, &packet::state(sensors, self.options.flavour, origin));
     }
 
     fn said(&self) -> Option<&str> {

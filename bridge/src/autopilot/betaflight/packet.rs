@@ -32,7 +32,7 @@ pub enum Flavour {
     /// As Gazebo's plugin writes them; Betaflight's own default.
     #[default]
     Gazebo,
-    /// As the bridges to X-Plane and RealFlight write them (`ENABLE_GAZEBO_BRIDGE=0`).
+    /// As the bridges to X-Plane and RealFlight write them (`ENABLE_GAZEBO_BRIDGE=0`, and every release before 2025.12).
     Legacy,
 }
 
@@ -142,9 +142,13 @@ pub(super) fn channels(now: Duration, pulses: &[u16; RC_CHANNELS]) -> [u8; RC_BY
     bytes
 }
 
-/// `fdm_packet`: time in s; turn rate in rad/s; specific force in m/s^2, backward, right, down; attitude, real part first; velocity in m/s,
+/// Time of every state packet, s. Betaflight refuses one that is older than the one before: this is that of one which
+/// follows none, so that a bridge which is started again goes on.
+const TOLD_TIME: f64 = 0.0;
+
+/// `fdm_packet`: time in s, [`TOLD_TIME`]; turn rate in rad/s; specific force in m/s^2, backward, right, down; attitude, real part first; velocity in m/s,
 /// east, north, up; longitude and latitude in degrees, height in m; pressure in Pa.
-pub(super) fn state(now: Duration, s: &Sensors, flavour: Flavour, origin: (f64, f64)) -> [u8; FDM_BYTES] {
+pub(super) fn state(s: &Sensors, flavour: Flavour, origin: (f64, f64)) -> [u8; FDM_BYTES] {
     let (gyro, attitude) = (gyro(s, flavour), attitude(s, flavour));
     let (latitude, longitude) = match flavour {
         Flavour::Legacy => (s.gps.latitude, s.gps.longitude),
@@ -153,7 +157,7 @@ pub(super) fn state(now: Duration, s: &Sensors, flavour: Flavour, origin: (f64, 
     };
     let v = s.gps.velocity;
     let fields: [f64; 18] = [
-        now.as_secs_f64(),
+        TOLD_TIME,
         gyro.x,
         gyro.y,
         gyro.z,
@@ -189,17 +193,18 @@ fn gyro(s: &Sensors, flavour: Flavour) -> Vector3<f64> {
     }
 }
 
-/// The attitude of the body forward, left, up over north, west, up, as Betaflight keeps it inside. Legacy bridges send
-/// that; of what Gazebo's plugin sends, Betaflight takes away half a turn about x on either side, then adds a quarter turn
-/// about up.
+/// The attitude as Betaflight takes it. Where legacy bridges send it, Betaflight uses what is told, of the body forward, right,
+/// down over north, east, down: it turns two entries of the matrix back itself (`imuComputeRotationMatrix`). Of what Gazebo's
+/// plugin sends, it takes away half a turn about x on either side, then adds a quarter turn about up, for forward, left, up
+/// over north, west, up.
 fn attitude(s: &Sensors, flavour: Flavour) -> nalgebra::Quaternion<f64> {
-    let half = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
-    // Half a turn about x makes north, west, up of north, east, down, and forward, left, up of forward, right, down.
-    let inside = half * s.attitude * half;
     let q = match flavour {
-        Flavour::Legacy => inside,
+        Flavour::Legacy => s.attitude,
         Flavour::Gazebo => {
+            let half = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
             let quarter_back = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_2);
+            // Half a turn about x makes north, west, up of north, east, down, and forward, left, up of forward, right, down.
+            let inside = half * s.attitude * half;
             half * quarter_back * inside * half
         }
     };

@@ -23,7 +23,7 @@ impl PlotInput<'_> {
 
     fn residual_label(&self, output: usize) -> Axis {
         let output = &self.vehicle.outputs[output];
-        Axis::new(&format!("residual of {}", output.name), &output.unit.si_symbol())
+        Axis::new(&format!("residual of {}", output.name), output.unit.shown())
     }
 
     /// Simulated values of an output at the samples of another.
@@ -57,7 +57,7 @@ impl PlotInput<'_> {
             &x,
             traces,
             "A straight line through zero: the sensor shows a share of it.",
-            Axis::new(&format!("{} as simulated", o.name), &o.unit.si_symbol()),
+            Axis::new(&format!("{} as simulated", o.name), o.unit.shown()),
             self.residual_label(output),
         ))
     }
@@ -76,7 +76,7 @@ impl PlotInput<'_> {
             &x,
             traces,
             "A sensor that is late by a time lacks that time's worth of the slope: a falling line.",
-            Axis::new(&format!("slope of {} as simulated", o.name), &format!("{}/s", o.unit.si_symbol())),
+            Axis::new(&format!("slope of {} as simulated", o.name), o.unit.shown().per_second()),
             self.residual_label(output),
         ))
     }

@@ -65,8 +65,6 @@ struct Check<'a> {
     sensed_at: Instant,
     /// Time as the sensors have it.
     sensor_time: Duration,
-    /// Periods that were not sensed, lest there be a burst.
-    held_back: u32,
     say: &'a mut dyn FnMut(Finding),
 }
 
@@ -124,7 +122,6 @@ pub fn check_autopilot(
         due: now,
         sensed_at: now,
         sensor_time: Duration::ZERO,
-        held_back: 0,
         say,
     };
     check.wait_for_outputs(options)?;
@@ -205,11 +202,7 @@ impl Check<'_> {
         let late = instant.saturating_duration_since(self.due).as_nanos() / self.period.as_nanos();
         let periods = u32::try_from(late).unwrap_or(u32::MAX).saturating_add(1);
         self.due += self.period * periods;
-        self.held_back += periods;
-        if !self.autopilot.hold_back(now) {
-            let periods = std::mem::take(&mut self.held_back);
-            self.sense(periods, motion, now);
-        }
+        self.sense(periods, motion, now);
     }
 
     /// When sensors are to be sent: one that waits gets them when it has answered, or when its answer seems lost.

@@ -79,7 +79,7 @@ pub struct Hil {
     stand_due: Instant,
     /// When sensors were sent last.
     sensed_at: Instant,
-    /// Periods that were not sensed, lest there be a burst.
+    /// Periods that were not sensed, because the autopilot had not answered.
     held_back: u64,
     last: Option<Command>,
     origin: Instant,
@@ -126,6 +126,7 @@ impl Hil {
             limits: setup.limits,
             flight: Flight::new(&options.flight, options.mixer.frame),
             mixer,
+            waits: Waiting::new(options.kind.autopilot(), rc.grace(), Instant::now()),
             rc,
             is_realtime: !lockstep,
             awaited_since: None,
@@ -140,7 +141,6 @@ impl Hil {
             origin: Instant::now(),
             steps: 0,
             tally: Tally::new(options.kind.autopilot()),
-            waits: Waiting::new(options.kind.autopilot(), Instant::now()),
         })
     }
 
@@ -191,11 +191,6 @@ impl Hil {
     fn sense(&mut self, periods: u64) {
         let Some(VehicleSample { motion, errors, .. }) = self.at else { return };
         let periods = periods + std::mem::take(&mut self.held_back);
-        if self.autopilot.hold_back(self.now()) {
-            // The turn of this period is part of the next reading: none of it may be missing from the gyroscope's sum.
-            self.held_back = periods;
-            return;
-        }
         let errors = if self.flight.has_begun() { errors } else { self.standing.draw() };
         let sensors = self.model.step_after(periods, &motion, &errors);
         self.send(&sensors);
@@ -319,7 +314,7 @@ impl Hil {
         }
         let periods = before.map_or(1, |last| step.saturating_sub(last));
         if self.is_slow() {
-            // What it has not seen is part of its next reading.
+            // The turn of this period is part of the next reading: none of it may be missing from the gyroscope's sum.
             self.held_back += periods;
         } else {
             self.sense(periods);

@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use crate::wait_report::WaitReport;
 
-/// An autopilot that is there and has not said for so long why it is not armed is told with where to look.
+/// An autopilot that is there, has had its time to start and has not said for so long why it is not armed is told with where to
+/// look.
 const UNEXPLAINED: Duration = Duration::from_secs(5);
 
 /// The wait for an autopilot.
@@ -12,14 +13,16 @@ const UNEXPLAINED: Duration = Duration::from_secs(5);
 pub(super) struct Waiting {
     name: &'static str,
     report: WaitReport,
+    /// What it is given to start, before anybody arms it.
+    grace: Duration,
     /// Since when it has been there without being armed.
     there_since: Option<Instant>,
     advised: bool,
 }
 
 impl Waiting {
-    pub(super) fn new(name: &'static str, now: Instant) -> Self {
-        Self { name, report: WaitReport::new(now), there_since: None, advised: false }
+    pub(super) fn new(name: &'static str, grace: Duration, now: Instant) -> Self {
+        Self { name, report: WaitReport::new(now), grace, there_since: None, advised: false }
     }
 
     /// It flies.
@@ -37,13 +40,17 @@ impl Waiting {
         place: impl FnOnce() -> String,
     ) -> bool {
         let name = self.name;
+        self.there_since = there.then(|| self.there_since.unwrap_or(now));
+        let since = |wait: Duration| {
+            self.there_since.is_some_and(|since| now.saturating_duration_since(since) >= wait)
+        };
+        let (started, long) = (since(self.grace), since(self.grace + UNEXPLAINED));
         self.report.tell(now, || match (there, said) {
             (true, Some(words)) => format!("{name} to be armed, which says: {words}"),
+            (true, None) if !started => format!("{name} to start, which bridge.rc.grace_s gives it"),
             (true, None) => format!("{name} to be armed"),
             (false, _) => format!("{name} on {}", place()),
         });
-        self.there_since = there.then(|| self.there_since.unwrap_or(now));
-        let long = self.there_since.is_some_and(|since| now.saturating_duration_since(since) >= UNEXPLAINED);
         let due = long && said.is_none() && !self.advised;
         self.advised |= due;
         due
@@ -55,17 +62,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_that_is_there_and_says_nothing_is_told_once_after_five_seconds() {
-        let origin = Instant::now();
-        let mut waiting = Waiting::new("PX4", origin);
-        let mut tell = |s: u64, there, said| {
-            waiting.tell(origin + Duration::from_secs(s), there, said, || "tcp 4560".into())
-        };
-        assert!(!tell(9, false, None), "not there");
-        assert!(!tell(10, true, None));
-        assert!(!tell(14, true, None));
-        assert!(!tell(15, true, Some("GPS")), "it said why");
-        assert!(tell(16, true, None));
-        assert!(!tell(17, true, None), "once");
+    fn one_that_is_there_and_says_nothing_is_told_once_five_seconds_after_its_time_to_start() {
+        for grace in [0, 8] {
+            let origin = Instant::now();
+            let mut waiting = Waiting::new("PX4", Duration::from_secs(grace), origin);
+            let mut tell = |s: u64, there, said| {
+                waiting.tell(origin + Duration::from_secs(s), there, said, || "tcp 4560".into())
+            };
+            assert!(!tell(9, false, None), "not there");
+            assert!(!tell(10, true, None));
+            assert!(!tell(14 + grace, true, None), "{grace} s to start");
+            assert!(!tell(15 + grace, true, Some("GPS")), "it said why");
+            assert!(tell(16 + grace, true, None));
+            assert!(!tell(17 + grace, true, None), "once");
+        }
     }
 }

@@ -1,0 +1,157 @@
+//! Which channels a value of a model can move at all, and which values can be moved together.
+//!
+//! Axes of a vehicle that know nothing of each other have sensitivities without common rows. Those of several such values come from
+//! one run in which all of them are moved (Curtis, Powell and Reid, J. Inst. Maths Applics 13, 1974).
+
+use whirlstand_vehicle::{Effect, Matrix, Place, Target, Vehicle};
+
+use crate::data::record::Data;
+
+/// A set of signals, or of channels, one bit each: a vehicle has at most 32 states, inputs and outputs each.
+pub type Set = u128;
+
+/// What moves what: states, then inputs, then outputs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Reach {
+    /// What each signal moves, itself included.
+    moves: Vec<Set>,
+    states: usize,
+    inputs: usize,
+    /// The signal of each channel.
+    channels: Vec<usize>,
+}
+
+impl Reach {
+    /// Of a vehicle with all its effects, of which the `open` targets may become other than zero.
+    pub fn new<'t>(vehicle: &Vehicle, data: &Data, open: impl Iterator<Item = &'t Target>) -> Self {
+        let (n, m, p) = (vehicle.states.len(), vehicle.inputs.len(), vehicle.outputs.len());
+        let channels = data.channels.iter().map(|c| n + m + c.output).collect();
+        let moves = (0..n + m + p).map(|signal| 1 << signal).collect();
+        let mut reach = Self { moves, states: n, inputs: m, channels };
+        for matrix in [Matrix::A, Matrix::B, Matrix::C, Matrix::D] {
+            let entries = match matrix {
+                Matrix::A => &vehicle.a,
+                Matrix::B => &vehicle.b,
+                Matrix::C => &vehicle.c,
+                Matrix::D => &vehicle.d,
+            };
+            for (i, j) in (0..entries.nrows()).flat_map(|i| (0..entries.ncols()).map(move |j| (i, j))) {
+                if entries[(i, j)] != 0.0 {
+                    reach.link(Place::Entry(matrix, i, j));
+                }
+            }
+        }
+        vehicle.effects.iter().for_each(|effect| reach.link(place(effect, vehicle)));
+        for target in open {
+            reach.link(place_of(target, vehicle));
+        }
+        if data.memory_s.is_some() {
+            reach.correct();
+        }
+        reach.close();
+        reach
+    }
+
+    /// Signals that act at a place, and those that they act on there.
+    fn ends(&self, place: Place) -> (Set, Set) {
+        let (input, output) = (self.states, self.states + self.inputs);
+        let one = |signal: usize| -> Set { 1 << signal };
+        let outputs = (output..self.moves.len()).fold(0, |all, signal| all | one(signal));
+        match place {
+            Place::State(i) => (one(i), one(i)),
+            Place::Input(i) => (one(input + i), one(input + i)),
+            Place::Output(i) => (one(output + i), one(output + i)),
+            Place::StatePair(a, b) => (one(a), one(b)),
+            Place::InputPair(a, b) => (one(input + a), one(input + b)),
+            // What turns two outputs turns their rates with them.
+            Place::OutputPair(..) => (outputs, outputs),
+            Place::Entry(Matrix::A, i, j) => (one(j), one(i)),
+            Place::Entry(Matrix::B, i, j) => (one(input + j), one(i)),
+            Place::Entry(Matrix::C, i, j) => (one(j), one(output + i)),
+            Place::Entry(Matrix::D, i, j) => (one(input + j), one(output + i)),
+            Place::Vehicle => (Set::MAX, Set::MAX),
+        }
+    }
+
+    fn link(&mut self, place: Place) {
+        let (from, onto) = self.ends(place);
+        let signals = self.moves.len();
+        (0..signals).filter(|s| from >> s & 1 == 1).for_each(|s| self.moves[s] |= onto);
+    }
+
+    /// A filter corrects states by all outputs that any state with which they hang together shows in.
+    fn correct(&mut self) {
+        self.close();
+        let shown = self.states + self.inputs;
+        let mut together: Vec<Set> = (0..self.states).map(|i| self.moves[i]).collect();
+        for _ in 0..self.states {
+            let before = together.clone();
+            for own in &mut together {
+                *own = before.iter().filter(|other| *own & **other != 0).fold(*own, |all, other| all | other);
+            }
+        }
+        let states = (1 << self.states) - 1;
+        for own in together {
+            (shown..self.moves.len())
+                .filter(|s| own >> s & 1 == 1)
+                .for_each(|s| self.moves[s] |= own & states);
+        }
+    }
+
+    /// What is moved by what moves is moved.
+    fn close(&mut self) {
+        for via in 0..self.moves.len() {
+            let onto = self.moves[via];
+            self.moves.iter_mut().filter(|own| **own >> via & 1 == 1).for_each(|own| *own |= onto);
+        }
+    }
+
+    /// The channels that signals move.
+    fn channels(&self, signals: Set) -> Set {
+        let reached =
+            (0..self.moves.len()).filter(|s| signals >> s & 1 == 1).fold(0, |all, s| all | self.moves[s]);
+        let bit = |(c, signal): (usize, &usize)| if reached >> signal & 1 == 1 { 1 << c } else { 0 };
+        self.channels.iter().enumerate().map(bit).fold(0, |all, c| all | c)
+    }
+
+    /// The channels that a state moves.
+    pub fn of_state(&self, state: usize) -> Set {
+        self.channels(1 << state)
+    }
+
+    /// The channels that what acts at a target moves.
+    pub fn of_target(&self, target: &Target, vehicle: &Vehicle) -> Set {
+        self.channels(self.ends(place_of(target, vehicle)).1)
+    }
+
+    /// The channels that an effect moves.
+    pub fn of_effect(&self, effect: &Effect, vehicle: &Vehicle) -> Set {
+        self.channels(self.ends(place(effect, vehicle)).1)
+    }
+}
+
+fn place(effect: &Effect, vehicle: &Vehicle) -> Place {
+    effect.resolve(vehicle).unwrap_or(Place::Vehicle)
+}
+
+fn place_of(target: &Target, vehicle: &Vehicle) -> Place {
+    match target {
+        Target::Entry(matrix, i, j) => Place::Entry(*matrix, *i, *j),
+        Target::Effect(index, _) => place(&vehicle.effects[*index], vehicle),
+    }
+}
+
+/// Groups of values of which no two move the same channel.
+pub fn groups(reached: &[Set]) -> Vec<Vec<usize>> {
+    let mut groups: Vec<(Set, Vec<usize>)> = Vec::new();
+    for (value, own) in reached.iter().enumerate() {
+        match groups.iter_mut().find(|(taken, _)| taken & own == 0) {
+            Some((taken, members)) => {
+                *taken |= own;
+                members.push(value);
+            }
+            None => groups.push((*own, vec![value])),
+        }
+    }
+    groups.into_iter().map(|(_, members)| members).collect()
+}

@@ -1,0 +1,120 @@
+//! A viewer's hand on the stick of a bench: what it says goes to the controller, until it is silent or the bench says that the
+//! law flies again.
+
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_live::Answer;
+use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, MAX_INPUTS, Message, Stick};
+use whirlstand_vehicle::Vehicle;
+
+use super::ask::{PATIENCE, converse_over, is_open, no_answer};
+use super::card::BenchCard;
+use super::told::Told;
+use super::wanted::Wanted;
+use crate::error::Failure;
+use crate::keys::GUEST;
+
+/// Longest time without a word of a hand, before its thread ends. The controller takes the stick back much earlier.
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// Queue for what the bench answers, others' requests too.
+const DEPTH: usize = 64;
+
+/// The hand of one viewer, and the thread that speaks for it.
+struct Hand {
+    id: u64,
+    moves: SyncSender<[f64; MAX_INPUTS]>,
+}
+
+/// The hand that holds the stick, if one does.
+#[derive(Default)]
+pub(super) struct Hands(Mutex<Option<Hand>>);
+
+impl Hands {
+    /// Takes the stick over, under a number that the viewer has chosen and that no other request has.
+    pub fn take(&self, card: &BenchCard, vehicle: &Vehicle, id: u64) -> Answer {
+        let wanted = Wanted::Stick(Some(id));
+        is_open(card, &wanted).map_err(|e| e.to_string())?;
+        let (moves, said) = sync_channel(1);
+        let (tell, told) = sync_channel(1);
+        let bench = card.clone();
+        let body = move || match open(&bench, &wanted) {
+            Ok((held, answer)) => {
+                let is_ours = answer.verdict == AdjustmentVerdict::Done as u32;
+                // Whoever asked may have gone.
+                let _ = tell.send(Ok(answer));
+                if is_ours && let Err(e) = held.hold(id, &said) {
+                    tracing::warn!("the stick is let go: {e}");
+                }
+            }
+            Err(e) => {
+                let _ = tell.send(Err(e.to_string()));
+            }
+        };
+        std::thread::Builder::new().name("stick".into()).spawn(body).map_err(|e| e.to_string())?;
+        let answer = told.recv().map_err(|_| "the stick cannot be taken over".to_string())??;
+        let told = Told::new(&wanted, &answer, vehicle);
+        if told.refused.is_some() {
+            return Err(told.sentence());
+        }
+        *self.hand() = Some(Hand { id, moves });
+        Ok(told.sentence())
+    }
+
+    /// What the hand wants the inputs to be.
+    pub fn say(&self, id: u64, u: [f64; MAX_INPUTS]) -> Answer {
+        let hand = self.hand();
+        let own = hand.as_ref().filter(|hand| hand.id == id);
+        // A move that finds one waiting is left out: the next is newer.
+        match own.map(|own| own.moves.try_send(u)) {
+            Some(Ok(()) | Err(TrySendError::Full(_))) => Ok(String::new()),
+            _ => Err("the stick is not yours: the law flies, or somebody else".into()),
+        }
+    }
+
+    /// Lets go.
+    pub fn give(&self, id: u64) {
+        self.hand().take_if(|hand| hand.id == id);
+    }
+
+    fn hand(&self) -> MutexGuard<'_, Option<Hand>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A stick that was asked for.
+struct Held {
+    _bus: Bus,
+    publisher: whirlstand_bus::Publisher<Stick>,
+    heard: Subscriber<Adjustment>,
+}
+
+/// Joins the bench and asks for its stick. All ports are there before, since the bench begins to wait with its answer.
+fn open(card: &BenchCard, wanted: &Wanted) -> Result<(Held, Adjustment), Failure> {
+    let bus = card.join(GUEST)?;
+    let publisher = bus.publisher().map_err(Failure::mend)?;
+    let heard = bus.subscriber(DEPTH).map_err(Failure::mend)?;
+    let mut answers = [None];
+    converse_over(&bus, &[wanted.request()], &mut answers, Instant::now() + PATIENCE)?;
+    let answer = answers[0].ok_or_else(|| no_answer(card))?;
+    Ok((Held { _bus: bus, publisher, heard }, answer))
+}
+
+impl Held {
+    /// Hands on what the hand says, until it is silent or the bench says that the law flies.
+    fn hold(mut self, id: u64, said: &Receiver<[f64; MAX_INPUTS]>) -> Result<(), Failure> {
+        while let Ok(u) = said.recv_timeout(SILENCE) {
+            self.publisher.send(&Stick { u, id, ..Stick::zeroed() }).map_err(Failure::run)?;
+            while let Some(m) = self.heard.try_recv().map_err(Failure::run)? {
+                let is_done = m.verdict == AdjustmentVerdict::Done as u32;
+                if is_done && m.what == AdjustmentKind::Stick as u32 && m.value == 0.0 {
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
+    }
+}

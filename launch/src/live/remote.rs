@@ -1,0 +1,67 @@
+//! A bench on another host: its launch file says what it is, and where its nodes listen.
+
+use whirlstand_bus::{BusConfig, Protection, Transport};
+
+use crate::error::Failure;
+use crate::file::{Plan, Security};
+use crate::keys::{BenchKeys, GUEST, OBSERVER};
+
+/// How a bench on another host is joined.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Remote {
+    /// Endpoints of its nodes.
+    connect: Vec<String>,
+    /// Its nodes that say how they are.
+    pub nodes: Vec<String>,
+    /// What each of [`OBSERVER`] and [`GUEST`] needs, or why it is not there.
+    members: [(&'static str, Result<Option<Protection>, String>); 2],
+}
+
+impl Remote {
+    /// How the bench of a plan is joined from another host; `connect` are endpoints of nodes that are not in it.
+    ///
+    /// # Errors
+    /// For a bench that is not reached from another host, and when the observer's key is not here.
+    pub fn new(plan: &Plan, connect: &[String]) -> Result<Self, Failure> {
+        if plan.config.transport != Transport::Zenoh {
+            return Err(Failure::Mend(format!(
+                "a bench over {} is not reached from another host: it needs transport = \"zenoh\"",
+                plan.config.transport
+            )));
+        }
+        if plan.security == Security::Secret {
+            return Err(Failure::Mend(
+                "a bench with a secret of its host is not reached from another: say [security] mode = \"tls\" with keys from \
+                 `whirlstand keys new`, or mode = \"open\""
+                    .into(),
+            ));
+        }
+        let listening = plan.nodes.iter().flat_map(|node| &node.section.listen);
+        let connect: Vec<_> = listening.chain(connect).cloned().collect();
+        if connect.is_empty() {
+            return Err(Failure::Mend(
+                "nobody says where the bench is: give `listen` to the nodes in the launch file ([nodes.plant] listen = \
+                 [\"tls/192.0.2.1:7447\"] and so on), or --connect ENDPOINT for each of them"
+                    .into(),
+            ));
+        }
+        let keys = BenchKeys::new(plan)?;
+        let of = |name| (name, keys.protection(name).map_err(|e| e.to_string()));
+        // Who looks needs the observer's key in any case.
+        keys.protection(OBSERVER)?;
+        let nodes = plan.nodes.iter().filter(|n| n.role.is_some()).map(|n| n.name.clone()).collect();
+        Ok(Self { connect, nodes, members: [of(OBSERVER), of(GUEST)] })
+    }
+
+    /// Fills in how `member` joins.
+    ///
+    /// # Errors
+    /// When its key is not on this host.
+    pub fn fill(&self, member: &str, config: &mut BusConfig) -> Result<(), Failure> {
+        config.zenoh.connect.clone_from(&self.connect);
+        let known = self.members.iter().find(|(name, _)| *name == member);
+        let protection = known.map_or(Ok(None), |(_, protection)| protection.clone());
+        config.zenoh.protection = protection.map_err(Failure::Mend)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,65 @@
+//! The messages of a running bench, as a feed hears them.
+
+use whirlstand_bus::{Bus, OpenError, RecvError, Subscriber};
+use whirlstand_logs::BenchMessage;
+use whirlstand_msgs::{
+    Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, Message, Odometry, Outputs,
+    Sent, Setpoint, Truth,
+};
+
+/// Queue of each topic: whoever looks on may miss what a fast bench says, and is told how much.
+const DEPTH: usize = whirlstand_bus::MAX_DEPTH;
+
+macro_rules! ears {
+    ($($name:ident: $message:ident),* $(,)?) => {
+        /// Subscriptions to all that is shown.
+        pub(crate) struct Ears {
+            $($name: Subscriber<$message>,)*
+            adjusted: Subscriber<Adjustment>,
+            health: Subscriber<Health>,
+            /// Messages that could not be read.
+            pub refused: u64,
+        }
+
+        impl Ears {
+            pub fn open(bus: &Bus) -> Result<Self, OpenError> {
+                Ok(Self {
+                    $($name: bus.subscriber(DEPTH)?,)*
+                    adjusted: bus.subscriber(DEPTH)?,
+                    health: bus.subscriber(DEPTH)?,
+                    refused: 0,
+                })
+            }
+
+            /// Hands on what waits, at most one queue full of each topic.
+            pub fn drain(&mut self, mut hear: impl FnMut(&BenchMessage)) -> Result<(), RecvError> {
+                $(each(&mut self.$name, &mut self.refused, |m| hear(&m.into()))?;)*
+                each(&mut self.adjusted, &mut self.refused, |m| hear(&m.into()))?;
+                each(&mut self.health, &mut self.refused, |m| hear(&m.into()))
+            }
+
+            /// Messages that came faster than they were taken.
+            pub fn lost(&self) -> u64 {
+                [$(self.$name.lost(),)* self.adjusted.lost()].into_iter().fold(self.health.lost(), u64::saturating_add)
+            }
+        }
+    };
+}
+
+whirlstand_logs::loop_topics!(ears);
+
+fn each<M: Message>(
+    subscriber: &mut Subscriber<M>,
+    refused: &mut u64,
+    mut hear: impl FnMut(M),
+) -> Result<(), RecvError> {
+    for _ in 0..DEPTH {
+        match subscriber.try_recv() {
+            Ok(Some(message)) => hear(message),
+            Ok(None) => break,
+            Err(RecvError::Refused { .. }) => *refused += 1,
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}

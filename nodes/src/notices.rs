@@ -1,0 +1,165 @@
+//! What the steps of a node have to say: written by a thread beside them, because whoever writes a line allocates, takes the
+//! lock of standard error, and waits where nobody reads it.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Condvar, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+use whirlstand_bus::RecvError;
+use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict};
+
+use crate::error::NodeError;
+use crate::refusal::{name, refusal};
+use crate::worker::Worker;
+
+/// Notices that may wait. What does not fit is counted, and the count told.
+const DEPTH: usize = 64;
+
+/// For how long the end of a node waits until all is written.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Something that a step has to say.
+#[derive(Debug)]
+pub(crate) enum Notice {
+    /// The plant began a new run, and what this node begins with it.
+    NewRun { step: u64, then: &'static str },
+    /// Measurements are missing since step `last`.
+    Gap { step: u64, last: u64 },
+    /// Commands stay out: neutral inputs.
+    Failsafe { step: u64, misses: u64 },
+    /// Commands are back.
+    FailsafeOver { step: u64 },
+    /// Commands are withheld, or given again, because of what the mirror says.
+    Caution { step: u64, withholds: bool },
+    /// Another law flies from here.
+    InCharge { step: u64, is_first: bool },
+    /// The hand that held the stick has said nothing for too long.
+    LetGo { step: u64 },
+    /// Too many laws are being designed.
+    DraftLeftOut,
+    /// A request from outside was refused; `key` opens the node to such.
+    Refused { answer: Adjustment, key: &'static str },
+    /// A message arrived damaged.
+    Damaged(RecvError),
+}
+
+struct Notices {
+    worker: Worker<Notice>,
+    /// How many were handed over; `written` of them are written.
+    handed: AtomicU64,
+    left_out: AtomicU64,
+    written: Mutex<u64>,
+    more: Condvar,
+}
+
+static NOTICES: OnceLock<Notices> = OnceLock::new();
+
+/// While it lives notices are written by a thread; what was said is written when it is gone.
+pub(crate) struct Writing;
+
+/// Starts the thread of this process, if it does not run yet. Before a node takes its priority, which the thread must not have.
+///
+/// # Errors
+/// [`NodeError::System`].
+pub(crate) fn begin() -> Result<Writing, NodeError> {
+    if NOTICES.get().is_some() {
+        return Ok(Writing);
+    }
+    let worker = Worker::start("notices", DEPTH, |notice: Notice| {
+        notice.write();
+        let notices = NOTICES.wait();
+        notices.tell_left_out();
+        *notices.written.lock().unwrap_or_else(PoisonError::into_inner) += 1;
+        notices.more.notify_all();
+    })
+    .map_err(|source| NodeError::System { action: "start the thread that writes what steps say", source })?;
+    // Of two that begin at once one thread stays, and the other ends.
+    let _ = NOTICES.set(Notices {
+        worker,
+        handed: AtomicU64::new(0),
+        left_out: AtomicU64::new(0),
+        written: Mutex::new(0),
+        more: Condvar::new(),
+    });
+    Ok(Writing)
+}
+
+/// Has a notice written. Allocates nothing and takes no lock; in a process without the thread it is written here.
+pub(crate) fn say(notice: Notice) {
+    let Some(notices) = NOTICES.get() else { return notice.write() };
+    let count = if notices.worker.hand(notice).is_ok() { &notices.handed } else { &notices.left_out };
+    count.fetch_add(1, Ordering::AcqRel);
+}
+
+impl Drop for Writing {
+    fn drop(&mut self) {
+        let Some(notices) = NOTICES.get() else { return };
+        let handed = notices.handed.load(Ordering::Acquire);
+        let written = notices.written.lock().unwrap_or_else(PoisonError::into_inner);
+        // Where nobody reads what is written, or the thread is gone, a node ends all the same.
+        let waited = notices.more.wait_timeout_while(written, PATIENCE, |written| *written < handed);
+        let (written, waited) = waited.unwrap_or_else(PoisonError::into_inner);
+        drop(written);
+        if !waited.timed_out() {
+            notices.tell_left_out();
+        }
+    }
+}
+
+impl Notices {
+    fn tell_left_out(&self) {
+        let left_out = self.left_out.swap(0, Ordering::AcqRel);
+        if left_out > 0 {
+            tracing::warn!(
+                "{left_out} notices of steps were left out: they came faster than they could be written"
+            );
+        }
+    }
+}
+
+impl Notice {
+    fn write(self) {
+        match self {
+            Self::NewRun { step, then } => tracing::warn!(step, "the plant began a new run: {then}"),
+            Self::Gap { step, last } => {
+                tracing::warn!(step, last, "too many measurements are missing: starting anew");
+            }
+            Self::Failsafe { step, misses } => {
+                tracing::warn!(step, misses, "no command in time: FAILSAFE, inputs at neutral");
+            }
+            Self::FailsafeOver { step } => tracing::warn!(step, "commands are back: failsafe over"),
+            Self::Caution { step, withholds: true } => {
+                tracing::warn!(step, "the mirror says that prediction is wrong: commands are withheld");
+            }
+            Self::Caution { step, withholds: false } => {
+                tracing::warn!(step, "prediction is right again: commands are given");
+            }
+            Self::InCharge { step, is_first: true } => tracing::warn!(step, "the first law is in charge"),
+            Self::InCharge { step, is_first: false } => {
+                tracing::warn!(step, "the law that the mirror asked for is in charge");
+            }
+            Self::LetGo { step } => {
+                tracing::warn!(step, "the stick is silent: the law flies again");
+            }
+            Self::DraftLeftOut => tracing::warn!(
+                "the law that the mirror asked for is left out: others are still being designed"
+            ),
+            Self::Refused { answer, key } => write_refused(&answer, key),
+            Self::Damaged(error) => tracing::warn!("{error}"),
+        }
+    }
+}
+
+fn write_refused(answer: &Adjustment, key: &str) {
+    if let (Some(kind), Some(verdict)) =
+        (AdjustmentKind::from_u32(answer.what), AdjustmentVerdict::from_u32(answer.verdict))
+    {
+        tracing::warn!(
+            step = answer.head.step,
+            "{} of {} from outside is refused: {}",
+            name(kind),
+            answer.value,
+            refusal(verdict, key)
+        );
+    }
+}

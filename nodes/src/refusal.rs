@@ -1,0 +1,36 @@
+//! What a request from outside asked for, and why it is refused, in words.
+
+use whirlstand_msgs::{AdjustmentKind, AdjustmentVerdict};
+
+/// Why a request is refused, as a sentence; `key` opens the node.
+pub fn refusal(verdict: AdjustmentVerdict, key: &str) -> String {
+    match verdict {
+        AdjustmentVerdict::Asked | AdjustmentVerdict::Done => "it is not refused".into(),
+        AdjustmentVerdict::Closed => {
+            format!("the bench takes nothing of the kind from outside: start it with --set {key}=true")
+        }
+        AdjustmentVerdict::Unusable => "its value means nothing here".into(),
+        AdjustmentVerdict::NoSuchState => "the vehicle has no such state".into(),
+        AdjustmentVerdict::OutOfRange => {
+            "it is beyond the limits: the bound of the state, or 0.1 to 10 for the gain".into()
+        }
+        AdjustmentVerdict::Busy => {
+            "as many gusts blow already as there can be at once, or somebody else has the stick".into()
+        }
+        AdjustmentVerdict::NotOfThisLaw => "the law has no such thing".into(),
+        AdjustmentVerdict::NoSuchEffect => "the vehicle has no such effect with from_s or until_s".into(),
+    }
+}
+
+/// What was asked for.
+pub(crate) fn name(kind: AdjustmentKind) -> &'static str {
+    match kind {
+        AdjustmentKind::Gust => "a gust",
+        AdjustmentKind::Engine => "a state of the engine",
+        AdjustmentKind::Setpoint => "a setpoint",
+        AdjustmentKind::Gain => "a gain",
+        AdjustmentKind::Stop => "an end of the run",
+        AdjustmentKind::Effect => "a switch of an effect",
+        AdjustmentKind::Stick => "the stick",
+    }
+}
