@@ -119,29 +119,40 @@ fn a_budget_of_time_ends_a_diagnosis_with_what_is_known() {
     assert_eq!(wrong.code(), 2, "{}", wrong.stderr);
 }
 
+/// A table with the values of these columns multiplied, whatever its head says of their unit.
+fn scaled(table: &str, columns: &[&str], factor: f64) -> String {
+    let head = table.lines().next().unwrap();
+    let name = |column: &str| column.split('[').next().unwrap().to_string();
+    let meant: Vec<bool> = head.split(',').map(|c| columns.contains(&name(c).as_str())).collect();
+    assert_eq!(meant.iter().filter(|m| **m).count(), columns.len(), "{columns:?} of {head}");
+    let row = |line: &str| {
+        let value = |(cell, meant): (&str, &bool)| match cell.parse::<f64>() {
+            Ok(v) if *meant => (v * factor).to_string(),
+            _ => cell.to_string(),
+        };
+        line.split(',').zip(&meant).map(value).collect::<Vec<_>>().join(",")
+    };
+    table.lines().map(row).collect::<Vec<_>>().join("\n")
+}
+
+/// A flight of the quadrotor as a table with a head.
+fn table(dir: &Path) -> String {
+    let log = flown(dir, "quadrotor", "measured");
+    let csv = dir.join("measured.csv");
+    run(["log", "export", &log, "-o", csv.to_str().unwrap()]).success();
+    std::fs::read_to_string(csv).unwrap()
+}
+
 #[test]
 fn degrees_read_as_radians_are_told_by_diagnose_and_compare() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    let log = flown(dir, "quadrotor", "measured");
+    // The head says radians of what is in degrees.
+    let degrees = scaled(&table(dir), &["roll", "roll_rate", "pitch", "pitch_rate"], 1f64.to_degrees());
+    assert!(degrees.starts_with("t[s],roll[rad],roll_rate[rad/s],pitch[rad],pitch_rate[rad/s]"));
     let csv = dir.join("flight.csv");
     let csv = csv.to_str().unwrap();
-    run(["log", "export", &log, "-o", csv]).success();
-    let text = std::fs::read_to_string(csv).unwrap();
-    // The head says radians of what is in degrees.
-    let degrees: Vec<String> = text
-        .lines()
-        .enumerate()
-        .map(|(row, line)| {
-            let value = |(column, v): (usize, &str)| match v.parse::<f64>() {
-                Ok(v) if row > 0 && (1..5).contains(&column) => v.to_degrees().to_string(),
-                _ => v.to_string(),
-            };
-            line.split(',').enumerate().map(value).collect::<Vec<_>>().join(",")
-        })
-        .collect();
-    assert!(degrees[0].starts_with("t[s],roll[rad],roll_rate[rad/s],pitch[rad],pitch_rate[rad/s]"));
-    std::fs::write(csv, degrees.join("\n")).unwrap();
+    std::fs::write(csv, degrees).unwrap();
     for command in ["diagnose", "compare"] {
         let told = run([command, csv, "--vehicle", "quadrotor"]).success();
         assert!(
@@ -152,6 +163,45 @@ fn degrees_read_as_radians_are_told_by_diagnose_and_compare() {
         );
         assert!(told.stdout.contains("--map roll_rate=roll_rate[deg/s]"), "{}", told.stdout);
     }
+}
+
+/// Each ratio and its inverse, on an output and on an input, is told as what it is, and by `compare` as well.
+#[test]
+fn each_ratio_of_two_units_is_told_of_an_output_and_of_an_input() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let table = table(dir);
+    for (ratio, shown) in [(1f64.to_degrees(), "57.3"), (9.80665, "9.81"), (1000.0, "1000"), (3.6, "3.60")] {
+        for (factor, much) in [(ratio, "large"), (1.0 / ratio, "small")] {
+            for column in ["roll_rate", "u_pitch"] {
+                let csv = dir.join(format!("{column}-{shown}-{much}.csv"));
+                std::fs::write(&csv, scaled(&table, &[column], factor)).unwrap();
+                for command in ["diagnose", "compare"] {
+                    let told =
+                        run([command, csv.to_str().unwrap(), "--vehicle", "quadrotor"]).success().stdout;
+                    let words = format!("Inconclusive: {column} is {shown} times too {much}");
+                    assert!(told.starts_with(&words), "{command}: {words}\n{told}");
+                }
+            }
+        }
+    }
+}
+
+/// An input that is 25 times what the column says: no ratio of units, and more than a gain is looked for. Told before the search.
+#[test]
+fn a_cause_beyond_what_is_looked_for_is_told_and_does_not_explain() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let csv = dir.join("weak.csv");
+    std::fs::write(&csv, scaled(&table(dir), &["u_pitch"], 1.0 / 25.0)).unwrap();
+    let (answer, text, _) = diagnosed(dir, csv.to_str().unwrap(), "quadrotor", "weak");
+    let none = serde_json::json!([]);
+    assert_eq!((&answer["verdict"], &answer["causes"]), (&"inconclusive".into(), &none), "{text}");
+    assert!(text.starts_with("Inconclusive: u_pitch is 25.0 times too small"), "{text}");
+    assert!(
+        text.contains("no ratio of two units, and a fault is looked for up to a factor of 20.0"),
+        "{text}"
+    );
 }
 
 #[test]

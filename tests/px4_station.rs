@@ -78,25 +78,30 @@ fn mavproxy_arms_a_board_on_one_line() -> Outcome {
 }
 
 fn the_check_reads_the_attitude_over_the_line_that_carries_the_sensors() -> Outcome {
-    let dir = tempfile::tempdir().unwrap();
-    let (line, report) = (dir.path().join("ttyACM0"), dir.path().join("report.json"));
-    let mut board = Command::new(python()?);
-    board.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots/px4.py"));
-    board.args(["0".as_ref(), report.as_os_str(), "--free".as_ref(), "--pty".as_ref(), line.as_os_str()]);
-    board.args(["--disarmed", "--station", "0"]);
-    let board = spawn(board);
-    let link = format!("--set=bridge.px4.link=serial://{}:921600", line.display());
-    let end = run(["bridge", "check", "controller", "--launch", "quadrotor-px4", &link]);
-    board.signal(libc::SIGTERM);
-    board.finish();
-    let said = end.stdout.clone() + &end.stderr;
-    for words in
-        ["PX4 sends outputs", "stands level", "roll: +17.2 deg", "pitch: -34.4 deg", "yaw: +17.2 deg"]
-    {
-        assert!(said.lines().any(|l| l.starts_with("ok") && l.contains(words)), "{words}:\n{said}");
+    for (baud, rate_hz) in [(921_600, 200), (57_600, 50)] {
+        let dir = tempfile::tempdir().unwrap();
+        let (line, report) = (dir.path().join("ttyACM0"), dir.path().join("report.json"));
+        let mut board = Command::new(python()?);
+        board.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots/px4.py"));
+        board.args(["0".as_ref(), report.as_os_str(), "--free".as_ref(), "--pty".as_ref(), line.as_os_str()]);
+        board.args(["--disarmed", "--station", "0"]);
+        let board = spawn(board);
+        let link = format!("--set=bridge.px4.link=serial://{}:{baud}", line.display());
+        let rate = format!("--set=rate_hz={rate_hz}");
+        let end = run(["bridge", "check", "controller", "--launch", "quadrotor-px4", &link, &rate]);
+        board.signal(libc::SIGTERM);
+        board.finish();
+        let said = end.stdout.clone() + &end.stderr;
+        assert_eq!(end.code(), 0, "{baud}:\n{said}");
+        for words in
+            ["PX4 sends outputs", "stands level", "roll: +17.2 deg", "pitch: -34.4 deg", "yaw: +17.2 deg"]
+        {
+            let told = said.lines().any(|l| l.starts_with("ok") && l.contains(words));
+            assert!(told, "{baud}: {words}:\n{said}");
+        }
+        assert_eq!(json(&report)["faults"], serde_json::json!([]), "{said}");
+        assert!(json(&report)["intervals"]["30"].as_f64().is_some(), "it was asked for its attitude");
     }
-    assert_eq!(json(&report)["faults"], serde_json::json!([]), "{said}");
-    assert!(json(&report)["intervals"]["30"].as_f64().is_some(), "it was asked for its attitude");
     Ok(())
 }
 

@@ -191,7 +191,7 @@ fn a_right_model_of_what_integrates_is_consistent() {
         dropouts: (0, 0.0),
         ..MULTIROTOR
     };
-    judged("integrator", |seed| {
+    judged_over(24, "integrator", |seed| {
         let answer = diagnosis(axis.fly(seed), &axis.vehicle());
         let came = match (answer.verdict, answer.causes.len()) {
             (Verdict::Consistent, 0) => Came::Right,

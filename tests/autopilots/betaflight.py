@@ -63,6 +63,7 @@ def main():
     parser.add_argument("--msp", type=int)
     parser.add_argument("--blocked", type=lambda text: int(text, 0), default=0)
     parser.add_argument("--no-switch", action="store_true")
+    parser.add_argument("--yaw", type=float, default=0.0, help="demand per yaw rate, s/rad")
     args = parser.parse_args()
     report = flight.Report(args.report)
     report["disarmed"] = False
@@ -128,7 +129,8 @@ def main():
         last, last_wall = f[0], now
         attitude.step(gyro, accel, dt)
         thrust = armed and throttle > 1200
-        fr, rl, fl, rr = flight.quad_x(*flight.level(attitude, gyro)) if thrust else [0.055 if armed else 0.0] * 4
+        yaw = -args.yaw * gyro[2]
+        fr, rl, fl, rr = flight.quad_x(*flight.level(attitude, gyro), yaw) if thrust else [0.055 if armed else 0.0] * 4
         # Motor 1 is rear right, then front right, rear left, front left.
         motors = [rr, fr, rl, fl]
         pulses = [1000 + 1000 * m for m in motors] + [1500.0] * 4 + [0.0] * 8

@@ -105,9 +105,11 @@ def level(attitude, gyro):
     return roll / size, pitch / size
 
 
-def quad_x(roll, pitch):
-    """Motors front right, rear left, front left, rear right."""
-    return [0.5 + 0.5 * (-roll + pitch), 0.5 + 0.5 * (roll - pitch), 0.5 + 0.5 * (roll + pitch), 0.5 + 0.5 * (-roll - pitch)]
+def quad_x(roll, pitch, yaw=0.0):
+    """Motors front right, rear left, front left, rear right; the first two push the nose right."""
+    front_right, rear_left = -roll + pitch + yaw, roll - pitch + yaw
+    front_left, rear_right = roll + pitch - yaw, -roll - pitch - yaw
+    return [0.5 + 0.5 * demand for demand in (front_right, rear_left, front_left, rear_right)]
 
 
 def norm(v):

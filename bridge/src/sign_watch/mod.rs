@@ -3,7 +3,7 @@
 //! The vehicle file says which angular acceleration the inputs that act make, and which the vehicle makes by itself. What is
 //! not known is the gain of each axis, that is how much of its commands the vehicle obeys: 1 by the file, and less than 0 with
 //! a sign turned somewhere between the controller and the motors. Kalman filters that differ in what else is not known, how
-//! late commands act and how far the air pushes, estimate it from the attitude alone, or from attitude and rates; what they
+//! late commands act, how far the air pushes and how exact the attitude is, estimate it from the attitude alone, or from attitude and rates; what they
 //! found is weighed by how likely each makes what was seen. The test is sequential (Wald, Sequential Analysis, 1947): an axis is
 //! right or turned as soon as the odds are great enough, and until then it is neither.
 
@@ -25,6 +25,10 @@ const DELAYS: [usize; 5] = [0, 5, 10, 15, 20];
 
 /// How far the air may push at first, and change that in a second, in shares of what the inputs can do.
 const DISTURBANCES: [f64; 3] = [0.03, 0.3, 3.0];
+
+/// Noise of angles that come without rates, in shares of what the file says: a vehicle that estimates them tells them far more
+/// smoothly than a sensor does.
+const NOISES: [f64; 2] = [1.0, 0.1];
 
 /// Gains of a turned vehicle: twice as much or half as much as the file says, and a margin. What is beyond is something else.
 const TURNED: std::ops::Range<f64> = -3.0..-0.33;
@@ -72,7 +76,7 @@ struct Flight {
     /// What acted in the last ticks, the newest at `newest`.
     acted: [Commanded; DELAYS[DELAYS.len() - 1] + 1],
     newest: usize,
-    /// One for each delay and size of disturbance, in this order.
+    /// One for each delay, size of disturbance and noise, in this order.
     filters: Vec<Filter>,
 }
 
@@ -147,9 +151,13 @@ impl SignWatch {
     }
 
     fn begin(&self, acts: Commanded, attitude: Attitude, now: Duration) -> Flight {
-        let filter = |disturbance: f64| {
-            let belief = Belief { authority: self.authority, disturbance, noise: self.noise };
-            Filter::new(belief, attitude.angles)
+        let shares = if attitude.rates.is_some() { &NOISES[..1] } else { &NOISES[..] };
+        let filter = |disturbance: f64, share: f64| {
+            let noise = self.noise.map(|noise| share * noise);
+            Filter::new(Belief { authority: self.authority, disturbance, noise }, attitude.angles)
+        };
+        let alike = |_| {
+            DISTURBANCES.into_iter().flat_map(|push| shares.iter().map(move |share| filter(push, *share)))
         };
         Flight {
             time: now,
@@ -157,7 +165,7 @@ impl SignWatch {
             acts,
             acted: std::array::from_fn(|_| Commanded::zeros()),
             newest: 0,
-            filters: DELAYS.iter().flat_map(|_| DISTURBANCES.map(filter)).collect(),
+            filters: DELAYS.iter().flat_map(alike).collect(),
         }
     }
 
@@ -187,12 +195,12 @@ impl SignWatch {
 impl Flight {
     /// Lets the filters follow until now.
     fn go_on(&mut self, transition: &Transition, now: Duration) {
-        let count = self.acted.len();
+        let (count, alike) = (self.acted.len(), self.filters.len() / DELAYS.len());
         while now.saturating_sub(self.time) >= TICK {
             self.time += TICK;
             self.newest = (self.newest + 1) % count;
             self.acted[self.newest] = self.acts;
-            for (filters, delay) in self.filters.chunks_mut(DISTURBANCES.len()).zip(DELAYS) {
+            for (filters, delay) in self.filters.chunks_mut(alike).zip(DELAYS) {
                 let motion = transition.motion(&self.acted[(self.newest + count - delay) % count]);
                 filters.iter_mut().for_each(|f| f.predict(&motion, TICK.as_secs_f64()));
             }

@@ -203,7 +203,10 @@ const UNFORESEEN: &str =
 fn foresees(findings: &Findings<'_>, data: &Data) -> bool {
     let selection = &findings.residual.selection;
     let vehicle = selection.model.vehicle(&selection.fit.values);
-    vehicle.is_ok_and(|vehicle| screen::foresees(&vehicle, data, findings.gains.cut))
+    // Of what nothing was fitted to, all is held out.
+    let fitted = !selection.model.free.is_empty() || !selection.model.terms.is_empty();
+    let from = if fitted { findings.gains.cut } else { 0 };
+    vehicle.is_ok_and(|vehicle| screen::foresees(&vehicle, data, from))
 }
 
 /// True when what is left is no noise.

@@ -1,12 +1,17 @@
 //! The library of candidates: every effect of the table at every place of a vehicle, with sizes to try.
 
-use crate::thresholds::UNBOUNDED;
+use crate::thresholds::{SEARCHED_FACTORS, UNBOUNDED};
 use whirlstand_vehicle::{Kind, Matrix, Vehicle};
 
 pub use crate::candidates::candidate::{Candidate, Sizes, Tunable};
 
 fn tunable(name: &'static str, lower: f64, upper: f64, scale: f64) -> Tunable {
     Tunable { name, lower, upper, scale, size: true }
+}
+
+/// A factor of an input or a sensor.
+fn factor() -> Tunable {
+    tunable("factor", *SEARCHED_FACTORS.start(), *SEARCHED_FACTORS.end(), 1e-2)
 }
 
 /// Not a size: a time, a phase, a frequency.
@@ -69,7 +74,7 @@ impl Builder<'_> {
             self.add(Kind::InputDelay, name, &[late], times.clone());
             let lag = tunable("time_constant_s", 0.0, 2.0 * longest, 0.1 * period);
             self.add(Kind::ActuatorLag, name, &[lag], times);
-            self.linear(Kind::InputGain, name, tunable("factor", -5.0, 20.0, 1e-2), 1.0, 0.9);
+            self.linear(Kind::InputGain, name, factor(), 1.0, 0.9);
             let rate = 1.0 / duration;
             self.linear(
                 Kind::GainDrift,
@@ -229,7 +234,7 @@ impl Builder<'_> {
             self.linear(Kind::SensorBias, &name, tunable("offset", -far, far, step), 0.0, step);
             let drift = tunable("rate_per_s", -far / duration, far / duration, step / duration);
             self.linear(Kind::SensorDrift, &name, drift, 0.0, step / duration);
-            self.linear(Kind::SensorScale, &name, tunable("factor", -5.0, 20.0, 1e-2), 1.0, 0.9);
+            self.linear(Kind::SensorScale, &name, factor(), 1.0, 0.9);
             let late = tunable("delay_s", 0.0, longest, 0.1 * period);
             self.add(Kind::SensorDelay, &name, &[late], times.clone());
             let lag = tunable("time_constant_s", 0.0, 2.0 * longest, 0.1 * period);

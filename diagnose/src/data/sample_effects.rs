@@ -190,39 +190,60 @@ fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
     Some(SampleEffect { kind: Kind::Dropouts, channel: index, parameters, samples: repeats.len() })
 }
 
-/// For every pair of neighbours the probability that rounding makes them equal: the values differ by a normal amount that is as
-/// large as the changes around there, and both are rounded (Sheppard 1898), so that they are equal with a probability that falls
+/// For every pair of neighbours the probability that rounding makes them equal. What changes from one to the next is normal about
+/// what the changes beside it foretell, as wide as the changes around there miss what is foretold of them: a motion that turns
+/// round is slow there, noise is not. Both values are rounded (Sheppard 1898), so that they are equal with a probability that falls
 /// linearly to nothing at a difference of one step.
 fn repeats_by_chance(values: &[f64]) -> Vec<f64> {
-    let changes: Vec<(usize, f64)> = values.windows(2).map(|w| w[1] - w[0]).enumerate().collect();
     let tiny = SAME_VALUE * values.iter().filter(|v| v.is_finite()).fold(0.0f64, |peak, v| peak.max(v.abs()));
-    let moved: Vec<(usize, f64)> = changes.iter().copied().filter(|(_, d)| d.abs() > tiny).collect();
     let step = step_between_levels(values, tiny);
-    let normal = Normal::standard();
+    let pairs = values.len().saturating_sub(1);
+    if step == 0.0 {
+        return vec![0.0; pairs];
+    }
+    let moved: Vec<(usize, f64)> = values
+        .windows(2)
+        .map(|w| w[1] - w[0])
+        .enumerate()
+        .filter(|(_, change)| change.abs() > tiny)
+        .collect();
+    // The mean of the nearest change before and after a pair.
+    let beside = |k: usize| {
+        let after = moved.partition_point(|(i, _)| *i <= k);
+        let before = moved[..after].iter().rev().find(|(i, _)| *i < k);
+        0.5 * (before.map_or(0.0, |m| m.1) + moved.get(after).map_or(0.0, |m| m.1))
+    };
+    let foretold: Vec<f64> = moved.iter().map(|(k, _)| beside(*k)).collect();
+    // How much of it is kept: all of a smooth motion, nothing of a random walk (least squares).
+    let kept = moved.iter().zip(&foretold).map(|((_, d), f)| d * f).sum::<f64>()
+        / foretold.iter().map(|f| f * f).sum::<f64>().max(f64::MIN_POSITIVE);
+    let missed: Vec<f64> = moved.iter().zip(&foretold).map(|((_, d), f)| d - kept * f).collect();
     let equal = |k: usize| {
         let at = moved.partition_point(|(i, _)| *i < k);
-        let before = moved[at.saturating_sub(NEIGHBOURS)..at].iter().rev();
-        let after = moved[at..].iter().filter(|(i, _)| *i > k).take(NEIGHBOURS);
-        // Where a motion turns round, it is slower than around there.
-        let beside = 0.5
-            * [before.clone().next(), after.clone().next()]
-                .into_iter()
-                .flatten()
-                .map(|(_, d)| d)
-                .sum::<f64>();
-        let near: Vec<f64> = before.chain(after).map(|(_, d)| *d).collect();
-        // Two roundings add a variance of step^2 / 6 to what is seen.
-        let std = (rms(&near).min(beside.abs()).powi(2) - step * step / 6.0).max(0.0).sqrt();
-        if step == 0.0 {
-            return 0.0;
-        }
-        if near.is_empty() || std <= 0.0 {
+        let own = usize::from(moved.get(at).is_some_and(|(i, _)| *i == k));
+        let near = [
+            &missed[at.saturating_sub(NEIGHBOURS)..at],
+            &missed[(at + own).min(missed.len())..(at + own + NEIGHBOURS).min(missed.len())],
+        ]
+        .concat();
+        if near.is_empty() {
             return 1.0;
         }
-        let a = step / std;
-        2.0 * normal.cdf(a) - 1.0 - 2.0 * (normal.pdf(0.0) - normal.pdf(a)) / a
+        // Two roundings add a variance of step^2 / 6 to what is seen.
+        let std = (rms(&near).powi(2) - step * step / 6.0).max(0.0).sqrt();
+        within_a_step(kept * beside(k), std, step)
     };
-    (0..changes.len()).map(equal).collect()
+    (0..pairs).map(equal).collect()
+}
+
+/// Mean of what is 1 at a difference of 0 and falls linearly to 0 at `step` to both sides, over a normal difference.
+fn within_a_step(mean: f64, std: f64, step: f64) -> f64 {
+    let normal = Normal::standard();
+    // Mean of what of `x` with that noise is above zero; the triangle is a second difference of it.
+    let above = |x: f64| {
+        if std > 0.0 { x * normal.cdf(x / std) + std * normal.pdf(x / std) } else { x.max(0.0) }
+    };
+    ((above(mean + step) - 2.0 * above(mean) + above(mean - step)) / step).clamp(0.0, 1.0)
 }
 
 /// The least distance between values that repeat, 0 where none do. What was interpolated between rounded values repeats now and then:

@@ -17,7 +17,7 @@ use crate::data::record::{Data, coarser_period_for};
 use crate::screen::responses::without_limits;
 use crate::thresholds::{MAX_COMPARED_STEPS, MAX_SCREENED_STEPS};
 
-/// Columns of the records that are in a wrong unit; takes about a second.
+/// Columns of the records that are in a wrong unit, or of a size that no fault has; takes about a second.
 ///
 /// # Errors
 /// As [`Data::join`].

@@ -2,7 +2,7 @@
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use whirlstand_logs::stats::mean;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{State, Vehicle};
 
 use crate::data::record::{Channel, Data};
 use crate::model::columns::dot;
@@ -104,14 +104,41 @@ pub(super) fn blocks(
     (error > 0.0).then(|| (middle / error, sums.len()))
 }
 
-/// True when what the commands make of the vehicle's predictions tells of a judged channel what neither its level, nor its last
-/// value, nor the predictions without commands tell (Granger 1969), chance counted in so many `looks`.
+/// The vehicle with a force of its own on each state that is no integral of another. It wanders as a filter lets it: so what moves a
+/// vehicle and is not recorded is held while a prediction lasts, and does not hide what the commands do.
+pub(super) fn with_forces(vehicle: &Vehicle) -> Vehicle {
+    let n = vehicle.states.len();
+    let driven: Vec<usize> = (0..n).filter(|i| vehicle.kinematic_row(*i).is_none()).collect();
+    let size = n + driven.len();
+    let mut forced = vehicle.clone();
+    forced.a.resize_mut(size, size, 0.0);
+    forced.b.resize_mut(size, vehicle.inputs.len(), 0.0);
+    forced.c.resize_mut(vehicle.outputs.len(), size, 0.0);
+    for (k, i) in driven.into_iter().enumerate() {
+        forced.a[(i, n + k)] = 1.0;
+        let state = &vehicle.states[i];
+        forced.states.push(State { name: format!("force on {}", state.name), bound: None, ..state.clone() });
+    }
+    forced
+}
+
+/// What is asked of the commands' part in the predictions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Asked {
+    /// That it goes with what was measured, in whatever size.
+    Tells,
+    /// That in its own size it makes the error less.
+    Improves,
+}
+
+/// True when what the commands make of the vehicle's predictions tells of a judged channel, from a step on, what neither its level,
+/// nor its last value, nor the predictions without commands tell (Granger 1969), chance counted in so many `looks`.
 pub(super) fn commands_tell(
     vehicle: &Vehicle,
     data: &Data,
     judged: &[usize],
     span: Span,
-    looks: f64,
+    (asked, from, looks): (Asked, usize, f64),
 ) -> bool {
     let mut still = data.clone();
     for row in still.inputs.chunks_exact_mut(data.m.max(1)) {
@@ -122,8 +149,11 @@ pub(super) fn commands_tell(
     };
     data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c)).any(|(c, range)| {
         let channel = &data.channels[c];
-        let moved = samples(channel, data, &moved[range.clone()], span);
-        let rest = samples(channel, data, &rest[range], span);
+        let from_there = |predicted: &[f64]| -> Vec<Sample> {
+            let all = samples(channel, data, predicted, span);
+            all.into_iter().filter(|s| s.step >= from).collect()
+        };
+        let (moved, rest) = (from_there(&moved[range.clone()]), from_there(&rest[range]));
         if moved.len() != rest.len() {
             return false;
         }
@@ -136,9 +166,15 @@ pub(super) fn commands_tell(
         let measured = beyond(column(&|s| s.measured), &known);
         let commanded = moved.iter().zip(&rest).map(|(a, b)| a.predicted - b.predicted).collect();
         let commanded = beyond(commanded, &known);
-        let products = moved.iter().zip(measured.iter().zip(&commanded));
-        let products: Vec<Sample> = products.map(|(s, (y, p))| Sample { predicted: y * p, ..*s }).collect();
-        let Some((t, count)) = blocks(&products, span, |s| s.predicted) else { return false };
+        let gained = |(s, (y, p)): (&Sample, (&f64, &f64))| {
+            let gain = match asked {
+                Asked::Tells => y * p,
+                Asked::Improves => y * y - (y - p).powi(2),
+            };
+            Sample { predicted: gain, ..*s }
+        };
+        let gains: Vec<Sample> = moved.iter().zip(measured.iter().zip(&commanded)).map(gained).collect();
+        let Some((t, count)) = blocks(&gains, span, |s| s.predicted) else { return false };
         let tail = StudentsT::new(0.0, 1.0, (count - 1) as f64).map(|d| d.sf(t));
         tail.is_ok_and(|p| p * looks < MAX_P_VALUE)
     })

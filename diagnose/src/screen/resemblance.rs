@@ -3,7 +3,7 @@
 //! Predictions over several horizons follow the record until they begin, so that they mean something in a closed loop and where
 //! the vehicle integrates; a free run stands beside them. Their squared errors are compared with those of the better of mean and
 //! last value by the means of blocks (Diebold and Mariano 1995): a block is twice as long as the predictions, whose errors
-//! are alike for as long as they reach.
+//! are alike for as long as they reach. Where those of the commands are asked for, predictions without commands stand beside them.
 
 use whirlstand_logs::stats::mean;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
@@ -11,8 +11,10 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 use crate::answer::schema::{DataFinding, short};
 use crate::data::record::{Channel, Data};
 use crate::model::predictor::{default_horizon_s, memories};
-use crate::screen::predictions::{Sample, Span, blocks, commands_tell, samples};
-use crate::thresholds::{LATENESSES_S, LEAST_HORIZON_STEPS, LOUD_RATIO, MEMORY_GROWTH, MIN_HELD_OUT_SIGMAS};
+use crate::screen::predictions::{Asked, Sample, Span, blocks, commands_tell, samples, with_forces};
+use crate::thresholds::{
+    HORIZON_RECORD_SHARE, LATENESSES_S, LEAST_HORIZON_STEPS, LOUD_RATIO, MEMORY_GROWTH, MIN_HELD_OUT_SIGMAS,
+};
 
 /// How the predictions of a channel compare with its mean and its last value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,21 +27,38 @@ enum Compared {
 /// True when a vehicle predicts some output that is more than the integral of another better than its mean and its last value do,
 /// from a step on, over any horizon or by the free run, with the commands ahead or without, by a filter that remembers for
 /// as long as it predicts or by the likeliest. Where that part is too short to tell, the whole record is asked.
+///
+/// A filter that follows a disturbed vehicle may predict worse than the last value and the vehicle still be right: it is true
+/// as well where commands, as large as the vehicle says, make predictions better than all that is known without them, while
+/// what else moves the vehicle is held.
 pub fn foresees(vehicle: &Vehicle, data: &Data, from: usize) -> bool {
-    let horizons = horizons(vehicle, data);
+    let (judged, horizons) = (judged(vehicle, data), horizons(vehicle, data));
     let mut spans = Span::all(&horizons, data.period_s, None);
     if data.memory_s.is_none() {
         spans.reverse();
     }
-    foresees_over(vehicle, data, from, &spans)
-        || memories(vehicle, data).first().is_some_and(|likeliest| {
-            let spans = Span::all(&horizons, data.period_s, Some(likeliest.seconds));
-            foresees_over(vehicle, data, from, &spans)
-        })
+    if is_better(vehicle, data, from, (&judged, &spans)) {
+        return true;
+    }
+    let likeliest = memories(vehicle, data).first().map(|likeliest| likeliest.seconds);
+    if let Some(memory_s) = likeliest {
+        let spans = Span::all(&horizons, data.period_s, Some(memory_s));
+        if is_better(vehicle, data, from, (&judged, &spans)) {
+            return true;
+        }
+    }
+    // Over how long commands tell is not up to the poles alone: what integrates has none that says so.
+    let longest = HORIZON_RECORD_SHARE * data.duration_s() / data.period_s;
+    let horizons = up_to(longest as usize);
+    let mut spans = Span::all(&horizons, data.period_s, None);
+    spans.extend(likeliest.into_iter().flat_map(|s| Span::all(&horizons, data.period_s, Some(s))));
+    let asked = (Asked::Improves, from, (spans.len() * judged.len()) as f64);
+    let forced = with_forces(vehicle);
+    spans.iter().any(|span| commands_tell(&forced, data, &judged, *span, asked))
 }
 
-fn foresees_over(vehicle: &Vehicle, data: &Data, from: usize, spans: &[Span]) -> bool {
-    let judged = judged(vehicle, data);
+/// True when some prediction of a judged channel is better than its mean and its last value.
+fn is_better(vehicle: &Vehicle, data: &Data, from: usize, (judged, spans): (&[usize], &[Span])) -> bool {
     let (mut whole, mut told) = (false, false);
     for span in spans {
         let Some(predicted) = span.predicted(vehicle, data) else { continue };
@@ -88,7 +107,8 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
     let others: Vec<Vehicle> =
         std::iter::once(vehicle.clone()).chain(modes.iter().cloned()).chain(late).collect();
     let looks = (others.len() * spans.len() * judged.len()) as f64;
-    let tell = |other: &Vehicle| spans.iter().any(|span| commands_tell(other, data, &judged, *span, looks));
+    let asked = (Asked::Tells, 0, looks);
+    let tell = |other: &Vehicle| spans.iter().any(|span| commands_tell(other, data, &judged, *span, asked));
     let reach = (horizons[0], horizons[horizons.len() - 1]);
     (!others.iter().any(tell)).then(|| finding(vehicle, data, &judged, reach))
 }
@@ -151,9 +171,14 @@ fn judged(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
 /// Horizons up to the one that is chosen by itself, steps.
 fn horizons(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
     let longest = ((default_horizon_s(vehicle, data, None) / data.period_s).round() as usize).max(1);
+    up_to(longest)
+}
+
+/// Horizons up to the longest, steps.
+fn up_to(longest: usize) -> Vec<usize> {
     let horizons =
         std::iter::successors(Some(LEAST_HORIZON_STEPS as usize), |h| Some(MEMORY_GROWTH as usize * h));
-    horizons.take_while(|h| *h < longest).chain([longest]).collect()
+    horizons.take_while(|h| *h < longest).chain([longest.max(1)]).collect()
 }
 
 /// Compares predictions of a channel with its mean and its last value; `None` for too few.

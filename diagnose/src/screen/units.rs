@@ -1,4 +1,4 @@
-//! Columns in another unit than they were read in.
+//! Columns in another unit than they were read in, or of quite another size.
 //!
 //! A unit is one of a few known ratios, a fault any number: a ratio is told where the interval of the estimated factor
 //! contains it, and where what parts of a vehicle do (lose effectiveness, be up to twice as strong) would have to come near
@@ -13,7 +13,8 @@ use crate::answer::schema::{DataFinding, short};
 use crate::data::record::Data;
 use crate::thresholds::{
     CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, LONGEST_SCREEN_SHARE, MAX_WRONG_UNITS, MEMORY_GROWTH,
-    OVERSHADOWED_BIC, SAME_LOG_LIKELIHOOD, SHORTEST_MEMORY_STEPS, UNIT_RATIOS, VEHICLE_GAIN_ERROR,
+    OVERSHADOWED_BIC, SAME_LOG_LIKELIHOOD, SEARCHED_FACTORS, SHORTEST_MEMORY_STEPS, UNIT_RATIOS,
+    VEHICLE_GAIN_ERROR,
 };
 
 /// Columns that are one ratio too large.
@@ -74,15 +75,27 @@ pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
         let left = factor(best, beside, &unit.members)?;
         Some((unit, Factor { log: unit.ratio.ln() + left.log, ..left }))
     });
+    let units: Vec<_> = units.collect();
     // Products of several ratios come near any number, so that each of several must be met exactly.
     let room = if best.units.len() == 1 { VEHICLE_GAIN_ERROR } else { 0.0 };
-    let certain = units.filter(|(unit, factor)| is_certain(unit, factor, unit.members[0] >= p, room));
-    let certain: Vec<_> = certain.collect();
+    let is_unit =
+        |(unit, factor): &&(&WrongUnit, Factor)| is_certain(unit, factor, unit.members[0] >= p, room);
+    let certain: Vec<_> = units.iter().filter(is_unit).collect();
     // Of a vehicle that is wrong in more than units, any gain may come near one of their ratios.
-    if certain.is_empty() || is_contradicted(vehicle, &mended(data, certain.iter().map(|(unit, _)| *unit))) {
-        return Vec::new();
+    let is_all = |wrong: &[WrongUnit]| !is_contradicted(vehicle, &mended(data, wrong.iter()));
+    if !certain.is_empty() {
+        let wrong: Vec<WrongUnit> = certain.iter().map(|(unit, _)| (*unit).clone()).collect();
+        let all = certain.iter().map(|(unit, factor)| finding(vehicle, data, unit, factor));
+        return if is_all(&wrong) { all.collect() } else { Vec::new() };
     }
-    certain.iter().map(|(unit, factor)| finding(vehicle, data, unit, factor)).collect()
+    // No ratio of units, and more than is looked for as a fault.
+    let [(unit, factor)] = units[..] else { return Vec::new() };
+    let own = WrongUnit { ratio: factor.log.exp(), ..unit.clone() };
+    let beyond = strengths(&factor, unit.members[0] >= p).0 > *SEARCHED_FACTORS.end();
+    if beyond && is_all(std::slice::from_ref(&own)) {
+        return vec![strange_size(vehicle, data, &own, &factor)];
+    }
+    Vec::new()
 }
 
 /// The record with its columns in the right units.
@@ -169,8 +182,7 @@ fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
 /// vehicle have. Beyond all of those, the gains of the vehicle file may be off by `room`, as far as such files are.
 fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool, room: f64) -> bool {
     let (low, high) = (factor.log - factor.half, factor.log + factor.half);
-    // A vehicle of a tenth of the strength answers as to a command recorded ten times too large.
-    let (weakest, strongest) = if input { ((-high).exp(), (-low).exp()) } else { (low.exp(), high.exp()) };
+    let (weakest, strongest) = strengths(factor, input);
     let physical = (strongest.min(GREATEST_PHYSICAL_FACTOR) - weakest).max(0.0);
     let room = if physical > 0.0 { 0.0 } else { room };
     let holds = |r: f64| low - room < r.ln() && r.ln() < high + room;
@@ -179,6 +191,13 @@ fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool, room: f64) -> bool
     let least = UNIT_RATIOS.iter().copied().fold(f64::INFINITY, f64::min);
     let narrow = 2.0 * factor.half < least.ln();
     narrow && holds(unit.ratio) && alone && physical < CHANCE_FACTOR_SHARE * GREATEST_PHYSICAL_FACTOR
+}
+
+/// The least and the greatest factor of a part that would look like a column of so many times its size.
+fn strengths(factor: &Factor, input: bool) -> (f64, f64) {
+    let (low, high) = (factor.log - factor.half, factor.log + factor.half);
+    // A vehicle of a tenth of the strength answers as to a command recorded ten times too large.
+    if input { ((-high).exp(), (-low).exp()) } else { (low.exp(), high.exp()) }
 }
 
 /// A source's name and SI unit.
@@ -223,6 +242,25 @@ fn finding(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) ->
     }
     let names: Vec<&str> = own.iter().map(|(n, _)| n.as_str()).collect();
     DataFinding { kind: "unit".into(), place: names.join(","), text, blocking: true }
+}
+
+/// Columns of a size that neither a unit nor a fault explains.
+fn strange_size(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) -> DataFinding {
+    let signals: Vec<_> = unit.members.iter().map(|s| signal(vehicle, data, *s)).collect();
+    let at = |sigmas: f64| {
+        let log = factor.log + sigmas * factor.half;
+        short(if unit.ratio > 1.0 { log } else { -log }.exp())
+    };
+    let text = format!(
+        "{} ({} to {}) for {}: that is no ratio of two units, and a fault is looked for up to a factor of {}. Is it the right column, and the right vehicle file? Otherwise identify the vehicle from the record first (whirlstand identify)",
+        too_large(&signals, unit.ratio),
+        at(if unit.ratio > 1.0 { -1.0 } else { 1.0 }),
+        at(if unit.ratio > 1.0 { 1.0 } else { -1.0 }),
+        vehicle.name,
+        short(*SEARCHED_FACTORS.end())
+    );
+    let names: Vec<&str> = signals.iter().map(|(n, _)| n.as_str()).collect();
+    DataFinding { kind: "size".into(), place: names.join(","), text, blocking: true }
 }
 
 /// What is wrong with columns, in words.

@@ -97,8 +97,8 @@ fn first_fit(checked: &mut Checked<'_>) -> Result<Fit, ModelError> {
     let free_run = FreeRun::new(checked.loaded.vehicle, &checked.data);
     let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
     let fit = model.fit(vec![0.0; free_run.initials()], None, None)?;
-    // In wrong units, nothing else of the channels means anything.
-    if checked.found.iter().any(|f| f.kind == "unit") {
+    // In wrong units or sizes, nothing else of the channels means anything.
+    if checked.found.iter().any(|f| f.kind == "unit" || f.kind == "size") {
         return Ok(fit);
     }
     let mut found = checks::channels(&free_run, &fit.predicted, &fit.residual);

@@ -8,6 +8,9 @@ pub(crate) const MAX_WRONG_UNITS: usize = 4;
 /// The greatest factor that the parts of a vehicle have: they lose effectiveness, down to nothing, or are up to twice as
 /// strong. The definition of `noise` as a cause has the same ratio.
 pub(crate) const GREATEST_PHYSICAL_FACTOR: f64 = 2.0;
+/// The factors of inputs and sensors that are looked for as faults: well beyond what parts have, so that a gross mistake of the file
+/// is still named. Definition.
+pub(crate) const SEARCHED_FACTORS: std::ops::RangeInclusive<f64> = -5.0..=20.0;
 /// How far the gains of a vehicle file may be off, in their logarithm: with a Cramer-Rao bound above 20 % a parameter is not
 /// kept (Tischler and Remple 2012, section 11.2).
 pub(crate) const VEHICLE_GAIN_ERROR: f64 = 0.2;

@@ -131,7 +131,12 @@ pub fn check_autopilot(
     }
     check.link();
     let leveled = check.wait_for_level(options, place);
-    let armed = options.arm && autopilot.mixer.frame != FrameKind::Ccpm && check.arm(options);
+    let has_motors = autopilot.mixer.frame != FrameKind::Ccpm;
+    if options.arm && !has_motors {
+        let text = "the outputs: a swashplate moves whether or not it is armed, so arming shows nothing";
+        (check.say)(Finding::Unknown(text.into()));
+    }
+    let armed = options.arm && has_motors && check.arm(options);
     for axis in 0..AXES.len() {
         if leveled || armed {
             check.axis(axis, leveled, armed);
@@ -336,9 +341,11 @@ impl Check<'_> {
                     _ if leveled => Some(Err(format!("{}: the telemetry stopped", AXES[axis].0))),
                     _ => None,
                 };
-                let answer = if armed { reaction::check(axis, to - from, &still, &moved) } else { None };
-                for finding in [finding, answer].into_iter().flatten() {
+                if let Some(finding) = finding {
                     (self.say)(finding.map_or_else(Finding::Wrong, Finding::Good));
+                }
+                if armed {
+                    (self.say)(reaction::check(axis, to - from, &still, &moved));
                 }
             }
             from = to;

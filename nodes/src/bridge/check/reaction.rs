@@ -2,6 +2,7 @@
 
 use whirlstand_bridge::mixer::{Demand, Mixer};
 
+use super::Finding;
 use super::tilt::AXES;
 
 /// A demand that is this small says nothing.
@@ -29,34 +30,28 @@ impl Demands {
     }
 }
 
-/// The outputs before and while the vehicle was tilted by `by` about `axis`, judged; `None` when they say nothing.
-///
-/// # Errors
-/// What is wrong, in words.
-pub(super) fn check(
-    axis: usize,
-    by: f64,
-    before: &Demands,
-    during: &Demands,
-) -> Option<Result<String, String>> {
-    let (before, during) = (before.mean()?, during.mean()?);
-    let change: [f64; 3] = std::array::from_fn(|i| during[i] - before[i]);
-    let most = (0..3).max_by(|a, b| change[*a].abs().total_cmp(&change[*b].abs()))?;
-    if change[most].abs() < QUIET {
-        return None;
-    }
+/// The outputs before and while the vehicle was tilted by `by` about `axis`, judged.
+pub(super) fn check(axis: usize, by: f64, before: &Demands, during: &Demands) -> Finding {
     let [name, words] = [AXES[axis].0, AXES[axis].1[usize::from(by < 0.0)]];
+    let (Some(before), Some(during)) = (before.mean(), during.mean()) else {
+        return Finding::Unknown(format!("{name}, {words}: its motors tell no numbers"));
+    };
+    let change: [f64; 3] = std::array::from_fn(|i| during[i] - before[i]);
+    let most = (0..3).max_by(|a, b| change[*a].abs().total_cmp(&change[*b].abs())).unwrap_or(axis);
+    if change[most].abs() < QUIET {
+        return Finding::Unknown(format!("{name}, {words}: its motors do not answer"));
+    }
     let seen = format!("{name}, {words}: its motors answer with {:+.2} of the full demand", change[axis]);
-    Some(if most != axis {
-        Err(format!(
+    if most != axis {
+        Finding::Wrong(format!(
             "{seen}, and {:+.2} about {}: the outputs are in another order",
             change[most], AXES[most].0
         ))
     } else if change[axis] * by > 0.0 {
-        Err(format!("{seen}: they push the same way, so an output or a sign is wrong"))
+        Finding::Wrong(format!("{seen}: they push the same way, so an output or a sign is wrong"))
     } else {
-        Ok(format!("{seen}: they push back"))
-    })
+        Finding::Good(format!("{seen}: they push back"))
+    }
 }
 
 #[cfg(test)]
@@ -78,12 +73,16 @@ mod tests {
         let even = demands([0.5; 4]);
         let left_up = demands([0.4, 0.6, 0.6, 0.4]);
         let said = |axis, by, during: &Demands| check(axis, by, &even, during);
-        assert!(said(0, 0.3, &even).is_none(), "motors that do not answer");
-        assert!(said(0, -0.3, &left_up).unwrap().unwrap().contains("push back"));
-        assert!(said(0, 0.3, &left_up).unwrap().unwrap_err().contains("the same way"));
-        assert!(said(1, 0.3, &left_up).unwrap().unwrap_err().contains("about roll"));
+        assert!(matches!(said(0, 0.3, &even), Finding::Unknown(t) if t.contains("do not answer")));
+        assert!(matches!(said(0, 0.3, &Demands::default()), Finding::Unknown(t) if t.contains("no numbers")));
+        assert!(matches!(said(0, -0.3, &left_up), Finding::Good(t) if t.contains("push back")));
+        assert!(matches!(said(0, 0.3, &left_up), Finding::Wrong(t) if t.contains("the same way")));
+        assert!(matches!(said(1, 0.3, &left_up), Finding::Wrong(t) if t.contains("about roll")));
         let mut broken = even;
         broken.add(&mixer, &[f64::NAN; 4]);
-        assert!(check(0, 0.3, &broken, &left_up).is_some(), "what is no number is left out");
+        assert!(
+            matches!(check(0, 0.3, &broken, &left_up), Finding::Wrong(_)),
+            "what is no number is left out"
+        );
     }
 }

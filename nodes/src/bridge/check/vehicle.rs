@@ -54,7 +54,7 @@ struct Check<'a> {
 /// Checks the bridge to a vehicle; `say` hears each finding as it comes.
 ///
 /// # Errors
-/// For options that cannot be, and a vehicle that is not report.
+/// For options that are not possible, and a vehicle that is not heard.
 pub fn check_vehicle(
     config: &NodeConfig,
     bridge: &BridgeConfig,
@@ -109,9 +109,9 @@ impl Check<'_> {
     }
 
     fn wait_for_vehicle(&mut self) -> Result<(), NodeError> {
-        let report =
+        let heard =
             self.until(self.timeout, |shared| shared.vehicle.telemetry().values(Group::Attitude).map(drop));
-        if report.is_some() {
+        if heard.is_some() {
             return Ok(());
         }
         Err(NodeError::no_vehicle(self.timeout.as_secs_f64(), &lock(&self.shared).vehicle.figures()))
@@ -150,7 +150,11 @@ impl Check<'_> {
 
     fn axis(&mut self, axis: usize, name: &str, ask: &str) {
         (self.say)(Finding::Ask(format!("now {ask}")));
-        let Some(start) = lock(&self.shared).vehicle.telemetry().values(Group::Attitude) else { return };
+        let Some(start) = lock(&self.shared).vehicle.telemetry().values(Group::Attitude) else {
+            return (self.say)(Finding::Unknown(format!(
+                "{name}: the vehicle does not tell its attitude any more"
+            )));
+        };
         // The rate of each axis, integrated, must be what its angle did.
         let mut turned = [0.0; 3];
         let mut last = Instant::now();
