@@ -81,7 +81,17 @@ fn flights_end_in_models_that_identify_takes_as_they_are() -> Outcome {
     let flights = data()?.join("flights");
     for log in ["px4_S250AQ.csv", "px4_AquaQuad.csv", "LOG00037.BFL", "btfl_002.bbl"] {
         let dir = tempfile::tempdir().unwrap();
-        drafted(&flights.join(log), dir.path());
+        let found = drafted(&flights.join(log), dir.path());
+        // An axis is linked to an input that does something to it.
+        for axis in found["axes"].as_array().unwrap() {
+            let all = axis["parameters"].as_array().unwrap().iter();
+            let mut gains = all.filter(|p| p["name"].as_str().unwrap().starts_with("B["));
+            let known = |p: &Value| {
+                p["value"].as_f64().unwrap().abs()
+                    > 2.0 * p["standard_error"].as_f64().unwrap_or(f64::INFINITY)
+            };
+            assert!(gains.any(known), "{log}: {axis:#}");
+        }
     }
     let dir = tempfile::tempdir().unwrap();
     let log = flights.join("kd0aij_S250_1kHz_log1.ulg");

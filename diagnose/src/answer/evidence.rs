@@ -168,12 +168,12 @@ fn own_values<'c>(case: &'c Case<'_>) -> &'c [f64] {
 mod tests {
     use super::rejected;
     use crate::candidates::library::{Sizes, library};
-    use crate::data::record::{Channel, Data};
+    use crate::data::flown::flown;
     use crate::model::fit::Model;
     use crate::model::free_run::FreeRun;
     use crate::search::alternative::SearchSpace;
     use crate::search::select::select;
-    use whirlstand_vehicle::{Effect, Kind, Simulator, Vehicle};
+    use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
     /// A search may end with other terms than those that a refused cause was fitted with.
     #[test]
@@ -181,41 +181,13 @@ mod tests {
         let vehicle = Vehicle::builtin("quadrotor").unwrap();
         let mut truth = vehicle.clone();
         truth.add_effect(Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.8)]).unwrap()).unwrap();
-        let (steps, period_s) = (600, 0.02);
-        let inputs: Vec<f64> = (0..steps)
+        let inputs = (0..600)
             .flat_map(|k| [if k % 150 < 75 { 0.5 } else { -0.5 }, if k % 220 < 110 { 0.5 } else { -0.5 }])
             .collect();
-        let mut simulator = Simulator::new(&truth, period_s, 3).unwrap();
-        let mut values = vec![Vec::new(); vehicle.outputs.len()];
-        for u in inputs.chunks_exact(2) {
-            simulator.apply(u);
-            values.iter_mut().zip(simulator.measure()).for_each(|(v, y)| v.push(*y));
-            simulator.advance();
-        }
-        let channel = |(output, values): (usize, Vec<f64>)| Channel {
-            output,
-            stride: 1,
-            first: 0,
-            good: vec![true; steps],
-            declared: 0.0,
-            values,
-        };
-        let data = Data {
-            origin: "none".into(),
-            start_s: 0.0,
-            period_s,
-            steps,
-            inputs,
-            m: 2,
-            starts: vec![0],
-            clocks: vec![0],
-            held: false,
-            memory_s: None,
-            channels: values.into_iter().enumerate().map(channel).collect(),
-        };
+        let data = flown(&truth, inputs, 3);
         let free_run = FreeRun::new(&vehicle, &data);
         let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
-        let sizes = Sizes::ones(&vehicle, steps as f64 * period_s, period_s);
+        let sizes = Sizes::ones(&vehicle, data.duration_s(), data.period_s);
         let library = library(&vehicle, &sizes, &[0, 1, 2, 3]);
         let declared: Vec<f64> = vehicle.outputs.iter().map(|o| o.noise).collect();
         let space = SearchSpace {

@@ -2,6 +2,8 @@
 
 pub mod checks;
 pub mod declared_vibration;
+#[cfg(test)]
+pub mod flown;
 pub mod gaps;
 pub mod limits;
 pub mod outliers;

@@ -182,41 +182,14 @@ impl FreeRun<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::record::{Channel, Data};
-    use whirlstand_vehicle::{Effect, Free, Kind, Matrix, Simulator, Target};
+    use crate::data::flown::flown;
+    use crate::data::record::Data;
+    use whirlstand_vehicle::{Effect, Free, Kind, Matrix, Target};
 
-    fn flown(vehicle: &Vehicle, memory_s: Option<f64>) -> Data {
-        let (steps, period_s, m) = (400, 0.02, vehicle.inputs.len());
+    fn flight(vehicle: &Vehicle, memory_s: Option<f64>) -> Data {
+        let m = vehicle.inputs.len();
         let input = |k: usize, j: usize| if k % (70 + 30 * j) < 35 { 0.3 } else { -0.3 };
-        let inputs: Vec<f64> = (0..steps * m).map(|at| input(at / m, at % m)).collect();
-        let mut simulator = Simulator::new(vehicle, period_s, 5).unwrap();
-        let mut values = vec![Vec::new(); vehicle.outputs.len()];
-        for u in inputs.chunks_exact(m) {
-            simulator.apply(u);
-            values.iter_mut().zip(simulator.measure()).for_each(|(v, y)| v.push(*y));
-            simulator.advance();
-        }
-        let channel = |(output, values): (usize, Vec<f64>)| Channel {
-            output,
-            stride: 1,
-            first: 0,
-            good: vec![true; steps],
-            declared: 0.0,
-            values,
-        };
-        Data {
-            origin: "none".into(),
-            start_s: 0.0,
-            period_s,
-            steps,
-            inputs,
-            m,
-            starts: vec![0],
-            clocks: vec![0],
-            held: false,
-            memory_s,
-            channels: values.into_iter().enumerate().map(channel).collect(),
-        }
+        Data { memory_s, ..flown(vehicle, (0..400 * m).map(|at| input(at / m, at % m)).collect(), 5) }
     }
 
     /// Two axes that know nothing of each other, or a built-in vehicle.
@@ -261,7 +234,7 @@ mod tests {
 
     fn agrees(name: &str, memory_s: Option<f64>, effects: &[Given]) {
         let mut vehicle = vehicle(name);
-        let data = flown(&vehicle, memory_s);
+        let data = flight(&vehicle, memory_s);
         for (kind, place, parameters) in effects {
             // Some vehicles lack a signal.
             let _ = vehicle.add_effect(Effect::new(*kind, place, parameters).unwrap());
@@ -308,7 +281,7 @@ mod tests {
         assert_eq!(groups(&[0b001, 0b010, 0b011, 0b100]), [vec![0, 1, 3], vec![2]]);
         let vehicle = vehicle("two");
         for memory_s in [None, Some(0.5)] {
-            let reach = Reach::new(&vehicle, &flown(&vehicle, memory_s), std::iter::empty());
+            let reach = Reach::new(&vehicle, &flight(&vehicle, memory_s), std::iter::empty());
             let reached: Vec<Set> = (0..3).map(|state| reach.of_state(state)).collect();
             assert_eq!(groups(&reached), [vec![0, 2], vec![1]], "{memory_s:?}");
         }

@@ -16,7 +16,7 @@ use super::mixer::Mixer;
 use super::own_past::{compare, starts};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
-use super::select::select;
+use super::select::{answers_the_input, select};
 use super::structure::{Actuators, Signals, rounded};
 use super::survey::{Link, check_motors, fast_enough, link, moves, takes_away};
 use crate::identify::align::lags;
@@ -152,6 +152,14 @@ fn axes(
         let found = select(&link.pair, &signals, link.horizon)?;
         let better = |errors: &[f64]| compare(&link.own_past, errors).is_some_and(|c| takes_away(&c));
         match found {
+            Some((tried, _)) if !answers_the_input(&tried) => left_out.push(LeftOut {
+                output: link.output.name.clone(),
+                why: format!(
+                    "what {} does to it in the best structure, {}, is within two standard errors of nothing",
+                    link.input.name,
+                    tried.structure.words()
+                ),
+            }),
             Some((tried, all)) if better(&tried.errors) => {
                 axes.push((link.clone(), Axis { pair: link.pair.clone(), tried, all }));
             }

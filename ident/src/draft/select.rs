@@ -1,7 +1,7 @@
 //! The structure of one output, chosen by predictions of held-out data.
 
 use rayon::prelude::*;
-use whirlstand_vehicle::{Target, Vehicle};
+use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
 use super::ahead::errors;
 use super::blocks::Pair;
@@ -92,10 +92,25 @@ pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<C
     Ok(simplest(all).map(|found| (found, figures)))
 }
 
+/// True when the gain of the input is determined and beyond two standard errors from nothing: a model that follows an output by
+/// forces that wander predicts it better than a regression on its past, whatever the input does.
+pub fn answers_the_input(tried: &Tried) -> bool {
+    let of_input = |p: &Parameter| matches!(p.target, Target::Entry(Matrix::B, ..));
+    let parameters = &tried.fit.problem.parameters;
+    parameters
+        .iter()
+        .enumerate()
+        .any(|(i, p)| of_input(p) && tried.fit.theta[i].abs() > two_sigmas(&tried.fit, i))
+}
+
+fn two_sigmas(fit: &Fit, i: usize) -> f64 {
+    2.0 * fit.covariance[(i, i)].max(0.0).sqrt()
+}
+
 /// True when every delay and lag is determined and beyond two standard errors from nothing.
 fn effects_show(tried: &Tried) -> bool {
     let fit = &tried.fit;
-    let shows = |i: usize| fit.theta[i] > 2.0 * fit.covariance[(i, i)].max(0.0).sqrt();
+    let shows = |i: usize| fit.theta[i] > two_sigmas(fit, i);
     let of_effect = |p: &Parameter| matches!(p.target, Target::Effect(..));
     fit.fixed.iter().all(|f| !of_effect(&f.parameter))
         && fit.problem.parameters.iter().enumerate().all(|(i, p)| !of_effect(p) || shows(i))
