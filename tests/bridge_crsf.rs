@@ -212,7 +212,7 @@ fn a_vehicle_that_rolls_against_its_commands_is_noticed_by_its_attitude_alone() 
             let phases = value!([
                 ["disarmed", {"arm": false, "automatic": true, "frames": 300}],
                 ["flown", {"arm": null, "automatic": true}],
-                ["neutral", {"arm": true, "automatic": true, "gust": 5.0}],
+                ["neutral", {"arm": true, "automatic": true, "gust": 0.5}],
             ]);
             let radio = spawn(place.flying(&phases, &value!({"every": every, "late": 0, "turned": true})));
             let out = place.dir.path().join("out");

@@ -20,15 +20,17 @@ use filter::{Belief, Filter, Transition};
 /// Step of the filters.
 const TICK: Duration = Duration::from_millis(10);
 
-/// How late a command may act and be seen, in ticks: up to 200 ms of actuators, telemetry and radio.
-const DELAYS: [usize; 5] = [0, 5, 10, 15, 20];
+/// How late a command may act and be seen at most, in ticks, and in which steps: up to 200 ms of actuators, telemetry and radio.
+const LATEST: usize = 20;
+const DELAY_STEP: usize = 5;
 
 /// How far the air may push at first, and change that in a second, in shares of what the inputs can do.
 const DISTURBANCES: [f64; 3] = [0.03, 0.3, 3.0];
 
 /// Noise of angles that come without rates, in shares of what the file says: a vehicle that estimates them tells them far more
-/// smoothly than a sensor does.
-const NOISES: [f64; 2] = [1.0, 0.1];
+/// smoothly than a sensor does. How late a command acts then shows to so many ticks.
+const SMOOTH: f64 = 0.1;
+const SMOOTH_DELAY_STEP: usize = 2;
 
 /// Gains of a turned vehicle: twice as much or half as much as the file says, and a margin. What is beyond is something else.
 const TURNED: std::ops::Range<f64> = -3.0..-0.33;
@@ -74,10 +76,10 @@ struct Flight {
     attitude_at: Duration,
     acts: Commanded,
     /// What acted in the last ticks, the newest at `newest`.
-    acted: [Commanded; DELAYS[DELAYS.len() - 1] + 1],
+    acted: [Commanded; LATEST + 1],
     newest: usize,
-    /// One for each delay, size of disturbance and noise, in this order.
-    filters: Vec<Filter>,
+    /// One for each noise, delay in ticks and size of disturbance, in this order.
+    filters: Vec<(usize, Filter)>,
 }
 
 /// Watches the sign of each axis while the controller is in charge.
@@ -143,7 +145,7 @@ impl SignWatch {
         flight.acts = acts;
         if attitude.at > flight.attitude_at {
             flight.attitude_at = attitude.at;
-            flight.filters.iter_mut().for_each(|f| f.correct(attitude.angles, attitude.rates));
+            flight.filters.iter_mut().for_each(|(_, f)| f.correct(attitude.angles, attitude.rates));
             let sure = if attitude.rates.is_some() { SURE_WITH_RATES } else { SURE };
             self.judge(&flight.filters, sure);
         }
@@ -151,31 +153,34 @@ impl SignWatch {
     }
 
     fn begin(&self, acts: Commanded, attitude: Attitude, now: Duration) -> Flight {
-        let shares = if attitude.rates.is_some() { &NOISES[..1] } else { &NOISES[..] };
-        let filter = |disturbance: f64, share: f64| {
+        let filters = |share: f64, step: usize| {
             let noise = self.noise.map(|noise| share * noise);
-            Filter::new(Belief { authority: self.authority, disturbance, noise }, attitude.angles)
+            let filter = move |disturbance: f64| {
+                Filter::new(Belief { authority: self.authority, disturbance, noise }, attitude.angles)
+            };
+            (0..=LATEST).step_by(step).flat_map(move |delay| DISTURBANCES.map(|push| (delay, filter(push))))
         };
-        let alike = |_| {
-            DISTURBANCES.into_iter().flat_map(|push| shares.iter().map(move |share| filter(push, *share)))
-        };
+        let mut all: Vec<_> = filters(1.0, DELAY_STEP).collect();
+        if attitude.rates.is_none() {
+            all.extend(filters(SMOOTH, SMOOTH_DELAY_STEP));
+        }
         Flight {
             time: now,
             attitude_at: attitude.at,
             acts,
             acted: std::array::from_fn(|_| Commanded::zeros()),
             newest: 0,
-            filters: DELAYS.iter().flat_map(alike).collect(),
+            filters: all,
         }
     }
 
     /// Decides about each axis for which the odds are great enough: it takes `sure` to call one turned.
-    fn judge(&mut self, filters: &[Filter], sure: f64) {
-        let most = filters.iter().fold(f64::NEG_INFINITY, |most, f| most.max(f.log_likelihood()));
+    fn judge(&mut self, filters: &[(usize, Filter)], sure: f64) {
+        let most = filters.iter().fold(f64::NEG_INFINITY, |most, (_, f)| most.max(f.log_likelihood()));
         for axis in (0..3).filter(|axis| self.steered[*axis]) {
             // Of the gain: turned, not turned, right, and less than that of a right vehicle turned.
             let [mut turned, mut otherwise, mut right, mut against] = [0.0; 4];
-            for filter in filters {
+            for (_, filter) in filters {
                 let weight = (filter.log_likelihood() - most).exp();
                 let (mean, deviation) = filter.gain(axis);
                 let below = |gain: f64| weight * normal_below((gain - mean) / deviation);
@@ -195,14 +200,14 @@ impl SignWatch {
 impl Flight {
     /// Lets the filters follow until now.
     fn go_on(&mut self, transition: &Transition, now: Duration) {
-        let (count, alike) = (self.acted.len(), self.filters.len() / DELAYS.len());
+        let count = self.acted.len();
         while now.saturating_sub(self.time) >= TICK {
             self.time += TICK;
             self.newest = (self.newest + 1) % count;
             self.acted[self.newest] = self.acts;
-            for (filters, delay) in self.filters.chunks_mut(alike).zip(DELAYS) {
-                let motion = transition.motion(&self.acted[(self.newest + count - delay) % count]);
-                filters.iter_mut().for_each(|f| f.predict(&motion, TICK.as_secs_f64()));
+            for alike in self.filters.chunk_by_mut(|a, b| a.0 == b.0) {
+                let motion = transition.motion(&self.acted[(self.newest + count - alike[0].0) % count]);
+                alike.iter_mut().for_each(|(_, f)| f.predict(&motion, TICK.as_secs_f64()));
             }
         }
     }

@@ -21,7 +21,7 @@ struct Flight {
     noise: [f64; 2],
     /// -1 for a turned channel.
     signs: [f64; 2],
-    /// Unknown gains and delay, gusts and setpoints; without, the vehicle is as its file says and the air still.
+    /// Unknown gains, gusts and setpoints; without, the vehicle is as its file says and the air still. How late it is nobody knows.
     unknown: bool,
     seed: u64,
 }
@@ -63,7 +63,7 @@ impl Unknown {
         let setpoint = Vector4::new(angle(), 0.0, angle(), 0.0);
         Self {
             gains: Vector2::new(gains[0] * flight.signs[0], gains[1] * flight.signs[1]),
-            delay: (share * uniform(noise, 0.0, 10.0)).round() as usize,
+            delay: uniform(noise, 0.0, 10.0).round() as usize,
             bias: authority.map(|a| 0.1 * a * share * noise.normal()),
             turbulence: authority * turbulence * share,
             gusts,
