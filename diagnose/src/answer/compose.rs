@@ -91,12 +91,12 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     let mut doubts = doubts::doubts(&answer.causes, &findings);
     // What explains a record, or is like it, tells what comes.
     let claims = matches!(answer.verdict, Verdict::Explained | Verdict::Consistent);
-    if claims && !foresees(&findings, data) {
-        doubts.push(UNFORESEEN.into());
+    if let Some(unforeseen) = claims.then(|| unforeseen(&findings, data, answer.verdict)).flatten() {
         if answer.verdict == Verdict::Consistent {
             answer.verdict = Verdict::Unexplained;
-            answer.unexplained.description = format!("{UNFORESEEN}.");
+            answer.unexplained.description = format!("{unforeseen}.");
         }
+        doubts.push(unforeseen);
     }
     if answer.verdict == Verdict::Explained && !doubts.is_empty() {
         answer.verdict = Verdict::PartlyExplained;
@@ -199,14 +199,26 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
 const UNFORESEEN: &str =
     "held-out data are predicted no better than by their mean or their last value, over any horizon";
 
-/// True when the vehicle with all causes predicts held-out data.
-fn foresees(findings: &Findings<'_>, data: &Data) -> bool {
+/// What the vehicle with all causes does not predict of held-out data: anything, or an output of a record that it is to be like.
+fn unforeseen(findings: &Findings<'_>, data: &Data, verdict: Verdict) -> Option<String> {
     let selection = &findings.residual.selection;
-    let vehicle = selection.model.vehicle(&selection.fit.values);
+    let Ok(vehicle) = selection.model.vehicle(&selection.fit.values) else { return Some(UNFORESEEN.into()) };
     // Of what nothing was fitted to, all is held out.
     let fitted = !selection.model.free.is_empty() || !selection.model.terms.is_empty();
     let from = if fitted { findings.gains.cut } else { 0 };
-    vehicle.is_ok_and(|vehicle| screen::foresees(&vehicle, data, from))
+    let found = screen::foresight(&vehicle, data, from, verdict == Verdict::Consistent);
+    if !found.some {
+        return Some(UNFORESEEN.into());
+    }
+    let name = |c: &usize| vehicle.outputs[data.channels[*c].output].name.clone();
+    let names: Vec<String> = found.contradicted.iter().map(name).collect();
+    let all = verdict == Verdict::Consistent && !names.is_empty();
+    all.then(|| {
+        format!(
+            "{}: predicted worse than by its mean or its last value, and no better over any horizon",
+            names.join(", ")
+        )
+    })
 }
 
 /// True when what is left is no noise.

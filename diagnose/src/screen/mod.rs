@@ -6,7 +6,7 @@ mod resemblance;
 mod responses;
 mod units;
 
-pub use resemblance::foresees;
+pub use resemblance::{Foresight, foresight};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Vehicle};
 

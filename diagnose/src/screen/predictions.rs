@@ -131,24 +131,25 @@ pub(super) enum Asked {
     Improves,
 }
 
-/// True when what the commands make of the vehicle's predictions tells of a judged channel, from a step on, what neither its level,
-/// nor its last value, nor the predictions without commands tell (Granger 1969), chance counted in so many `looks`.
-pub(super) fn commands_tell(
+/// Those of the judged channels of which what the commands make of the vehicle's predictions tells, from a step on, what neither
+/// their level, nor their last value, nor the predictions without commands tell (Granger 1969), chance counted in so many `looks`.
+pub(super) fn told_by_commands(
     vehicle: &Vehicle,
     data: &Data,
     judged: &[usize],
     span: Span,
     (asked, from, looks): (Asked, usize, f64),
-) -> bool {
+) -> Vec<usize> {
     let mut still = data.clone();
     for row in still.inputs.chunks_exact_mut(data.m.max(1)) {
         row.iter_mut().zip(&vehicle.inputs).for_each(|(u, input)| *u = input.neutral());
     }
     let Some((moved, rest)) = span.predicted(vehicle, data).zip(span.predicted(vehicle, &still)) else {
-        return false;
+        return Vec::new();
     };
-    data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c)).any(|(c, range)| {
-        let channel = &data.channels[c];
+    let ranges = data.ranges();
+    let is_told = |c: &usize| {
+        let (channel, range) = (&data.channels[*c], ranges[*c].clone());
         let from_there = |predicted: &[f64]| -> Vec<Sample> {
             let all = samples(channel, data, predicted, span);
             all.into_iter().filter(|s| s.step >= from).collect()
@@ -177,7 +178,8 @@ pub(super) fn commands_tell(
         let Some((t, count)) = blocks(&gains, span, |s| s.predicted) else { return false };
         let tail = StudentsT::new(0.0, 1.0, (count - 1) as f64).map(|d| d.sf(t));
         tail.is_ok_and(|p| p * looks < MAX_P_VALUE)
-    })
+    };
+    judged.iter().copied().filter(is_told).collect()
 }
 
 /// Columns of length one at right angles to each other (Gram and Schmidt); those that add nothing are left out.

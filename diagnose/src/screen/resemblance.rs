@@ -11,7 +11,7 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 use crate::answer::schema::{DataFinding, short};
 use crate::data::record::{Channel, Data};
 use crate::model::predictor::{default_horizon_s, memories};
-use crate::screen::predictions::{Asked, Sample, Span, blocks, commands_tell, samples, with_forces};
+use crate::screen::predictions::{Asked, Sample, Span, blocks, samples, told_by_commands, with_forces};
 use crate::thresholds::{
     HORIZON_RECORD_SHARE, LATENESSES_S, LEAST_HORIZON_STEPS, LOUD_RATIO, MEMORY_GROWTH, MIN_HELD_OUT_SIGMAS,
 };
@@ -24,56 +24,124 @@ enum Compared {
     Worse,
 }
 
-/// True when a vehicle predicts some output that is more than the integral of another better than its mean and its last value do,
-/// from a step on, over any horizon or by the free run, with the commands ahead or without, by a filter that remembers for
-/// as long as it predicts or by the likeliest. Where that part is too short to tell, the whole record is asked.
+/// What a vehicle predicts of a record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Foresight {
+    /// Some output that is more than the integral of another is predicted better than by its mean and its last value.
+    pub some: bool,
+    /// Channels that are predicted plainly worse than by these over one horizon, and better over none.
+    pub contradicted: Vec<usize>,
+}
+
+/// What a vehicle predicts from a step on, over any horizon or by the free run, with the commands ahead or without, by a filter that
+/// remembers for as long as it predicts or by the likeliest. Where that part is too short to tell, the whole record is asked.
+/// Unless `all` are asked for, one that is predicted is enough.
 ///
-/// A filter that follows a disturbed vehicle may predict worse than the last value and the vehicle still be right: it is true
-/// as well where commands, as large as the vehicle says, make predictions better than all that is known without them, while
-/// what else moves the vehicle is held.
-pub fn foresees(vehicle: &Vehicle, data: &Data, from: usize) -> bool {
+/// A filter that follows a disturbed vehicle may predict worse than the last value and the vehicle still be right: a channel is
+/// predicted as well where commands, as large as the vehicle says, make predictions better than all that is known without
+/// them, while what else moves the vehicle is held.
+pub fn foresight(vehicle: &Vehicle, data: &Data, from: usize, all: bool) -> Foresight {
     let (judged, horizons) = (judged(vehicle, data), horizons(vehicle, data));
+    let mut compared: Vec<Standing> = judged.iter().map(|_| Standing::default()).collect();
     let mut spans = Span::all(&horizons, data.period_s, None);
     if data.memory_s.is_none() {
         spans.reverse();
     }
-    if is_better(vehicle, data, from, (&judged, &spans)) {
-        return true;
-    }
-    let likeliest = memories(vehicle, data).first().map(|likeliest| likeliest.seconds);
-    if let Some(memory_s) = likeliest {
-        let spans = Span::all(&horizons, data.period_s, Some(memory_s));
-        if is_better(vehicle, data, from, (&judged, &spans)) {
-            return true;
+    let is_enough = |compared: &[Standing]| {
+        let mut better = compared.iter().map(Standing::is_better);
+        if all { better.all(|b| b) } else { better.any(|b| b) }
+    };
+    let mut compare = |spans: &[Span]| {
+        for span in spans {
+            let Some(predicted) = span.predicted(vehicle, data) else { continue };
+            for (standing, c) in compared.iter_mut().zip(&judged) {
+                let channel = &data.channels[*c];
+                standing.add(
+                    channel,
+                    samples(channel, data, &predicted[data.ranges()[*c].clone()], *span),
+                    *span,
+                    from,
+                );
+            }
+            if is_enough(&compared) {
+                return true;
+            }
         }
+        false
+    };
+    let mut likeliest = None;
+    if !compare(&spans) {
+        likeliest = memories(vehicle, data).first().map(|likeliest| likeliest.seconds);
+        if let Some(memory_s) = likeliest {
+            compare(&Span::all(&horizons, data.period_s, Some(memory_s)));
+        }
+    }
+    let which = |is: &dyn Fn(&Standing) -> bool| -> Vec<usize> {
+        judged.iter().zip(&compared).filter(|(_, s)| is(s)).map(|(c, _)| *c).collect()
+    };
+    let mut found = Foresight {
+        some: compared.iter().any(Standing::is_better),
+        contradicted: which(&|s| s.is_contradicted()),
+    };
+    let open = if found.some { found.contradicted.clone() } else { judged };
+    if found.some && !all || open.is_empty() {
+        return found;
     }
     // Over how long commands tell is not up to the poles alone: what integrates has none that says so.
     let longest = HORIZON_RECORD_SHARE * data.duration_s() / data.period_s;
     let horizons = up_to(longest as usize);
     let mut spans = Span::all(&horizons, data.period_s, None);
     spans.extend(likeliest.into_iter().flat_map(|s| Span::all(&horizons, data.period_s, Some(s))));
-    let asked = (Asked::Improves, from, (spans.len() * judged.len()) as f64);
+    let asked = (Asked::Improves, from, (spans.len() * open.len()) as f64);
     let forced = with_forces(vehicle);
-    spans.iter().any(|span| commands_tell(&forced, data, &judged, *span, asked))
-}
-
-/// True when some prediction of a judged channel is better than its mean and its last value.
-fn is_better(vehicle: &Vehicle, data: &Data, from: usize, (judged, spans): (&[usize], &[Span])) -> bool {
-    let (mut whole, mut told) = (false, false);
-    for span in spans {
-        let Some(predicted) = span.predicted(vehicle, data) else { continue };
-        for (c, range) in data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c)) {
-            let all = samples(&data.channels[c], data, &predicted[range], *span);
-            let late: Vec<Sample> = all.iter().copied().filter(|s| s.step >= from).collect();
-            let channel = &data.channels[c];
-            match gain(channel, late, *span) {
-                Some(gain) if gain > 0.0 => return true,
-                held_out => told |= held_out.is_some(),
-            }
-            whole |= gain(channel, all, *span).is_some_and(|gain| gain > 0.0);
+    for span in &spans {
+        let told = told_by_commands(&forced, data, &open, *span, asked);
+        found.some |= !told.is_empty();
+        found.contradicted.retain(|c| !told.contains(c));
+        if found.some && (!all || found.contradicted.is_empty()) {
+            break;
         }
     }
-    whole && !told
+    found
+}
+
+/// How predictions of a channel compare with its mean and its last value, over all spans.
+#[derive(Debug, Clone, Copy, Default)]
+struct Standing {
+    /// On the part that is judged: better over one, worse over one.
+    late: (bool, bool),
+    /// On the whole record, which counts where that part is too short.
+    whole: (bool, bool),
+    is_told: bool,
+}
+
+impl Standing {
+    fn add(&mut self, channel: &Channel, all: Vec<Sample>, span: Span, from: usize) {
+        let late: Vec<Sample> = all.iter().copied().filter(|s| s.step >= from).collect();
+        let take = |(better, worse): &mut (bool, bool), gain: f64| {
+            *better |= gain > 0.0;
+            *worse |= gain < -MIN_HELD_OUT_SIGMAS;
+        };
+        if let Some(gain) = gain(channel, late, span) {
+            self.is_told = true;
+            take(&mut self.late, gain);
+        }
+        if let Some(gain) = gain(channel, all, span) {
+            take(&mut self.whole, gain);
+        }
+    }
+
+    fn counts(&self) -> (bool, bool) {
+        if self.is_told { self.late } else { self.whole }
+    }
+
+    fn is_better(&self) -> bool {
+        self.counts().0
+    }
+
+    fn is_contradicted(&self) -> bool {
+        !self.counts().0 && self.counts().1
+    }
 }
 
 /// That the record is none of the vehicle: every output that is more than the integral of another is predicted no better than by
@@ -108,7 +176,9 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
         std::iter::once(vehicle.clone()).chain(modes.iter().cloned()).chain(late).collect();
     let looks = (others.len() * spans.len() * judged.len()) as f64;
     let asked = (Asked::Tells, 0, looks);
-    let tell = |other: &Vehicle| spans.iter().any(|span| commands_tell(other, data, &judged, *span, asked));
+    let tell = |other: &Vehicle| {
+        spans.iter().any(|span| !told_by_commands(other, data, &judged, *span, asked).is_empty())
+    };
     let reach = (horizons[0], horizons[horizons.len() - 1]);
     (!others.iter().any(tell)).then(|| finding(vehicle, data, &judged, reach))
 }
