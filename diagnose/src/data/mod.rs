@@ -5,6 +5,7 @@ pub mod declared_vibration;
 #[cfg(test)]
 pub mod flown;
 pub mod gaps;
+mod join;
 pub mod limits;
 pub mod outliers;
 pub mod record;

@@ -2,10 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::data::gaps;
-use crate::thresholds::{
-    FIRST_COMMAND_SHARE, MAX_SEARCHED_STEPS, MIN_PART_STEPS, MIN_STEPS, SAME_PERIOD_SHARE,
-};
+use crate::thresholds::{FIRST_COMMAND_SHARE, MAX_SEARCHED_STEPS};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Simulator, Vehicle};
 
@@ -19,7 +16,7 @@ pub struct Channel {
     pub output: usize,
     /// Steps from one sample to the next.
     pub stride: usize,
-    /// Step of the first sample.
+    /// Step of the first sample, before `stride`; one that was not measured is missing.
     pub first: usize,
     /// Measured values, SI; NaN where there is none.
     pub values: Vec<f64>,
@@ -109,71 +106,6 @@ impl Data {
             memory_s: None,
             channels,
         })
-    }
-
-    /// Several records as one, the outputs that all of them have. Across a long gap nobody knows what was commanded: what
-    /// follows it counts as a record of its own. In a short one samples are missing, and the prediction goes on.
-    ///
-    /// # Errors
-    /// As [`Data::new`], when periods differ, and when all records together are too short.
-    pub fn join(records: &[Record], vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
-        let mut parts = Vec::new();
-        for record in records {
-            parts.extend(unbroken(record, vehicle).iter().map(|r| Self::new(r, vehicle, period_s)));
-        }
-        let mut parts = parts.into_iter().collect::<Result<Vec<_>, _>>()?;
-        let mut whole = parts.remove(0);
-        for part in parts {
-            if (part.period_s / whole.period_s - 1.0).abs() > SAME_PERIOD_SHARE {
-                return Err(DiagnoseError::Periods {
-                    first: whole.origin,
-                    first_s: whole.period_s,
-                    other: part.origin,
-                    other_s: part.period_s,
-                });
-            }
-            whole.append(part);
-        }
-        if whole.steps < MIN_STEPS {
-            let (origin, steps) = (whole.origin, whole.steps);
-            return Err(DiagnoseError::TooShort { origin, steps, least: MIN_STEPS });
-        }
-        Ok(whole)
-    }
-
-    /// Puts another record behind this one. Both are cut to whole rounds of their slowest sensors.
-    fn append(&mut self, mut other: Self) {
-        self.channels.retain(|c| other.channels.iter().any(|o| o.output == c.output && o.stride == c.stride));
-        other.channels.retain(|o| self.channels.iter().any(|c| o.output == c.output && o.stride == c.stride));
-        let round = self.channels.iter().map(|c| c.stride).max().unwrap_or(1);
-        self.cut(self.steps - self.steps % round);
-        other.cut(other.steps - other.steps % round);
-        self.starts.push(self.steps);
-        self.clocks.extend(other.clocks);
-        for (own, theirs) in self.channels.iter_mut().zip(other.channels) {
-            let whole = self.steps / own.stride;
-            own.values.resize(whole, f64::NAN);
-            own.good.resize(whole, false);
-            let from = own.values.len();
-            own.values.extend(theirs.values);
-            own.good.extend(theirs.good);
-            // A noise model must not see one record as the other's past.
-            let until = (from + crate::thresholds::MAX_AR_ORDER).min(own.good.len());
-            own.good[from..until].fill(false);
-        }
-        self.inputs.extend(other.inputs);
-        self.steps += other.steps;
-        self.origin = format!("{}, {}", self.origin, other.origin);
-    }
-
-    fn cut(&mut self, steps: usize) {
-        self.steps = steps;
-        self.inputs.truncate(steps * self.m);
-        for channel in &mut self.channels {
-            let samples = (steps.saturating_sub(channel.first)).div_ceil(channel.stride);
-            channel.values.truncate(samples);
-            channel.good.truncate(samples);
-        }
     }
 
     /// A simulator for the record that begins at a step. `None` when the vehicle has no finite step.
@@ -280,26 +212,6 @@ impl Data {
     }
 }
 
-/// The parts of a record between the gaps that cannot be bridged; the record itself when it has none. A part counts when
-/// more than an initial state can be told from it.
-fn unbroken<'r>(record: &'r Record, vehicle: &Vehicle) -> Vec<Cow<'r, Record>> {
-    let steps: Vec<f64> = record.time.windows(2).map(|w| w[1] - w[0]).collect();
-    let usual = whirlstand_logs::stats::median(&steps);
-    if usual <= 0.0 {
-        return vec![Cow::Borrowed(record)];
-    }
-    let longest = gaps::bridged_s(record, vehicle, usual);
-    let gaps = steps.iter().enumerate().filter(|(_, d)| **d > longest).map(|(k, _)| k + 1);
-    let mut cuts: Vec<usize> = std::iter::once(0).chain(gaps).collect();
-    cuts.push(record.time.len());
-    let long: Vec<&[usize]> = cuts.windows(2).filter(|c| c[1] - c[0] >= MIN_PART_STEPS).collect();
-    if cuts.len() == 2 || long.is_empty() {
-        return vec![Cow::Borrowed(record)];
-    }
-    let part = |c: &&[usize]| Cow::Owned(record.between(record.time[c[0]], record.time[c[1] - 1]));
-    long.iter().map(part).collect()
-}
-
 fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Channel> {
     let all = segment.output(i, p);
     let present: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
@@ -312,6 +224,8 @@ fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Chann
     if let Some((start, every)) = held_rate(&all, &present) {
         (first, stride) = (start, every);
     }
+    // One that comes late has missing samples before.
+    first %= stride;
     let values: Vec<f64> = all.iter().skip(first).step_by(stride).copied().collect();
     let good = values.iter().map(|v| v.is_finite()).collect();
     Some(Channel { output: i, stride, first, values, good, declared })

@@ -1,0 +1,153 @@
+//! Several records, or the parts of one, as one.
+
+use std::borrow::Cow;
+
+use whirlstand_logs::Record;
+use whirlstand_vehicle::Vehicle;
+
+use crate::DiagnoseError;
+use crate::data::gaps;
+use crate::data::record::{Channel, Data};
+use crate::thresholds::{MAX_AR_ORDER, MIN_PART_STEPS, MIN_STEPS, SAME_PERIOD_SHARE};
+
+/// At most one in so many steps of a record is left out for its sensors to go on in the same steps. Cost.
+const MOST_LEAD: usize = 10;
+
+impl Data {
+    /// Several records as one, the outputs that all of them have. Across a long gap nobody knows what was commanded: what
+    /// follows it counts as a record of its own. In a short one samples are missing, and the prediction goes on.
+    ///
+    /// # Errors
+    /// As [`Data::new`], when periods differ, and when all records together are too short.
+    pub fn join(records: &[Record], vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
+        let mut parts = Vec::new();
+        for record in records {
+            parts.extend(unbroken(record, vehicle).iter().map(|r| Self::new(r, vehicle, period_s)));
+        }
+        let mut parts = parts.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let mut whole = parts.remove(0);
+        for part in parts {
+            if (part.period_s / whole.period_s - 1.0).abs() > SAME_PERIOD_SHARE {
+                return Err(DiagnoseError::Periods {
+                    first: whole.origin,
+                    first_s: whole.period_s,
+                    other: part.origin,
+                    other_s: part.period_s,
+                });
+            }
+            whole.append(part);
+        }
+        if whole.steps < MIN_STEPS {
+            let (origin, steps) = (whole.origin, whole.steps);
+            return Err(DiagnoseError::TooShort { origin, steps, least: MIN_STEPS });
+        }
+        Ok(whole)
+    }
+
+    /// Puts another record behind this one, without as many of its first steps as let most sensors go on in their own steps; samples
+    /// of the rest do not count.
+    fn append(&mut self, mut other: Self) {
+        self.channels.retain(|c| other.channels.iter().any(|o| o.output == c.output && o.stride == c.stride));
+        other.channels.retain(|o| self.channels.iter().any(|c| o.output == c.output && o.stride == c.stride));
+        let goes_on = |own: &Channel, theirs: &Channel, lead: usize| {
+            (self.steps + theirs.first) % own.stride == (own.first + lead) % own.stride
+        };
+        let both = || self.channels.iter().zip(&other.channels);
+        let going_on = |lead: usize| both().filter(|(own, theirs)| goes_on(own, theirs, lead)).count();
+        let round = self.channels.iter().map(|c| c.stride).fold(1, |round, stride| round * stride);
+        // The first of the best.
+        let leads = (0..round.min(other.steps / MOST_LEAD)).rev();
+        let lead = leads.max_by_key(|lead| going_on(*lead)).unwrap_or(0);
+        let aligned: Vec<bool> = both().map(|(own, theirs)| goes_on(own, theirs, lead)).collect();
+        other.drop_first(lead);
+        self.starts.push(self.steps);
+        self.clocks.extend(other.clocks);
+        for ((own, theirs), aligned) in self.channels.iter_mut().zip(other.channels).zip(aligned) {
+            let from = (self.steps + theirs.first).saturating_sub(own.first) / own.stride;
+            own.values.resize(from, f64::NAN);
+            own.good.resize(from, false);
+            own.values.extend(theirs.values);
+            own.good.extend(theirs.good.into_iter().map(|good| good && aligned));
+            // A noise model must not see one record as the other's past.
+            let until = (from + MAX_AR_ORDER).min(own.good.len());
+            own.good[from..until].fill(false);
+        }
+        self.inputs.extend(other.inputs);
+        self.steps += other.steps;
+        self.origin = format!("{}, {}", self.origin, other.origin);
+    }
+
+    fn drop_first(&mut self, steps: usize) {
+        self.steps -= steps;
+        self.inputs.drain(..steps * self.m);
+        self.clocks.iter_mut().for_each(|clock| *clock += steps as u64);
+        for channel in &mut self.channels {
+            let gone = steps.saturating_sub(channel.first).div_ceil(channel.stride);
+            channel.values.drain(..gone.min(channel.values.len()));
+            channel.good.drain(..gone.min(channel.good.len()));
+            channel.first = channel.first + gone * channel.stride - steps;
+        }
+    }
+}
+
+/// The parts of a record between the gaps that cannot be bridged; the record itself when it has none. A part counts when
+/// more than an initial state can be told from it.
+fn unbroken<'r>(record: &'r Record, vehicle: &Vehicle) -> Vec<Cow<'r, Record>> {
+    let steps: Vec<f64> = record.time.windows(2).map(|w| w[1] - w[0]).collect();
+    let usual = whirlstand_logs::stats::median(&steps);
+    if usual <= 0.0 {
+        return vec![Cow::Borrowed(record)];
+    }
+    let longest = gaps::bridged_s(record, vehicle, usual);
+    let gaps = steps.iter().enumerate().filter(|(_, d)| **d > longest).map(|(k, _)| k + 1);
+    let mut cuts: Vec<usize> = std::iter::once(0).chain(gaps).collect();
+    cuts.push(record.time.len());
+    let long: Vec<&[usize]> = cuts.windows(2).filter(|c| c[1] - c[0] >= MIN_PART_STEPS).collect();
+    if cuts.len() == 2 || long.is_empty() {
+        return vec![Cow::Borrowed(record)];
+    }
+    let part = |c: &&[usize]| Cow::Owned(record.between(record.time[c[0]], record.time[c[1] - 1]));
+    long.iter().map(part).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 100 steps of an axis, from a time on: the rate in every step from `late` on, the angle in every third from `phase` on.
+    fn part(from_s: f64, late: usize, phase: usize) -> Record {
+        let known = |k: usize, is: bool| if is { k as f64 } else { f64::NAN };
+        let mut record = Record::new("axis", (0..100).map(|k| from_s + 0.01 * k as f64).collect()).unwrap();
+        record.push("u", "", vec![0.5; 100]).unwrap();
+        record.push("rate", "rad/s", (0..100).map(|k| known(k, k >= late)).collect()).unwrap();
+        record.push("roll", "rad", (0..100).map(|k| known(k, k % 3 == phase)).collect()).unwrap();
+        record
+    }
+
+    #[test]
+    fn samples_of_joined_records_stay_at_their_steps() {
+        let text = "name = 'axis'\nA = [[0.0, 1.0], [0.0, -1.0]]\nB = [[0.0], [1.0]]\ninputs = [{ name = 'u' }]\n\
+                    states = [{ name = 'roll', unit = 'rad' }, { name = 'rate', unit = 'rad/s' }]\n\
+                    outputs = [{ name = 'roll', unit = 'rad' }, { name = 'rate', unit = 'rad/s' }]";
+        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        for (late, phase, other_late, other_phase) in [(1, 0, 0, 0), (0, 0, 2, 1), (4, 2, 1, 0), (0, 1, 0, 2)]
+        {
+            let records = [part(0.0, late, phase), part(10.0, other_late, other_phase)];
+            let data = Data::join(&records, &vehicle, None).unwrap();
+            let begin = data.starts[1];
+            let lead = data.clocks[1] as usize;
+            assert!(lead < 3 && data.steps > 190, "{data:?}");
+            for channel in &data.channels {
+                assert!(channel.step(channel.values.len() - 1) < data.steps, "{channel:?}");
+                let seen: Vec<usize> =
+                    (0..data.steps).filter(|k| channel.measured_at(*k).is_some()).collect();
+                assert!(seen.len() * channel.stride > 100, "{late} {phase}: {}", seen.len());
+                for k in seen {
+                    // Every value is the number of its step in its record.
+                    let own = if k < begin { k } else { k - begin + lead };
+                    assert_eq!(channel.measured_at(k), Some(own as f64), "{late} {phase}, step {k}");
+                }
+            }
+        }
+    }
+}
