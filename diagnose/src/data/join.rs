@@ -54,7 +54,7 @@ impl Data {
         };
         let both = || self.channels.iter().zip(&other.channels);
         let going_on = |lead: usize| both().filter(|(own, theirs)| goes_on(own, theirs, lead)).count();
-        let round = self.channels.iter().map(|c| c.stride).fold(1, |round, stride| round * stride);
+        let round = self.channels.iter().map(|c| c.stride).product::<usize>();
         // The first of the best.
         let leads = (0..round.min(other.steps / MOST_LEAD)).rev();
         let lead = leads.max_by_key(|lead| going_on(*lead)).unwrap_or(0);
