@@ -95,8 +95,9 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
         if answer.verdict == Verdict::Consistent {
             answer.verdict = Verdict::Unexplained;
             answer.unexplained.description = format!("{unforeseen}.");
+        } else {
+            doubts.push(unforeseen);
         }
-        doubts.push(unforeseen);
     }
     if answer.verdict == Verdict::Explained && !doubts.is_empty() {
         answer.verdict = Verdict::PartlyExplained;
@@ -212,10 +213,11 @@ fn unforeseen(findings: &Findings<'_>, data: &Data, verdict: Verdict) -> Option<
     }
     let name = |c: &usize| vehicle.outputs[data.channels[*c].output].name.clone();
     let names: Vec<String> = found.contradicted.iter().map(name).collect();
+    let are = if names.len() == 1 { "is" } else { "are" };
     let all = verdict == Verdict::Consistent && !names.is_empty();
     all.then(|| {
         format!(
-            "{}: predicted worse than by its mean or its last value, and no better over any horizon",
+            "{} {are} predicted worse than by the mean or the last value at one horizon, and better at none",
             names.join(", ")
         )
     })

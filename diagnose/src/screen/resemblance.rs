@@ -84,9 +84,20 @@ pub fn foresight(vehicle: &Vehicle, data: &Data, from: usize, all: bool) -> Fore
         contradicted: which(&|s| s.is_contradicted()),
     };
     let open = if found.some { found.contradicted.clone() } else { judged };
-    if found.some && !all || open.is_empty() {
-        return found;
+    if (!found.some || all) && !open.is_empty() {
+        ask_the_commands(vehicle, data, (&open, likeliest, from), &mut found, all);
     }
+    found
+}
+
+/// Takes back what commands mend, of the channels that are open.
+fn ask_the_commands(
+    vehicle: &Vehicle,
+    data: &Data,
+    (open, likeliest, from): (&[usize], Option<f64>, usize),
+    found: &mut Foresight,
+    all: bool,
+) {
     // Over how long commands tell is not up to the poles alone: what integrates has none that says so.
     let longest = HORIZON_RECORD_SHARE * data.duration_s() / data.period_s;
     let horizons = up_to(longest as usize);
@@ -95,14 +106,13 @@ pub fn foresight(vehicle: &Vehicle, data: &Data, from: usize, all: bool) -> Fore
     let asked = (Asked::Improves, from, (spans.len() * open.len()) as f64);
     let forced = with_forces(vehicle);
     for span in &spans {
-        let told = told_by_commands(&forced, data, &open, *span, asked);
+        let told = told_by_commands(&forced, data, open, *span, asked);
         found.some |= !told.is_empty();
         found.contradicted.retain(|c| !told.contains(c));
         if found.some && (!all || found.contradicted.is_empty()) {
-            break;
+            return;
         }
     }
-    found
 }
 
 /// How predictions of a channel compare with its mean and its last value, over all spans.
