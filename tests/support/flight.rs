@@ -2,6 +2,7 @@
 
 use std::net::{TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use serde_json::Value;
 use whirlstand_test_harness::{Missing, python};
@@ -45,15 +46,17 @@ impl Flight {
 /// A flight under way.
 pub struct Flying {
     bench: Running,
+    started: Instant,
     dir: tempfile::TempDir,
     report: PathBuf,
 }
 
 impl Flying {
-    /// Waits until the bench says something.
+    /// Waits until the bench says something, and shows (`--nocapture`) when it did.
     #[track_caller]
     pub fn wait_for(&mut self, words: &str) {
         self.bench.wait_for_stderr(words);
+        eprintln!("{words}: {:.1} s after the bench was started", self.started.elapsed().as_secs_f64());
     }
 
     /// Waits for the end.
@@ -100,7 +103,7 @@ pub fn take_off(
     options.iter().cloned().for_each(&mut set);
     args.extend(rest.iter().map(ToString::to_string));
     args.extend(["--out".into(), dir.path().join("out").display().to_string()]);
-    Ok(Flying { bench: spawn(whirlstand(&args)), dir, report })
+    Ok(Flying { bench: spawn(whirlstand(&args)), started: Instant::now(), dir, report })
 }
 
 /// The whole flight.
