@@ -195,7 +195,7 @@ fn ardupilot_with_32_channels_flies_in_realtime_and_may_start_again() -> Outcome
     let flight = ardupilot(&["--wide", "--restart-after", "1200"], &["--mode", "realtime"])?;
     assert_eq!(flight.report["faults"], serde_json::json!([]), "{}", flight.stderr);
     assert_eq!(flight.report["restarts"], 1);
-    assert!(flight.stderr.contains("it began anew at another address"), "{}", flight.stderr);
+    assert!(flight.stderr.contains("it restarted at another address"), "{}", flight.stderr);
     assert!(flight.stderr.contains("ArduPilot flies again"), "{}", flight.stderr);
     Ok(())
 }
@@ -239,7 +239,7 @@ fn soaked(
     }
     let end = run(args);
     assert_eq!(end.code(), 0, "{}\n{}", end.stdout, end.stderr);
-    assert!(end.stderr.contains("sends too, and is refused"), "{}", end.stderr);
+    assert!(end.stderr.contains("sends as well and is refused"), "{}", end.stderr);
     Ok((json(result), json(report)))
 }
 
@@ -269,7 +269,7 @@ fn betaflight_that_does_not_arm_says_why() -> Outcome {
     let blocked = format!("--blocked={:#x}", 1 << 28 | 1 << 23 | 1 << 7);
     for (how, words) in [
         (&*blocked, "THROTTLE (the throttle is not low), ACC_CALIB (the accelerometer is not calibrated)"),
-        ("--no-switch", "no switch of its pilot arms it: 'aux 0 0 0 1700 2100 0 0'"),
+        ("--no-switch", "no switch of the transmitter arms it: 'aux 0 0 0 1700 2100 0 0'"),
     ] {
         let (mut arguments, options) = betaflight(std::array::from_fn(|_| free_udp()));
         let msp = free_tcp();
@@ -311,7 +311,7 @@ fn px4_in_lockstep_that_does_not_arm_says_why_on_its_link_and_at_a_port_of_its_o
 /// It answers, and nobody hears why it does not fly: then where to look for it is told.
 fn px4_in_lockstep_that_says_nothing_is_told_with_where_to_look() -> Outcome {
     let place = format!("udpin://127.0.0.1:{}", free_udp());
-    let words = format!("is not armed, and has not said why: nothing is heard of it at {place}");
+    let words = format!("is not armed, and has not said why: nothing is received from it at {place}");
     px4_that_does_not_arm(&["--disarmed"], &place, &words)
 }
 
@@ -356,7 +356,7 @@ fn an_autopilot_that_is_not_armed_never_begins() {
         &out,
     ]);
     assert_ne!(end.code(), 0);
-    assert!(end.stderr.contains("no usable command came for step 0"), "{}", end.stderr);
+    assert!(end.stderr.contains("no usable command arrived for step 0"), "{}", end.stderr);
 }
 
 fn what_an_autopilots_bridge_cannot_be_is_refused_with_its_place() {

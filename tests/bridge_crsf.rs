@@ -125,7 +125,7 @@ fn the_pilot_arms_takes_over_and_a_lost_link_is_neutral() {
             "the controller is in charge",
             "the pilot is in charge",
             "attitude is stale",
-            "the pilot's stick is not heard",
+            "no messages arrive from the pilot's stick",
         ] {
             assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
         }
@@ -149,7 +149,7 @@ fn the_check_says_which_axis_of_the_telemetry_is_turned() {
             ["WRONG", "roll: the sign is turned; set bridge.measured.roll.scale = -1"],
             ["ok", "pitch: +"],
             ["ok", "yaw: +"],
-            ["not checked", "channel 1: the vehicle does not tell its channels"],
+            ["not checked", "channel 1: the vehicle does not report its channels"],
             ["not checked", "channel 1: which way it turns the vehicle"],
         ] {
             assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
@@ -221,7 +221,7 @@ fn a_vehicle_that_rolls_against_its_commands_is_noticed_by_its_attitude_alone() 
             bench.signal(libc::SIGINT);
             let end = bench.finish();
             assert_eq!(json(&place.report)["faults"], value!([]), "{}", end.stderr);
-            for words in ["roll: commanded one way, the vehicle accelerates the other", "with the wrong sign"]
+            for words in ["roll: the vehicle accelerates opposite to the command", "with the wrong sign"]
             {
                 assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
             }
@@ -248,7 +248,7 @@ fn telemetry_of_4_hz_is_refused_where_one_attitude_lost_would_end_the_flight() {
         let end = bench.finish();
         assert_eq!(json(&place.report)["faults"], value!([]), "{}", end.stderr);
         for words in
-            ["the vehicle's attitude comes too rarely", "bridge.safety.stale_s = 0.4 needs 5.0 or more"]
+            ["the vehicle's attitude arrives too rarely", "bridge.safety.stale_s = 0.4 needs 5.0 or more"]
         {
             assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
         }

@@ -187,7 +187,7 @@ fn signed_links_work_and_strangers_are_not_believed() -> Outcome {
     let ended = run(args.into_iter().chain(["--set", "plant.start_timeout_s=3"]));
     end(stranger);
     assert_ne!(ended.code(), 0);
-    assert!(ended.stderr.contains("no attitude came from the vehicle"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("no attitude arrived from the vehicle"), "{}", ended.stderr);
     // A wrong key is told as what it is.
     assert!(ended.stderr.contains("messages had a wrong signature"), "{}", ended.stderr);
     assert!(ended.stderr.contains("signing_key is the key that the vehicle signs with"), "{}", ended.stderr);

@@ -86,7 +86,7 @@ fn fly_through(place: &Place, keys: &str, vehicle: &[&str], datagrams: Vec<Vec<u
     let seen = json(place.dir.path().join("vehicle.json"));
     assert!(seen["longest_gap_s"].as_f64().unwrap() < GAP, "{}\n{}", seen["longest_gap_s"], ended.stderr);
     assert!(!ended.stderr.contains("FAILSAFE"), "{}", ended.stderr);
-    assert_eq!(ended.stderr.matches("sends too, and is refused").count(), 1, "told once: {}", ended.stderr);
+    assert_eq!(ended.stderr.matches("sends as well and is refused").count(), 1, "told once: {}", ended.stderr);
     assert_eq!(seen["faults"], serde_json::json!([]));
     let summary = json(place.dir.path().join("out/summary.json"));
     let rejected = summary["runs"][0]["timing"]["nodes"]["plant"]["rejected"].as_u64().unwrap();
@@ -112,11 +112,11 @@ fn a_second_vehicle_is_refused_until_the_first_is_silent() -> Outcome {
     let mut bench = spawn(place.bench(""));
     bench.wait_for_stderr("the controller is in charge");
     let second = place.vehicle("second.json", &[]);
-    bench.wait_for_stderr("sends too, and is refused");
+    bench.wait_for_stderr("sends as well and is refused");
     first.signal(libc::SIGTERM);
     first.finish().success();
     bench.wait_for_stderr("FAILSAFE");
-    bench.wait_for_stderr("had said nothing valid for 3 s");
+    bench.wait_for_stderr("had sent nothing valid for 3 s");
     // It arms a second after it was spoken to; until then the second vehicle was given nothing.
     bench.wait_for_stderr("the controller is in charge");
     end(bench);
@@ -158,7 +158,7 @@ fn a_pinned_address_refuses_all_others() -> Outcome {
 /// motors but one stand still.
 fn hold_against(mut flying: Flying, ports: &[u16], forged: Vec<Vec<u8>>) {
     // Said of the nonsense, as soon as there is a peer.
-    flying.wait_for("sends too, and is refused");
+    flying.wait_for("sends as well and is refused");
     let forged = Flood::start(ports, forged);
     let flight = flying.finish();
     assert!(forged.sent() > 1000);
@@ -216,7 +216,7 @@ fn a_silent_client_loses_px4s_port_to_px4() -> Outcome {
     let name = silent.local_addr().unwrap();
     let flight = flying.finish().well();
     let said = |words: String| assert!(flight.stderr.contains(&words), "{words}:\n{}", flight.stderr);
-    said(format!("{name} has said nothing valid for 1 s, and 127.0.0.1:"));
+    said(format!("{name} has sent nothing valid for 1 s, and 127.0.0.1:"));
     // It was closed, after the sensors that it was sent meanwhile.
     silent.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
     let _ = silent.read_to_end(&mut Vec::new());
@@ -230,9 +230,9 @@ fn outputs_that_are_played_again_are_stale_and_those_beyond_their_range_are_told
     let rest = ["--mode", "realtime", "--set", "rate_hz=250"];
     let flight = fly("px4-hil", "px4.py", &arguments.map(Into::into), &[link], &rest)?;
     let said = |words: &str| assert!(flight.stderr.contains(words), "{words}:\n{}", flight.stderr);
-    said("PX4 sent outputs whose time or number does not go on");
+    said("PX4 sent outputs with a repeated or older time or number");
     said("PX4: no fresh outputs: no command, the plant goes to its failsafe");
-    said("PX4: output 3 is beyond its range, and is held at its limit");
+    said("PX4: output 3 is out of range and was limited");
     assert!(flight.rejected() > 500, "{}\n{}", flight.rejected(), flight.stderr);
     Ok(())
 }

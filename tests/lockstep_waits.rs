@@ -89,7 +89,7 @@ fn an_answer_timeout_is_for_those_who_ask_for_one() {
         signal(pid, libc::SIGSTOP);
         bench.wait_for_stderr("FAILSAFE");
         signal(pid, libc::SIGCONT);
-        bench.wait_for_stderr("failsafe over");
+        bench.wait_for_stderr("failsafe ended");
         bench.signal(libc::SIGTERM);
         assert_eq!(bench.finish().code(), 143);
     });

@@ -115,7 +115,7 @@ fn the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_bett
     let launch = LATE.to_string() + &steps.collect::<String>();
     let (told, _) = fly(dir.path(), "told", &format!("{launch}\n[mirror]\n"));
     let (out, said) = fly(dir.path(), "law", &format!("{launch}\n[mirror]\non_finding = \"law\"\n"));
-    assert!(said.contains("the law that the mirror asked for is in charge"), "{said}");
+    assert!(said.contains("the law that the mirror asked for is active"), "{said}");
     let findings = json(format!("{out}/summary.json"))["runs"][0]["findings"].clone();
     let law =
         findings.as_array().unwrap().iter().find(|f| f["text"].as_str().unwrap().starts_with("the law for"));

@@ -69,7 +69,7 @@ impl ArmSwitch {
                 "it is armed by channel {at} between {begin} and {end} us, and bridge.rc.arm_channel is {channel} with {pulse} us"
             ),
             None => format!(
-                "no switch of its pilot arms it: 'aux 0 0 {} 1700 2100 0 0' and 'save' in its command line make channel {} one",
+                "no switch of the transmitter arms it: 'aux 0 0 {} 1700 2100 0 0' and 'save' in its command line make channel {} one",
                 aux.saturating_sub(1),
                 channel.max(FIRST_AUX)
             ),

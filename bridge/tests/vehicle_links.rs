@@ -27,7 +27,7 @@ fn a_wrong_baud_rate_is_told_once_in_words() {
         pair.now += Duration::from_millis(5);
         pair.vehicle.receive(Port::Link, piece, false, pair.now);
     }
-    let told: Vec<_> = pair.notes().into_iter().filter(|n| n.contains("is the baud rate right")).collect();
+    let told: Vec<_> = pair.notes().into_iter().filter(|n| n.contains("check the baud rate")).collect();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("none of them is MAVLink"), "{told:?}");
     let figures = pair.vehicle.figures();
@@ -45,7 +45,7 @@ fn a_wrong_baud_rate_is_told_once_in_words() {
     }
     vehicle.receive(Port::Link, &at_half_the_rate(&bytes), false, Duration::from_secs(1));
     let told: Vec<_> = std::iter::from_fn(|| vehicle.note()).map(|n| n.text).collect();
-    assert!(told.iter().any(|n| n.contains("is the baud rate right (416666 or 420000)")), "{told:?}");
+    assert!(told.iter().any(|n| n.contains("check the baud rate (416666 or 420000)")), "{told:?}");
 }
 
 #[test]

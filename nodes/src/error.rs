@@ -55,7 +55,7 @@ pub enum NodeError {
     Receive(#[from] whirlstand_bus::RecvError),
     /// A peer was never heard.
     #[error(
-        "the plant waited {waited_s} s for {}, which did not come; see whether they run on this bench",
+        "the plant waited {waited_s} s for {}, which did not start; check that they run on this bench",
         missing.iter().map(|r| r.name()).collect::<Vec<_>>().join(" and ")
     )]
     PeersAbsent {
@@ -69,7 +69,7 @@ pub enum NodeError {
     LogEndMissing(whirlstand_logs::Hole),
     /// Nobody answered the first measurement.
     #[error(
-        "no usable command came for step 0 within {waited_s} s ({rejected} were refused): the chain from imu over \
+        "no usable command arrived for step 0 within {waited_s} s ({rejected} were refused): the chain from imu over \
          estimate to command is broken"
     )]
     NoAnswer {
@@ -99,7 +99,7 @@ pub enum NodeError {
     },
     /// The vehicle behind a bridge was never heard.
     #[error(
-        "no attitude came from the vehicle within {waited_s} s ({bytes} bytes and {messages} messages did, {signature} \
+        "no attitude arrived from the vehicle within {waited_s} s ({bytes} bytes and {messages} messages did, {signature} \
          more were refused for their signature): {}", advice(*messages, *signature)
     )]
     NoVehicle {
@@ -114,8 +114,7 @@ pub enum NodeError {
     },
     /// The autopilot behind a bridge was never heard.
     #[error(
-        "{name} sent no outputs within {waited_s} s ({malformed} bytes or packets were none): see whether it runs, whether \
-         host, port or baud rate are right, and whether nothing else has the port"
+        "{name} sent no outputs within {waited_s} s ({malformed} bytes or packets were invalid): check that it runs, that host, port and baud rate are right, and that nothing else uses the port"
     )]
     NoAutopilot {
         /// Name of the autopilot.
@@ -165,9 +164,8 @@ impl NodeError {
 /// What to look at when no attitude came.
 fn advice(messages: u64, signature: u64) -> &'static str {
     if signature > messages {
-        "see whether bridge.mavlink.signing_key is the key that the vehicle signs with"
+        "check that bridge.mavlink.signing_key is the key that the vehicle signs with"
     } else {
-        "see whether it is powered, whether the link, its baud rate and its direction are right, and whether it sends its \
-         attitude"
+        "check that it is powered, that the link, its baud rate and its direction are right, and that it sends its attitude"
     }
 }

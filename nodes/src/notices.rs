@@ -111,7 +111,7 @@ impl Notices {
         let left_out = self.left_out.swap(0, Ordering::AcqRel);
         if left_out > 0 {
             tracing::warn!(
-                "{left_out} notices of steps were left out: they came faster than they could be written"
+                "{left_out} step messages were dropped: they came faster than they could be written"
             );
         }
     }
@@ -120,26 +120,26 @@ impl Notices {
 impl Notice {
     fn write(self) {
         match self {
-            Self::NewRun { step, then } => tracing::warn!(step, "the plant began a new run: {then}"),
+            Self::NewRun { step, then } => tracing::warn!(step, "the plant started a new run: {then}"),
             Self::Gap { step, last } => {
-                tracing::warn!(step, last, "too many measurements are missing: starting anew");
+                tracing::warn!(step, last, "too many measurements are missing: restarting");
             }
             Self::Failsafe { step, misses } => {
                 tracing::warn!(step, misses, "no command in time: FAILSAFE, inputs at neutral");
             }
-            Self::FailsafeOver { step } => tracing::warn!(step, "commands are back: failsafe over"),
+            Self::FailsafeOver { step } => tracing::warn!(step, "commands have resumed: failsafe ended"),
             Self::Caution { step, withholds: true } => {
-                tracing::warn!(step, "the mirror says that prediction is wrong: commands are withheld");
+                tracing::warn!(step, "the mirror reports that the prediction is wrong: commands are withheld");
             }
             Self::Caution { step, withholds: false } => {
-                tracing::warn!(step, "prediction is right again: commands are given");
+                tracing::warn!(step, "the prediction is right again: commands resume");
             }
-            Self::InCharge { step, is_first: true } => tracing::warn!(step, "the first law is in charge"),
+            Self::InCharge { step, is_first: true } => tracing::warn!(step, "the first law is active"),
             Self::InCharge { step, is_first: false } => {
-                tracing::warn!(step, "the law that the mirror asked for is in charge");
+                tracing::warn!(step, "the law that the mirror asked for is active");
             }
             Self::LetGo { step } => {
-                tracing::warn!(step, "the stick is silent: the law flies again");
+                tracing::warn!(step, "no more messages from the stick: the law is active again");
             }
             Self::DraftLeftOut => tracing::warn!(
                 "the law that the mirror asked for is left out: others are still being designed"

@@ -7,17 +7,17 @@ pub fn refusal(verdict: AdjustmentVerdict, key: &str) -> String {
     match verdict {
         AdjustmentVerdict::Asked | AdjustmentVerdict::Done => "it is not refused".into(),
         AdjustmentVerdict::Closed => {
-            format!("the bench takes nothing of the kind from outside: start it with --set {key}=true")
+            format!("the bench accepts no such message from outside: start it with --set {key}=true")
         }
-        AdjustmentVerdict::Unusable => "its value means nothing here".into(),
+        AdjustmentVerdict::Unusable => "its value has no meaning here".into(),
         AdjustmentVerdict::NoSuchState => "the vehicle has no such state".into(),
         AdjustmentVerdict::OutOfRange => {
             "it is beyond the limits: the bound of the state, or 0.1 to 10 for the gain".into()
         }
         AdjustmentVerdict::Busy => {
-            "as many gusts blow already as there can be at once, or somebody else has the stick".into()
+            "the maximum number of gusts is already active, or someone else has the stick".into()
         }
-        AdjustmentVerdict::NotOfThisLaw => "the law has no such thing".into(),
+        AdjustmentVerdict::NotOfThisLaw => "the law has no such setting".into(),
         AdjustmentVerdict::NoSuchEffect => "the vehicle has no such effect with from_s or until_s".into(),
     }
 }

@@ -45,7 +45,7 @@ impl WaitReport {
         } else if !self.has_launcher && now >= self.logged + REPEAT {
             self.logged = now;
             let waited_s = now.duration_since(self.since).as_secs();
-            tracing::warn!("{WAITING_FOR}{whom} ({waited_s} s); the bench stands still meanwhile");
+            tracing::warn!("{WAITING_FOR}{whom} ({waited_s} s); the bench is paused meanwhile");
         }
     }
 

@@ -155,7 +155,7 @@ fn a_step_that_changes_the_law_allocates_nothing_and_writes_no_line() {
     // What was said is written when the bench is gone.
     drop(bench);
     let lines = written().clone();
-    assert!(lines.contains("the law that the mirror asked for is in charge"), "{lines}");
+    assert!(lines.contains("the law that the mirror asked for is active"), "{lines}");
 }
 
 /// What the loop has to say of a failsafe and of damaged messages, as well.
@@ -181,7 +181,7 @@ fn a_step_that_goes_to_failsafe_writes_no_line() {
     drop(bench);
     let lines = written().clone();
     for said in
-        ["commands are withheld", "commands are given", "FAILSAFE, inputs at neutral", "failsafe over"]
+        ["commands are withheld", "commands are given", "FAILSAFE, inputs at neutral", "failsafe ended"]
     {
         assert!(lines.contains(said), "{said} is not among: {lines}");
     }

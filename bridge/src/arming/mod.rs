@@ -84,7 +84,7 @@ pub enum Reason {
     #[error("the vehicle reports a failsafe")]
     VehicleFailsafe,
     /// No command came in time.
-    #[error("commands do not come in time")]
+    #[error("commands arrive too late")]
     NoCommand,
     /// A command was not finite.
     #[error("the controller commanded something that is not a number")]
@@ -98,19 +98,19 @@ pub enum Reason {
     )]
     WrongSign,
     /// The pilot's stick is not heard.
-    #[error("the pilot's stick is not heard")]
+    #[error("no messages arrive from the pilot's stick")]
     PilotLost,
     /// The stick is not in the middle.
     #[error("the pilot's stick is not in the middle")]
     StickNotNeutral,
     /// This bridge itself was started again in the middle of a run.
-    #[error("the bridge was started again: whoever arms has to do it anew")]
+    #[error("the bridge was restarted: arm it again")]
     BridgeRestarted,
     /// The vehicle's clock went back.
     #[error("the vehicle restarted")]
     Restarted,
     /// One attitude that is lost would leave none that may be flown on.
-    #[error("the vehicle's attitude comes too rarely")]
+    #[error("the vehicle's attitude arrives too rarely")]
     TooRare,
 }
 

@@ -141,12 +141,12 @@ impl AutopilotConfig {
         }
         if self.kind == AutopilotKind::BetaflightSitl {
             if lockstep {
-                let message = "Betaflight waits for nobody: mode = \"realtime\" is expected";
+                let message = "Betaflight does not wait: mode = \"realtime\" is expected";
                 return wrong(&["betaflight"], message.into());
             }
             if rate_hz < BETAFLIGHT_SLOWEST_HZ {
                 let message = format!(
-                    "Betaflight wants its states at no less than {BETAFLIGHT_SLOWEST_HZ} Hz: raise rate_hz"
+                    "Betaflight needs its states at no less than {BETAFLIGHT_SLOWEST_HZ} Hz: raise rate_hz"
                 );
                 return wrong(&["betaflight"], message);
             }

@@ -370,7 +370,7 @@ fn usual(inputs: &[Input], has_pilot: bool) -> Result<Vec<ChannelConfig>, Config
             "u_yaw" => 4,
             _ => {
                 let message = format!(
-                    "there is no usual channel for the input {name}: say it with [[bridge.channels]]"
+                    "the input {name} has no default channel: set it with [[bridge.channels]]"
                 );
                 return Err(ConfigError::new(&["channels"], message));
             }

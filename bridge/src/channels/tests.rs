@@ -163,6 +163,6 @@ fn an_unnamed_channel_5_arms_and_the_others_are_the_pilots_or_low() {
     assert!(
         m.sentences(&inputs())
             .iter()
-            .any(|s| s == "channel 8 arms the vehicle: high while somebody is in charge")
+            .any(|s| s == "channel 8 arms the vehicle: high while the controller or the pilot is in charge")
     );
 }

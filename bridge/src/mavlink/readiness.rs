@@ -124,7 +124,7 @@ impl Readiness {
                 | State::MAV_LANDED_STATE_LANDING
         );
         if in_air && !self.in_air && !self.armed {
-            notes.warn(format!("{} is not armed and says that it is in the air", self.name));
+            notes.warn(format!("{} is not armed and reports that it is in the air", self.name));
         }
         self.in_air = in_air;
     }
@@ -156,7 +156,7 @@ impl Readiness {
             Some(checks) => checks.reason(),
             None => self.health.and_then(Health::reason),
         };
-        let in_air = self.in_air.then(|| "it says that it is in the air".to_string());
+        let in_air = self.in_air.then(|| "it reports that it is in the air".to_string());
         let refusal = self.refusal.map(|why| format!("it refuses the command to arm: {why}"));
         let parts: Vec<_> = [checks, in_air, refusal, self.words.clone()].into_iter().flatten().collect();
         self.said = (!parts.is_empty()).then(|| parts.join("; "));
@@ -232,9 +232,9 @@ mod tests {
             MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA { landed_state, ..Default::default() })
         };
         let in_air = landed(MavLandedState::MAV_LANDED_STATE_IN_AIR);
-        assert_eq!(told(&mut readiness, &in_air), ["PX4 is not armed and says that it is in the air"]);
+        assert_eq!(told(&mut readiness, &in_air), ["PX4 is not armed and reports that it is in the air"]);
         assert!(told(&mut readiness, &in_air).is_empty(), "once");
-        assert_eq!(readiness.said(), Some("it says that it is in the air"));
+        assert_eq!(readiness.said(), Some("it reports that it is in the air"));
         told(&mut readiness, &landed(MavLandedState::MAV_LANDED_STATE_ON_GROUND));
         assert_eq!(readiness.said(), None);
     }

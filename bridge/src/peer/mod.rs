@@ -24,7 +24,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// A peer that has said nothing valid for so long may be replaced.
+/// A peer that has sent nothing valid for so long may be replaced.
 pub const SILENCE: Duration = Duration::from_secs(1);
 
 /// The only sender that is believed: a host, or a host and a port.
@@ -133,7 +133,7 @@ pub enum PeerNote {
     #[error("the other end is {0}")]
     Adopted(SocketAddr),
     /// Another peer after the first.
-    #[error("the other end is {address} now: {before} had said nothing valid for {}", seconds(silence))]
+    #[error("the other end is {address} now: {before} had sent nothing valid for {}", seconds(silence))]
     Replaced {
         /// The new peer.
         address: SocketAddr,
@@ -143,7 +143,7 @@ pub enum PeerNote {
         silence: Duration,
     },
     /// Somebody speaks beside the peer.
-    #[error("{address} sends too, and is refused: {peer} is the other end, and speaks")]
+    #[error("{address} sends as well and is refused: {peer} is the other end and is active")]
     Second {
         /// Who is refused.
         address: SocketAddr,
@@ -151,7 +151,7 @@ pub enum PeerNote {
         peer: SocketAddr,
     },
     /// Somebody who is not pinned.
-    #[error("{address} is refused: only {pin} is believed here")]
+    #[error("{address} is refused: only {pin} is accepted here")]
     NotPinned {
         /// Who is refused.
         address: SocketAddr,
@@ -160,7 +160,7 @@ pub enum PeerNote {
     },
     /// What came makes no peer.
     #[error(
-        "{bytes} bytes from {address} are refused: they are no valid message of the protocol, so that it is not the other end"
+        "{bytes} bytes from {address} are refused: they are not valid messages of the protocol"
     )]
     Invalid {
         /// Who sent them.

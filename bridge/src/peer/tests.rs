@@ -37,11 +37,10 @@ fn a_second_sender_is_counted_told_once_and_adopted_only_when_the_peer_is_silent
     assert_eq!(
         told(&mut keeper),
         [
-            "1 bytes from 192.0.2.66:9 are refused: they are no valid message of the protocol, so that it is not the \
-             other end",
+            "1 bytes from 192.0.2.66:9 are refused: they are not valid messages of the protocol",
             "the other end is 192.0.2.7:14550",
-            "192.0.2.66:9 sends too, and is refused: 192.0.2.7:14550 is the other end, and speaks",
-            "the other end is 192.0.2.66:9 now: 192.0.2.7:14550 had said nothing valid for 1 s",
+            "192.0.2.66:9 sends as well and is refused: 192.0.2.7:14550 is the other end and is active",
+            "the other end is 192.0.2.66:9 now: 192.0.2.7:14550 had sent nothing valid for 1 s",
         ]
     );
 }

@@ -45,7 +45,7 @@ impl Vehicle {
             }
             if let (Mode::Failed(Reason::WrongSign), Some(axis)) = (mode, self.signs.wrong()) {
                 let axis = Axis::name(ANGLES[axis]);
-                self.notes.warn(format!("{axis}: commanded one way, the vehicle accelerates the other"));
+                self.notes.warn(format!("{axis}: the vehicle accelerates opposite to the command"));
             } else {
                 self.signs.reset();
             }

@@ -121,14 +121,14 @@ impl Vehicle {
                 Event::Message(_, message) if steers(&message) => {
                     self.refused_controls += 1;
                     if self.refused_controls == 1 {
-                        self.notes.warn("the ground station tried to steer: only this bridge does");
+                        self.notes.warn("the ground station tried to steer: only this bridge may");
                     }
                 }
                 Event::Message(_, message) if self.changes_rates(&message) => {
                     self.refused_rates += 1;
                     if self.refused_rates == 1 {
                         self.notes.warn(
-                            "the ground station asked for other rates of what the loop flies on: they stay",
+                            "the ground station asked for other rates of messages that the loop needs: they are unchanged",
                         );
                     }
                 }
@@ -195,7 +195,7 @@ impl Vehicle {
                 if !*warned && counts.frames == 0 && counts.bytes > BAUD_WARNING_BYTES {
                     *warned = true;
                     self.notes.warn(format!(
-                        "{} bytes came in, and none of them is CRSF: is the baud rate right (416666 or 420000)?",
+                        "{} bytes arrived, none of them CRSF: check the baud rate (416666 or 420000)",
                         counts.bytes
                     ));
                 }

@@ -22,7 +22,7 @@ pub(super) fn check_safety(safety: &SafetyConfig, config: &BridgeConfig) -> Resu
         }
     }
     if safety.max_innovation.is_nan() || safety.max_innovation <= 1.0 {
-        return fail("max_innovation", "a number above 1 is expected: a filter promises 1");
+        return fail("max_innovation", "a number above 1 is expected: 1 is what a filter predicts");
     }
     match safety.arm {
         ArmBy::Switch if config.options.pilot.is_none() => fail(

@@ -28,8 +28,7 @@ impl Warnings {
         if !self.baud && nothing && counts.bytes > BAUD_WARNING_BYTES {
             self.baud = true;
             notes.warn(format!(
-                "{} bytes came in on {link}, and none of them is MAVLink: is the baud rate right, and is this the \
-                 telemetry port?",
+                "{} bytes arrived on {link}, none of them MAVLink: check the baud rate, and that this is the telemetry port",
                 counts.bytes
             ));
         }
@@ -44,7 +43,7 @@ fn signatures(counts: &Counts) -> String {
             counts.unsigned,
             "had no signature: bridge.mavlink.signing_key asks for one; give the vehicle the same key",
         ),
-        (counts.replayed, "were signed at a time that is past: they were played again, or a clock is wrong"),
+        (counts.replayed, "were signed at an earlier time: they were replayed, or a clock is wrong"),
     ];
     let parts: Vec<_> = kinds
         .iter()

@@ -83,8 +83,7 @@ pub enum DesignError {
     },
     /// An integral that the inputs cannot hold.
     #[error(
-        "the integral of {state} cannot be held by the inputs: at rest {state} is fixed, as a rate is zero, or the \
-         integrals before it take all there is to set; leave it out of `integral`"
+        "the integral of {state} cannot be held by the inputs: at rest {state} is fixed because a rate is zero, or the integrals before it use all inputs; leave it out of `integral`"
     )]
     Integral {
         /// The state.

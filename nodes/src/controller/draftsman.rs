@@ -51,7 +51,7 @@ impl Draftsman {
             let law = extended(&setup.model, &finding)
                 .and_then(|m| Law::new(&config, &believing(&setup, m)).map_err(|e| e.to_string()));
             if let Err(why) = &law {
-                tracing::warn!("the law that the mirror asked for does not fly: {why}");
+                tracing::warn!("the law that the mirror asked for cannot be used: {why}");
             }
             // Nobody waits for it when the controller is gone.
             let _ = done.send((number, law.ok()));

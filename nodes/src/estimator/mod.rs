@@ -138,7 +138,7 @@ impl Estimator {
         let steps_to_predict = match &self.last {
             Some(last) if step == last.head.step => return Ok(self.estimates.send_again(last)?),
             Some(last) if step < last.head.step => {
-                say(Notice::NewRun { step, then: "starting the filter anew" });
+                say(Notice::NewRun { step, then: "restarting the filter" });
                 self.restart();
                 0
             }

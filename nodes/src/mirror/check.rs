@@ -68,7 +68,7 @@ impl Check {
         };
         let (old, new) = (self.design(&before)?, self.design(&vehicle)?);
         if old.plant == new.plant && self.config.controller.compensate.is_empty() {
-            return Err("it is the law that flies".into());
+            return Err("it is the current law".into());
         }
         let said = |e: NodeError| e.to_string();
         let bench = self.bench(0, &vehicle, cause, &new.plant);
@@ -147,7 +147,7 @@ fn judge(costs: &[(f64, f64)]) -> Result<f64, String> {
     let (old, new) = (lost(|c| c.0), lost(|c| c.1));
     if new > old {
         return Err(format!(
-            "it loses the vehicle on {new} of {} draws, the one that flies on {old}",
+            "it loses the vehicle on {new} of {} draws, the current law on {old}",
             costs.len()
         ));
     }
@@ -162,7 +162,7 @@ fn judge(costs: &[(f64, f64)]) -> Result<f64, String> {
     match (new < old, is_cheaper) {
         (true, _) if count == 0.0 => Ok(0.0),
         (true, _) | (_, true) => Ok(mean.exp()),
-        _ => Err(format!("its cost is not certainly lower: {:.2} of that of the law that flies", mean.exp())),
+        _ => Err(format!("its cost is not significantly lower: {:.2} times that of the current law", mean.exp())),
     }
 }
 

@@ -155,7 +155,7 @@ impl Laws {
     fn judged(&mut self, job: Job, head: Head) -> Option<Finding> {
         let cause = job.cause;
         let name = text_of(&cause.effect);
-        let better = job.thread.join().unwrap_or_else(|_| Err("its check broke off".into()));
+        let better = job.thread.join().unwrap_or_else(|_| Err("its check did not finish".into()));
         let still = self.named.as_ref().is_some_and(|(named, _)| is_same_cause(named, &cause));
         match better {
             Ok(_) if !still => None,

@@ -161,7 +161,7 @@ impl Mirror {
             // Sent once more.
             Some(last) if step == last => return Ok(true),
             Some(last) if step < last => {
-                tracing::warn!(step, "the plant began a new run: the mirror begins anew");
+                tracing::warn!(step, "the plant started a new run: the mirror restarts");
                 self.inputs.restart();
                 self.watcher.restart();
                 if let Some(laws) = &mut self.laws {

@@ -202,7 +202,7 @@ impl Recorder {
         self.topics.begin_run();
         self.sink.begin_run();
         if self.sink.begin_file() {
-            tracing::warn!(path = %self.sink.files().current().display(), "the plant began a new run: next log file");
+            tracing::warn!(path = %self.sink.files().current().display(), "the plant started a new run: next log file");
             self.move_to_file();
         }
     }
@@ -218,7 +218,7 @@ impl Recorder {
             tracing::warn!(
                 step,
                 starts = self.most_runs,
-                "Truth goes back more often than the plant was started: somebody else publishes it, and it is left out"
+                "Truth restarts more often than the plant did: something else publishes it, and it is not recorded"
             );
         }
         self.refused = self.refused.saturating_add(1);

@@ -155,7 +155,7 @@ impl Sink {
         self.before += messages - unflushed;
         let from_ns = self.latest_ns;
         let outage = self.outage.get_or_insert_with(|| {
-            tracing::error!("{error}; the log has a hole from here until a new file can be written");
+            tracing::error!("{error}; the log has a gap from here until a new file can be written");
             let hole = Hole { from_ns, until_ns: 0, messages: 0, reason: error.reason() };
             Outage { hole, retry: Instant::now() }
         });
@@ -198,7 +198,7 @@ impl Sink {
         match self.next_file() {
             Ok(log) => {
                 if self.outage.take().is_some() {
-                    tracing::warn!(path = %self.files.current().display(), "the log goes on in a new file");
+                    tracing::warn!(path = %self.files.current().display(), "the log continues in a new file");
                 }
                 self.follow(log);
                 true

@@ -40,10 +40,10 @@ pub enum Flavour {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PacketError {
     /// Betaflight only listens on this port.
-    #[error("a packet came to a port to which Betaflight sends nothing")]
+    #[error("a packet arrived at a port to which Betaflight sends nothing")]
     Port,
     /// Another length.
-    #[error("{found} bytes came where {expected} are expected")]
+    #[error("{found} bytes arrived where {expected} are expected")]
     Length {
         /// Bytes received.
         found: usize,

@@ -359,7 +359,7 @@ fn one_that_no_switch_arms_is_told_before_its_switch_is_on() {
             betaflight.receive(MSP, &ranges, now, &mut |_, _| panic!("nothing is asked"));
         }
         if said_at.is_none()
-            && betaflight.said().is_some_and(|why| why.contains("no switch of its pilot arms it"))
+            && betaflight.said().is_some_and(|why| why.contains("no switch of the transmitter arms it"))
         {
             said_at = Some(ms);
         }

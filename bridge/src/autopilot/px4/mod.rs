@@ -320,10 +320,10 @@ impl Autopilot for Px4 {
         let place = self.options.telemetry_place().filter(|_| self.heard.answers_at() != Some(TELEMETRY));
         match place {
             Some(place) => format!(
-                "nothing is heard of it at {place} (bridge.px4.telemetry); its console says why (commander check), and its \
+                "nothing is received from it at {place} (bridge.px4.telemetry); its console says why (commander check), and its \
                  ground station"
             ),
-            None => "it says nothing that speaks against it: arm it from its ground station".into(),
+            None => "it gives no reason against it: arm it from its ground station".into(),
         }
     }
 

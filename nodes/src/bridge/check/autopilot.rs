@@ -133,7 +133,7 @@ pub fn check_autopilot(
     let leveled = check.wait_for_level(options, place);
     let has_motors = autopilot.mixer.frame != FrameKind::Ccpm;
     if options.arm && !has_motors {
-        let text = "the outputs: a swashplate moves whether or not it is armed, so arming shows nothing";
+        let text = "the outputs: a swashplate moves whether armed or not, so arming shows nothing";
         (check.say)(Finding::Unknown(text.into()));
     }
     let armed = options.arm && has_motors && check.arm(options);
@@ -300,7 +300,7 @@ impl Check<'_> {
             }
             Err(()) => {
                 (self.say)(Finding::Unknown(format!(
-                    "the sensors: {name} does not tell its attitude at {place}; give its place with --telemetry"
+                    "the sensors: {name} does not report its attitude at {place}; give its place with --telemetry"
                 )));
                 false
             }

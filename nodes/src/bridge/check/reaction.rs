@@ -34,7 +34,7 @@ impl Demands {
 pub(super) fn check(axis: usize, by: f64, before: &Demands, during: &Demands) -> Finding {
     let [name, words] = [AXES[axis].0, AXES[axis].1[usize::from(by < 0.0)]];
     let (Some(before), Some(during)) = (before.mean(), during.mean()) else {
-        return Finding::Unknown(format!("{name}, {words}: its motors tell no numbers"));
+        return Finding::Unknown(format!("{name}, {words}: its motors report no numbers"));
     };
     let change: [f64; 3] = std::array::from_fn(|i| during[i] - before[i]);
     let most = (0..3).max_by(|a, b| change[*a].abs().total_cmp(&change[*b].abs())).unwrap_or(axis);

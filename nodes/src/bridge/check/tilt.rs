@@ -49,7 +49,7 @@ pub(super) fn check(axis: usize, by: f64, before: [f64; 3], after: [f64; 3]) -> 
     }
     let share = change[axis] / by;
     if !(FOLLOWED..=2.0 - FOLLOWED).contains(&share) {
-        return Err(format!("{seen}: it does not follow"));
+        return Err(format!("{seen}: the reported attitude does not follow"));
     }
     match (0..3).find(|i| *i != axis && change[*i].abs() > STRAY * TILT) {
         Some(i) => Err(format!("{seen}, and {} {}: that axis was not moved", AXES[i].0, degrees(change[i]))),

@@ -143,7 +143,7 @@ impl Check<'_> {
                 trip as f64 * 1e-6
             ))),
             _ => (self.say)(Finding::Unknown(
-                "the vehicle does not tell its time: delays cannot be seen".into(),
+                "the vehicle does not report its time: delays cannot be measured".into(),
             )),
         }
     }
@@ -152,7 +152,7 @@ impl Check<'_> {
         (self.say)(Finding::Ask(format!("now {ask}")));
         let Some(start) = lock(&self.shared).vehicle.telemetry().values(Group::Attitude) else {
             return (self.say)(Finding::Unknown(format!(
-                "{name}: the vehicle does not tell its attitude any more"
+                "{name}: the vehicle no longer reports its attitude"
             )));
         };
         // The rate of each axis, integrated, must be what its angle did.
@@ -201,7 +201,7 @@ impl Check<'_> {
             let rest = self.pushed(channel, 0.0);
             let up = self.pushed(channel, 100.0);
             let (Some(rest), Some(up)) = (rest, up) else {
-                let text = format!("channel {number}: the vehicle does not tell its channels (RC_CHANNELS)");
+                let text = format!("channel {number}: the vehicle does not report its channels (RC_CHANNELS)");
                 (self.say)(Finding::Unknown(text));
                 continue;
             };

@@ -231,7 +231,7 @@ impl Decoder for Protocol<'_> {
 
     fn peer_changed(&mut self) {
         self.autopilot.disconnected(self.port);
-        tell_lost(self.lost, self.is_loops, "it began anew at another address, or is another".into());
+        tell_lost(self.lost, self.is_loops, "it restarted at another address, or is another program".into());
     }
 
     fn decode(&mut self, bytes: &[u8], is_datagram: bool) -> bool {

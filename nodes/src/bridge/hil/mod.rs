@@ -159,7 +159,7 @@ impl Hil {
                     self.flight.take(outputs, now);
                 }
                 Event::Restarted => {
-                    tracing::warn!("{} began anew: neutral until it is armed again", self.name);
+                    tracing::warn!("{} restarted: outputs are neutral until it is armed again", self.name);
                     self.flight.forget();
                 }
             }
@@ -179,7 +179,7 @@ impl Hil {
         let seen = self.inbox.drain(&self.states)?;
         if let Some(at) = seen {
             if before.is_some_and(|before| at.step < before) {
-                tracing::warn!(step = at.step, "the plant began a new run");
+                tracing::warn!(step = at.step, "the plant started a new run");
                 self.model.rewind();
             }
             self.at = Some(at);
@@ -204,7 +204,7 @@ impl Hil {
         if stage != before {
             match stage {
                 Stage::Off => tracing::warn!("disarming {}", self.name),
-                Stage::Grace => tracing::info!("{} is here: sticks neutral, switch off", self.name),
+                Stage::Grace => tracing::info!("{} is connected: sticks neutral, switch off", self.name),
                 Stage::Arming => tracing::info!("arming {}: switch on, throttle low", self.name),
                 Stage::Flying => tracing::info!("throttle up"),
             }
@@ -249,12 +249,12 @@ impl Hil {
             let (name, fresh, links) = (self.name, self.flight.is_fresh(self.now()), &self.links);
             if self.waits.tell(now, fresh, self.autopilot.said(), || links.place()) {
                 tracing::warn!(
-                    "{name} is here, is not armed, and has not said why: {}",
+                    "{name} is connected, is not armed, and has not said why: {}",
                     self.autopilot.advice()
                 );
             }
             if !self.flight.is_flying(&self.mixer, self.now()) && self.rc.retry(self.now()) {
-                tracing::warn!("{name} was not armed by its switch, which goes off and on again");
+                tracing::warn!("{name} was not armed by its switch; the switch is set off and on again");
             }
         }
         Ok(if step.is_some() || ready { Turn::Worked } else { Turn::Idle })

@@ -21,7 +21,7 @@ impl Hil {
         if let Some(since) = self.awaited_since.take().filter(|_| !self.told_slow) {
             self.told_slow = true;
             tracing::warn!(
-                "{} answers after {} ms, and the loop asks every {} ms: its outputs before are used meanwhile",
+                "{} takes {} ms to answer, and the loop asks every {} ms: its previous outputs are used until then",
                 self.name,
                 since.elapsed().as_millis(),
                 self.period.as_secs_f64() * 1e3

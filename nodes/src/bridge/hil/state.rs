@@ -26,7 +26,7 @@ impl Fault {
     pub(super) fn text(self) -> &'static str {
         match self {
             Self::Silent => "no fresh outputs: no command, the plant goes to its failsafe",
-            Self::NotFinite => "its outputs are no numbers: no command",
+            Self::NotFinite => "its outputs are not numbers: no command",
             Self::Disarmed => "not armed: inputs at neutral",
         }
     }

@@ -30,7 +30,7 @@ impl Tally {
         let Some(first) = mixer.first_used(outputs.beyond) else { return };
         self.beyond += 1;
         if self.beyond == 1 {
-            tracing::warn!("{}: output {first} is beyond its range, and is held at its limit", self.name);
+            tracing::warn!("{}: output {first} is out of range and was limited", self.name);
         }
     }
 
@@ -52,11 +52,11 @@ impl Tally {
     /// Tells what happened for the first time.
     pub(super) fn look(&mut self, counts: Counts, refused: PeerCounts) {
         if counts.malformed > 0 && self.counts.malformed == 0 {
-            tracing::warn!("{} sent what its protocol does not know: {counts:?}", self.name);
+            tracing::warn!("{} sent messages that are not in its protocol: {counts:?}", self.name);
         }
         if counts.stale > 0 && self.counts.stale == 0 {
             tracing::warn!(
-                "{} sent outputs whose time or number does not go on, repeated or old: they are not obeyed",
+                "{} sent outputs with a repeated or older time or number: they are ignored",
                 self.name
             );
         }
@@ -64,7 +64,7 @@ impl Tally {
         if !self.unreadable && counts.outputs == 0 && unreadable > UNREADABLE_BYTES {
             self.unreadable = true;
             tracing::warn!(
-                "{unreadable} bytes or packets came, and none is of {}: on a serial line, is the baud rate right?",
+                "{unreadable} bytes or packets arrived, none of them from {}: on a serial line, check the baud rate",
                 self.name
             );
         }
@@ -77,12 +77,12 @@ impl Tally {
             unsent,
             strangers = refused.sum(),
             beyond = self.beyond,
-            "the conversation with {} ends: {:?}",
+            "the session with {} has ended: {:?}",
             self.name,
             self.counts
         );
         if self.beyond > 0 {
-            tracing::warn!("{}: {} outputs were beyond their range", self.name, self.beyond);
+            tracing::warn!("{}: {} outputs were out of range", self.name, self.beyond);
         }
         if refused.sum() > 0 {
             tracing::warn!(

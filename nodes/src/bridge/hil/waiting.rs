@@ -47,7 +47,7 @@ impl Waiting {
         let (started, long) = (since(self.grace), since(self.grace + UNEXPLAINED));
         self.report.tell(now, || match (there, said) {
             (true, Some(words)) => format!("{name} to be armed, which says: {words}"),
-            (true, None) if !started => format!("{name} to start, which bridge.rc.grace_s gives it"),
+            (true, None) if !started => format!("{name} to start (bridge.rc.grace_s)"),
             (true, None) => format!("{name} to be armed"),
             (false, _) => format!("{name} on {}", place()),
         });

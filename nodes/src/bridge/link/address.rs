@@ -29,7 +29,7 @@ pub enum Address {
 /// An address that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "'{text}' is no address of a link: {reason}; serial:///dev/ttyACM0:921600, serial:///dev/ttyUSB0:100000:8E2, \
+    "'{text}' is not a link address: {reason}; serial:///dev/ttyACM0:921600, serial:///dev/ttyUSB0:100000:8E2, \
      udpin://0.0.0.0:14550, udpout://192.0.2.7:14550, tcpin://127.0.0.1:5760 or tcpout://127.0.0.1:5760 is expected"
 )]
 pub struct AddressError {
@@ -47,7 +47,7 @@ impl FromStr for Address {
             return serial(rest).map_err(fail);
         }
         let socket = |rest: &str| {
-            rest.parse().map_err(|_| fail(format!("'{rest}' is no numeric address with a port")))
+            rest.parse().map_err(|_| fail(format!("'{rest}' is not a numeric address with a port")))
         };
         match scheme {
             "udpin" => socket(rest).map(Self::UdpIn),
@@ -65,9 +65,9 @@ fn serial(rest: &str) -> Result<Address, String> {
         None => (rest.strip_suffix(":8N1").unwrap_or(rest), false),
     };
     let (path, baud) = rest.rsplit_once(':').ok_or_else(|| "it has no baud rate".to_string())?;
-    let baud = baud.parse().ok().filter(|b| *b > 0).ok_or_else(|| format!("'{baud}' is no baud rate"))?;
+    let baud = baud.parse().ok().filter(|b| *b > 0).ok_or_else(|| format!("'{baud}' is not a baud rate"))?;
     if !path.starts_with('/') {
-        return Err(format!("'{path}' is no absolute path"));
+        return Err(format!("'{path}' is not an absolute path"));
     }
     Ok(Address::Serial { path: path.into(), baud, even_two })
 }

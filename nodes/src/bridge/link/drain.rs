@@ -93,8 +93,7 @@ impl Link {
         if !self.flooded && (refused > 0 || self.full_looks == FLOOD_LOOKS) {
             self.flooded = true;
             self.notes.push_back(format!(
-                "so much comes in that the rest waits for the next look: {bytes} bytes at once, {refused} datagrams of \
-                 them refused"
+                "data arrives faster than it can be read, the rest waits: {bytes} bytes at once, {refused} of the datagrams refused"
             ));
         }
         Ok(())

@@ -239,16 +239,16 @@ impl Link {
                 let (client, _) = server.take()?;
                 self.peers.hold(next, at);
                 self.install(Wire::Tcp(client));
-                let why = "has said nothing valid for";
+                let why = "has sent nothing valid for";
                 let text = format!("{}: {holder} {why} {silence} s, and {next} has its place", self.address);
                 return Some(LinkEvent::Replaced(text));
             }
-            Some(next) => (next, format!("{next} waits: {holder} holds the port, and speaks")),
+            Some(next) => (next, format!("{next} waits: {holder} holds the port and is active")),
             None if is_free && !self.peers.has_spoken() => {
                 let next = "the next client takes its place";
                 (
                     holder,
-                    format!("{holder} holds the port, and has said nothing valid for {silence} s: {next}"),
+                    format!("{holder} holds the port, and has sent nothing valid for {silence} s: {next}"),
                 )
             }
             None => return None,

@@ -41,7 +41,7 @@ pub(super) fn open_port(path: &Path, baud: u32, even_two: bool) -> io::Result<Ow
     let is = tcgetattr(&port)?.output_speed();
     // A divider hits most rates within two percent; more than three is another rate.
     if is.abs_diff(baud) > baud / 32 {
-        let reason = format!("the port does not take {baud} baud, it is at {is}");
+        let reason = format!("the port does not support {baud} baud; it is at {is}");
         return Err(io::Error::new(io::ErrorKind::InvalidInput, reason));
     }
     // What waited there was sent before anybody listened.

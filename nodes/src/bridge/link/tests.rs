@@ -145,7 +145,7 @@ fn udp_answers_the_one_who_spoke_validly_and_nobody_else_until_he_is_silent() {
     stranger.send_to(b"good night", place).unwrap();
     drain(&mut link, &mut words, later, |_, words| words.taken.len() == 3);
     assert_eq!(words.peers, 1);
-    assert!(notes(&mut link)[0].contains("had said nothing valid for 1 s"));
+    assert!(notes(&mut link)[0].contains("had sent nothing valid for 1 s"));
 }
 
 #[test]
@@ -235,14 +235,14 @@ fn a_silent_tcp_client_gives_way_to_one_that_waits_and_one_that_speaks_does_not(
     let replaced = until(|| look(&mut server, 100).0);
     let next = speaker.local_addr().unwrap();
     assert!(
-        matches!(&replaced, LinkEvent::Replaced(why) if why.contains(&format!("{holder} has said nothing valid for 1 s, and {next}"))),
+        matches!(&replaced, LinkEvent::Replaced(why) if why.contains(&format!("{holder} has sent nothing valid for 1 s, and {next}"))),
         "{replaced:?}"
     );
     speaker.write_all(b"good day").unwrap();
     let at = look(&mut server, 500).1;
     drain(&mut server, &mut words, at, |_, words| words.taken == ["good day"]);
     let third = TcpStream::connect(place).unwrap();
-    let waits = format!("{} waits: {next} holds the port, and speaks", third.local_addr().unwrap());
+    let waits = format!("{} waits: {next} holds the port and is active", third.local_addr().unwrap());
     let told = until(|| {
         assert_eq!(server.maintain(at + Duration::from_millis(900)), None);
         server.look_at = at;

@@ -42,7 +42,7 @@ pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -
     };
     let mut vehicle = Vehicle::new(bridge, bench).map_err(|e| NodeError::Config {
         field: format!("bridge.{}", e.path.join(".")),
-        value: "what is written there".into(),
+        value: "the data written to the port".into(),
         reason: e.message,
     })?;
     if was_restarted() {
