@@ -221,8 +221,7 @@ fn a_vehicle_that_rolls_against_its_commands_is_noticed_by_its_attitude_alone() 
             bench.signal(libc::SIGINT);
             let end = bench.finish();
             assert_eq!(json(&place.report)["faults"], value!([]), "{}", end.stderr);
-            for words in ["roll: the vehicle accelerates opposite to the command", "with the wrong sign"]
-            {
+            for words in ["roll: the vehicle accelerates opposite to the command", "with the wrong sign"] {
                 assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
             }
         });

@@ -86,7 +86,12 @@ fn fly_through(place: &Place, keys: &str, vehicle: &[&str], datagrams: Vec<Vec<u
     let seen = json(place.dir.path().join("vehicle.json"));
     assert!(seen["longest_gap_s"].as_f64().unwrap() < GAP, "{}\n{}", seen["longest_gap_s"], ended.stderr);
     assert!(!ended.stderr.contains("FAILSAFE"), "{}", ended.stderr);
-    assert_eq!(ended.stderr.matches("sends as well and is refused").count(), 1, "told once: {}", ended.stderr);
+    assert_eq!(
+        ended.stderr.matches("sends as well and is refused").count(),
+        1,
+        "told once: {}",
+        ended.stderr
+    );
     assert_eq!(seen["faults"], serde_json::json!([]));
     let summary = json(place.dir.path().join("out/summary.json"));
     let rejected = summary["runs"][0]["timing"]["nodes"]["plant"]["rejected"].as_u64().unwrap();

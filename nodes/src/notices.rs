@@ -129,7 +129,10 @@ impl Notice {
             }
             Self::FailsafeOver { step } => tracing::warn!(step, "commands have resumed: failsafe ended"),
             Self::Caution { step, withholds: true } => {
-                tracing::warn!(step, "the mirror reports that the prediction is wrong: commands are withheld");
+                tracing::warn!(
+                    step,
+                    "the mirror reports that the prediction is wrong: commands are withheld"
+                );
             }
             Self::Caution { step, withholds: false } => {
                 tracing::warn!(step, "the prediction is right again: commands resume");

@@ -180,8 +180,7 @@ fn a_step_that_goes_to_failsafe_writes_no_line() {
     assert_eq!(own_lines(), 0, "a step wrote a line itself");
     drop(bench);
     let lines = written().clone();
-    for said in
-        ["commands are withheld", "commands are given", "FAILSAFE, inputs at neutral", "failsafe ended"]
+    for said in ["commands are withheld", "commands resume", "FAILSAFE, inputs at neutral", "failsafe ended"]
     {
         assert!(lines.contains(said), "{said} is not among: {lines}");
     }

@@ -369,9 +369,8 @@ fn usual(inputs: &[Input], has_pilot: bool) -> Result<Vec<ChannelConfig>, Config
             "u_pitch" => 2,
             "u_yaw" => 4,
             _ => {
-                let message = format!(
-                    "the input {name} has no default channel: set it with [[bridge.channels]]"
-                );
+                let message =
+                    format!("the input {name} has no default channel: set it with [[bridge.channels]]");
                 return Err(ConfigError::new(&["channels"], message));
             }
         };

@@ -50,7 +50,9 @@ fn sentence(m: &super::Mapped, inputs: &[Input]) -> String {
     let number = m.index + 1;
     match m.source {
         Source::Fixed => format!("channel {number} is held at {:.0} us while armed", m.trim_us),
-        Source::Arm => format!("channel {number} arms the vehicle: high while the controller or the pilot is in charge"),
+        Source::Arm => {
+            format!("channel {number} arms the vehicle: high while the controller or the pilot is in charge")
+        }
         Source::Stick(axis) => format!("channel {number} is the pilot's {}", axis.name()),
         Source::Pilot(channel) => format!("channel {number} is the pilot's channel {channel}"),
         Source::Input(i, _) => {

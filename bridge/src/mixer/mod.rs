@@ -217,7 +217,10 @@ fn axis(
     };
     let size = match (options.acceleration, options.scale.or_else(|| default_scale(demand, input, vehicle))) {
         (Some(_), _) if options.scale.is_some() => {
-            return wrong("scale", "scale and acceleration are two ways to say the same: give one of them".into());
+            return wrong(
+                "scale",
+                "scale and acceleration are two ways to say the same: give one of them".into(),
+            );
         }
         (Some(acceleration), _) => Size::Acceleration(finite("acceleration", acceleration)?),
         (None, Some(scale)) => Size::Input(finite("scale", scale)?),

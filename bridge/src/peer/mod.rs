@@ -159,9 +159,7 @@ pub enum PeerNote {
         pin: Pin,
     },
     /// What came makes no peer.
-    #[error(
-        "{bytes} bytes from {address} are refused: they are not valid messages of the protocol"
-    )]
+    #[error("{bytes} bytes from {address} are refused: they are not valid messages of the protocol")]
     Invalid {
         /// Who sent them.
         address: SocketAddr,

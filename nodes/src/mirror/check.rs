@@ -162,7 +162,10 @@ fn judge(costs: &[(f64, f64)]) -> Result<f64, String> {
     match (new < old, is_cheaper) {
         (true, _) if count == 0.0 => Ok(0.0),
         (true, _) | (_, true) => Ok(mean.exp()),
-        _ => Err(format!("its cost is not significantly lower: {:.2} times that of the current law", mean.exp())),
+        _ => Err(format!(
+            "its cost is not significantly lower: {:.2} times that of the current law",
+            mean.exp()
+        )),
     }
 }
 
@@ -175,7 +178,7 @@ mod tests {
         let old = [1.0, 1.1, 0.9, 1.05];
         let pairs = |new: [f64; 4]| old.into_iter().zip(new).collect::<Vec<_>>();
         assert!(judge(&pairs([0.5, 0.6, 0.45, 0.5])).unwrap() < 0.6);
-        assert!(judge(&pairs([0.5, 2.0, 0.4, 1.9])).unwrap_err().contains("not certainly lower"));
+        assert!(judge(&pairs([0.5, 2.0, 0.4, 1.9])).unwrap_err().contains("not significantly lower"));
         assert!(judge(&pairs(old)).is_err());
         let fatal = judge(&pairs([0.1, 0.1, 0.1, f64::INFINITY]));
         assert!(fatal.unwrap_err().contains("loses the vehicle on 1 of 4"));

@@ -201,7 +201,8 @@ impl Check<'_> {
             let rest = self.pushed(channel, 0.0);
             let up = self.pushed(channel, 100.0);
             let (Some(rest), Some(up)) = (rest, up) else {
-                let text = format!("channel {number}: the vehicle does not report its channels (RC_CHANNELS)");
+                let text =
+                    format!("channel {number}: the vehicle does not report its channels (RC_CHANNELS)");
                 (self.say)(Finding::Unknown(text));
                 continue;
             };
