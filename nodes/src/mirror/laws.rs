@@ -105,6 +105,13 @@ impl Laws {
         (self.flying, self.changed, self.job, self.back) = (None, None, None, None);
     }
 
+    /// Whether a law that should have been judged by this step, so that a run in lockstep repeats itself, is still being judged.
+    /// The check runs below the priority of a loop that may keep all processors busy, so it may take long: the mirror waits
+    /// without standing still.
+    pub(super) fn is_late(&self, step: u64) -> bool {
+        self.waits && self.job.as_ref().is_some_and(|job| step >= job.due && !job.thread.is_finished())
+    }
+
     /// Goes on; what there is to say at a step, if anything.
     ///
     /// # Errors

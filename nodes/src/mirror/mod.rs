@@ -119,6 +119,10 @@ impl Mirror {
         self.take_adjustments()?;
         for _ in 0..QUEUE_DEPTH {
             let Some((imu, turns)) = self.next()? else { break };
+            if self.laws.as_ref().is_some_and(|laws| laws.is_late(imu.head.step)) {
+                self.pending = Some((imu, turns));
+                break;
+            }
             if !self.take(&imu)? && turns < PATIENCE && !self.stopping {
                 self.pending = Some((imu, turns + 1));
                 break;

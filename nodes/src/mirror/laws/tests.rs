@@ -91,3 +91,24 @@ fn a_law_that_is_no_better_is_asked_for_once() {
     assert!(turn(&mut laws, 40.0, 45.0).is_empty(), "no law is designed for it");
     assert_eq!(text_of(&laws.refused.unwrap().effect), "vibration");
 }
+
+#[test]
+fn a_judgement_that_takes_long_is_waited_for_in_lockstep_without_standing_still() {
+    for waits in [true, false] {
+        let mut laws = Laws { waits, ..laws() };
+        let (end, ended) = std::sync::mpsc::channel();
+        let work = move || {
+            ended.recv().unwrap();
+            Err("too slow".into())
+        };
+        laws.job =
+            Some(Job { cause: late(FindingStage::Named, 9.0, 0.2), due: 100, thread: thread::spawn(work) });
+        assert!(!laws.is_late(99));
+        assert_eq!(laws.is_late(100), waits);
+        end.send(()).unwrap();
+        while !laws.job.as_ref().unwrap().thread.is_finished() {
+            thread::yield_now();
+        }
+        assert!(!laws.is_late(100));
+    }
+}
