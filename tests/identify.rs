@@ -299,7 +299,7 @@ fn what_cannot_be_identified_is_refused_with_the_reason() {
         &moving,
         &cart(unstable),
         &["--noise", "white"],
-        &["leaves all bounds", "start values", "stable"],
+        &["diverges", "start values", "stable"],
     );
     refused(
         &moving.replace("t,u,x", "t,force,x"),
