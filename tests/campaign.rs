@@ -88,7 +88,7 @@ fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
     assert_eq!(peak["sensitivities"][0]["key"], "effects.0.magnitude");
     assert!(peak["sensitivities"][0]["rank_correlation"].as_f64().unwrap() > 0.9, "{peak}");
     let page = String::from_utf8(bytes(&place.path("whole/report.html"))).unwrap();
-    assert!(page.contains("flights broke a limit"));
+    assert!(page.contains("flights exceeded a limit"));
 
     for part in ["1/3", "2/3", "3/3"] {
         place.answer(&["FILE", "--out", "DIR/parts", "--shard", part, "--jobs", "1"]);

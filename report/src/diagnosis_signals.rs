@@ -139,7 +139,7 @@ fn correlations(answer: &Diagnosis, o: &OutputFigure, runs: &[(&str, usize, &[f6
         let mut plot = Plot::new(
             format!("correlation-{}-{j}", o.name),
             format!("correlation of the residual with {input}"),
-            "residual later than input by, s",
+            "lag of the residual behind the input, s",
             "",
         );
         plot.height = 230;
