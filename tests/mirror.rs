@@ -118,11 +118,11 @@ fn the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_bett
     assert!(said.contains("the law that the mirror asked for is in charge"), "{said}");
     let findings = json(format!("{out}/summary.json"))["runs"][0]["findings"].clone();
     let law =
-        findings.as_array().unwrap().iter().find(|f| f["text"].as_str().unwrap().starts_with("the law for"));
+        findings.as_array().unwrap().iter().find(|f| f["text"].as_str().unwrap().starts_with("switched to the law for"));
     let law = law.unwrap_or_else(|| panic!("no law: {findings:?}"));
     let text = law["text"].as_str().unwrap();
     assert!(
-        text.contains("input_delay on u_roll: delay_s 0.") && text.contains("flies from here on"),
+        text.contains("input_delay on u_roll: delay_s 0.") && text.contains("its cost is"),
         "{text}"
     );
     let at = law["at_s"].as_f64().unwrap();
