@@ -251,7 +251,7 @@ fn what_cannot_be_flown_is_told_with_its_place() {
         ("\"quadrotor\"", "\"quadroter\"", &["quadroter", "did you mean 'quadrotor'?"][..]),
         ("key = \"seed\"", "key = \"sed\"", &["flight 0 of the campaign", "--set sed=", "seed"]),
         ("key = \"seed\"", "key = \"vehicle\"", &["vehicle cannot vary"]),
-        ("400 deg/s^2", "400 deg", &["line 13", "one unit, not 'deg/s^2' and 'deg'"]),
+        ("400 deg/s^2", "400 deg", &["line 13", "the same unit, not 'deg/s^2' and 'deg'"]),
         ("deg/s^2", "kg", &["flight 0 of the campaign", "effects.0.magnitude"]),
         ("launch = \"quadrotor\"", "launch = \"quadrotor-compare\"", &["quadrotor-compare has variants"]),
         (

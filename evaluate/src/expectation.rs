@@ -173,9 +173,7 @@ fn checked(e: &Expectation, figure: Option<Figure>) -> CheckedExpectation {
         Some(Figure::Value(value)) => {
             (Some(value), Some(format!("{} is {}, above the limit {}", e.key, in_words(value), limit())))
         }
-        Some(Figure::Never) => {
-            (None, Some(format!("{} was never reached, the limit is {}", e.key, limit())))
-        }
+        Some(Figure::Never) => (None, Some(format!("{} was never reached, the limit is {}", e.key, limit()))),
         Some(Figure::NoEvent) | None => (None, Some(format!("{} was not measured in this run", e.key))),
     };
     CheckedExpectation {

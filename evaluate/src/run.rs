@@ -23,9 +23,7 @@ pub enum RunError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The log is of another program.
-    #[error(
-        "{path} is not a bench log: it has no metadata named whirlstand; use compare for foreign logs"
-    )]
+    #[error("{path} is not a bench log: it has no metadata named whirlstand; use compare for foreign logs")]
     NotABench {
         /// The log.
         path: String,

@@ -12,11 +12,13 @@ pub fn finding_text(finding: &Finding, outputs: &[&str], units: &ShownSignals) -
     let since = format!("since {:.2} s", finding.since_ns as f64 * 1e-9);
     let output = outputs.get(finding.output as usize).copied().unwrap_or("an output");
     Some(match FindingStage::from_u32(finding.stage)? {
-        FindingStage::Wrong => format!("the prediction of {output} is wrong {since}; looking for the cause"),
+        FindingStage::Wrong => {
+            format!("the prediction of {output} has been wrong {since}; looking for the cause")
+        }
         FindingStage::Named => format!("{since}: {}", cause(finding)),
         FindingStage::Revised => format!("{since}, revised: {}", cause(finding)),
         FindingStage::Withdrawn => {
-            format!("previous finding withdrawn; the prediction of {output} is wrong {since}")
+            format!("previous finding withdrawn; the prediction of {output} has been wrong {since}")
         }
         FindingStage::Over => "prediction is right again".into(),
         FindingStage::Law if finding.evidence > 0.0 => {
@@ -83,7 +85,7 @@ mod tests {
         let text = |f: &Finding| finding_text(f, &["roll", "roll_rate"], &ShownSignals::default());
         assert_eq!(
             text(&finding).unwrap(),
-            "the prediction of roll_rate is wrong since 12.30 s; looking for the cause"
+            "the prediction of roll_rate has been wrong since 12.30 s; looking for the cause"
         );
         finding.stage = FindingStage::Named as u32;
         (finding.effect, finding.place) = (text_field("sensor_bias"), text_field("roll_rate"));

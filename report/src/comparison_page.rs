@@ -130,7 +130,9 @@ fn table(c: &Comparison) -> Table {
         rows: rows.collect(),
         note: "Growth: rms residual in the last tenth of the record divided by that of the rest. Spectral \
         peak: the strongest one of the residual, and its share of the residual power."
-            .into(), ..Table::default() }
+            .into(),
+        ..Table::default()
+    }
 }
 
 fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {

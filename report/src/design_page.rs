@@ -101,7 +101,10 @@ fn steps(report: &DesignReport) -> Section {
         title: "Steps".into(),
         text: match sizes.as_slice() {
             [] => "No setpoint of this vehicle has a steady state.".into(),
-            _ => format!("{}: response of the linear loop, without limits and with known states.", sizes.join(", ")),
+            _ => format!(
+                "{}: response of the linear loop, without limits and with known states.",
+                sizes.join(", ")
+            ),
         },
         plots: if some { std::iter::once(share).chain(inputs).collect() } else { Vec::new() },
         columns: 2,

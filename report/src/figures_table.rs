@@ -173,10 +173,13 @@ pub fn estimator_table(summaries: &[RunSummary]) -> Option<Table> {
     (!judged.is_empty()).then(|| Table {
         head: head.iter().map(|h| h.to_string()).collect(),
         rows: rows.collect(),
-        note: "Computed up to the first disturbance. A NIS ratio below the interval means that the filter is \
+        note:
+            "Computed up to the first disturbance. A NIS ratio below the interval means that the filter is \
         too conservative, for example because it allows for disturbances that did not occur; above it, the \
         filter is overconfident. Errors within 2 std: the worst state; 95.4 for a consistent filter."
-            .into(), ..Table::default() })
+                .into(),
+        ..Table::default()
+    })
 }
 
 /// What was expected of the runs and what was found: a row an expectation, a column a run.

@@ -114,7 +114,9 @@ fn figures(answer: &Identification) -> Section {
             note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)), including sensor noise. Noise: what \
             cannot be predicted one step ahead. White: Ljung-Box test at 1 %, with the largest \
             autocorrelation."
-                .into(), ..Table::default() }],
+                .into(),
+            ..Table::default()
+        }],
         ..Section::default()
     }
 }

@@ -131,9 +131,7 @@ fn loops(report: &TuneReport) -> Section {
     }
     Section {
         title: "Loops".into(),
-        text:
-            "Loop of law, filter and the diagnosed vehicle, broken at the plant input."
-                .into(),
+        text: "Loop of law, filter and the diagnosed vehicle, broken at the plant input.".into(),
         plots: vec![sensitivity, poles],
         columns: 2,
         ..Section::default()

@@ -296,7 +296,10 @@ fn whole_summary(answer: &Diagnosis) -> String {
             format!("Unexplained: {text}.")
         }
         Verdict::Unexplained => {
-            format!("Unexplained: no effect of the table explains the record. {}", answer.unexplained.description)
+            format!(
+                "Unexplained: no effect of the table explains the record. {}",
+                answer.unexplained.description
+            )
         }
         Verdict::Inconclusive if !blocking.is_empty() => format!("Inconclusive: {}.", blocking.join("; ")),
         Verdict::Inconclusive if answer.partial => {
@@ -304,7 +307,9 @@ fn whole_summary(answer: &Diagnosis) -> String {
             let text = "Inconclusive: no effect had been found by then, and not all were tested.";
             if left.is_empty() { text.into() } else { format!("{text} {left}") }
         }
-        Verdict::Inconclusive => "Inconclusive: this record is not informative enough to show an effect.".into(),
+        Verdict::Inconclusive => {
+            "Inconclusive: this record is not informative enough to show an effect.".into()
+        }
     }
 }
 

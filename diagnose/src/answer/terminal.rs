@@ -49,8 +49,9 @@ impl Diagnosis {
             };
             let ratio = rmse.filter(|_| o.noise_floor > 0.0).map(|e| e / o.noise_floor);
             let ratio = ratio.map_or(String::new(), |r| format!(", {r:.2}"));
-            let share =
-                o.noise_model_share.map_or(String::new(), |s| format!(", {:.0} % attributed to noise", 100.0 * s));
+            let share = o
+                .noise_model_share
+                .map_or(String::new(), |s| format!(", {:.0} % attributed to noise", 100.0 * s));
             outputs.push(format!("{name} {figures}{ratio}{share}"));
         }
         for pair in outputs.chunks(if free { 1 } else { 2 }).take(4) {

@@ -74,9 +74,7 @@ fn model(draft: &Draft) -> Vec<String> {
 
 fn effect_comment(kind: Kind, place: &str, draft: &Draft) -> String {
     if kind == Kind::InputBias {
-        return format!(
-            "Trim: the offset of {place} that keeps the output at its mean in the record."
-        );
+        return format!("Trim: the offset of {place} that keeps the output at its mean in the record.");
     }
     let start = format!("{kind}({place})");
     let all = draft.axes.iter().flat_map(|axis| &axis.parameters);

@@ -156,7 +156,8 @@ pub fn expect(
     let noise: Vec<f64> = vehicle.outputs.iter().map(|o| o.noise).collect();
     if noise.iter().all(|n| *n == 0.0) {
         flight.remarks.push(
-            "The vehicle file declares no sensor noise, so the accuracy of a record cannot be predicted.".into(),
+            "The vehicle file declares no sensor noise, so the accuracy of a record cannot be predicted."
+                .into(),
         );
         return Ok(());
     }

@@ -114,8 +114,11 @@ impl Flight {
             clean(1.0 / self.period_s),
             clean(self.duration_s)
         );
-        let _ =
-            writeln!(out, "# Only changes are listed; each value is held until the next one.\n{} = [", self.through);
+        let _ = writeln!(
+            out,
+            "# Only changes are listed; each value is held until the next one.\n{} = [",
+            self.through
+        );
         let mut last = vec![0.0; self.signals.len()];
         let steps = self.signals.first().map_or(0, Vec::len);
         for k in 0..steps {

@@ -108,7 +108,11 @@ impl PlotInput<'_> {
         let draw = |y: &[f64]| -> Points { (t[part.clone()].to_vec(), y[part.clone()].to_vec()) };
         Some(EvidenceCurve {
             without: (vec![t[part.start], t[part.end - 1]], vec![0.0, 0.0]),
-            ..traces.all(draw).curve("The part of the record where it is clearest.", Axis::time("time"), self.residual_label(output))
+            ..traces.all(draw).curve(
+                "The part of the record where it is clearest.",
+                Axis::time("time"),
+                self.residual_label(output),
+            )
         })
     }
 }
