@@ -247,7 +247,7 @@ fn failures(path: &Path) -> Result<Failures, String> {
     Failures::of(keys, &points).ok_or_else(|| {
         format!(
             "it has {} flights that exceeded a limit, but at least 10 are needed: fly more, with method \
-            \"importance\" and a larger `spread`",
+             \"importance\" and a larger `spread`",
             points.len()
         )
     })

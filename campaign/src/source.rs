@@ -114,9 +114,11 @@ impl Answer {
 
     fn identified(&self, only: &[String], widen: Option<f64>) -> Result<Added, String> {
         if self.standard_errors_hold == Some(false) && widen.is_none() {
-            return Err("its standard errors are marked as unreliable: the record has an effect that the \
-            model does not include, or the search ended early; set `widen` to multiply them by a factor"
-                .into());
+            return Err(
+                "its standard errors are marked as unreliable: the record has an effect that the model does not \
+                 include, or the search ended early; set `widen` to multiply them by a factor"
+                    .into(),
+            );
         }
         let wanted = |p: &Parameter| only.is_empty() || only.contains(&p.name);
         let chosen: Vec<usize> =
@@ -127,8 +129,8 @@ impl Answer {
             let Parameter { name, value, standard_error, unit } = parameter;
             if name.contains('(') {
                 return Err(format!(
-                    "{name} belongs to an effect of the vehicle file, which a launch file cannot change: use \
-                    `only` to name what varies, such as only = [\"A[2,1]\"]"
+                    "{name} belongs to an effect of the vehicle file, which a launch file cannot change: use `only` \
+                     to name what varies, such as only = [\"A[2,1]\"]"
                 ));
             }
             let error = standard_error.filter(|e| *e > 0.0 && e.is_finite()).ok_or_else(|| {

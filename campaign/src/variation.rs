@@ -155,8 +155,8 @@ fn gaussian(normal: WrittenNormal, keys: usize) -> Result<Variation, String> {
             Ok(Variation::Joint { each, root })
         }
         _ => {
-            Err("`normal` needs `mean` and `std`, or for several `keys` a list `mean` and `covariance`, in \
-        the units of the means"
+            Err("`normal` needs `mean` and `std`, or for several `keys` a list `mean` and `covariance`, in the units \
+                 of the means"
                 .into())
         }
     }

@@ -118,9 +118,9 @@ fn shares(report: &CampaignReport) -> Section {
             head: ["", "flights", "share, %", "from, %", "to, %"].map(String::from).to_vec(),
             rows,
             note: match is_weighted(report) {
-                true => "Weighted means with Fay and Feuer's 95 % confidence interval: sampling was \
-                concentrated where failures are frequent. The histograms below show the samples, the \
-                quantiles are weighted.",
+                true => "Weighted means with Fay and Feuer's 95 % confidence interval: sampling was concentrated \
+                         where failures are frequent. The histograms below show the samples, the quantiles are \
+                         weighted.",
                 false => "Wilson's 95 % confidence interval, or Clopper and Pearson's where the count is none or all.",
             }
             .into(),
@@ -228,8 +228,8 @@ fn moved(report: &CampaignReport) -> Section {
     });
     Section {
         title: "Sensitivities".into(),
-        text: "Spearman's rank correlation of each figure with a limit and each varied quantity: +1 or -1 \
-        for a monotonic relation, 0 for no relation or one that both rises and falls."
+        text: "Spearman's rank correlation of each figure with a limit and each varied quantity: +1 or -1 for a \
+               monotonic relation, 0 for no relation or one that both rises and falls."
             .into(),
         plots: plots.collect(),
         tables: vec![Table {

@@ -25,10 +25,10 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
     sections.push(Section {
         title: "Figures".into(),
         text: format!(
-            "Fit is 100 (1 - norm(residual) / norm(measured - its mean)) of a free run: 100 is perfect, 0 is \
-            as good as the mean of the record. Initial state: {}; the start of the record is not counted as \
-            an error. The {} s fit assesses predictions over {} s from a state fitted to the previous {} s, \
-            too short for an integrator to drift.",
+            "Fit is 100 (1 - norm(residual) / norm(measured - its mean)) of a free run: 100 is perfect, 0 is as good \
+             as the mean of the record. Initial state: {}; the start of the record is not counted as an error. The \
+             {} s fit assesses predictions over {} s from a state fitted to the previous {} s, too short for an \
+             integrator to drift.",
             c.initial_state_method, c.horizon_s, c.horizon_s, c.horizon_s
         ),
         tables: vec![table(c)],
@@ -128,8 +128,8 @@ fn table(c: &Comparison) -> Table {
     Table {
         head: head.iter().map(|h| h.to_string()).collect(),
         rows: rows.collect(),
-        note: "Growth: rms residual in the last tenth of the record divided by that of the rest. Spectral \
-        peak: the strongest one of the residual, and its share of the residual power."
+        note: "Growth: rms residual in the last tenth of the record divided by that of the rest. Spectral peak: the \
+               strongest one of the residual, and its share of the residual power."
             .into(),
         ..Table::default()
     }

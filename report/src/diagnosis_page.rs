@@ -18,9 +18,8 @@ pub fn diagnosis_report(answer: &Diagnosis) -> Result<String, ReportError> {
     if !shown.is_empty() {
         sections.push(Section {
             title: "What the record shows".into(),
-            text: "The residual without the cause, traced back through the model to the place where the \
-            cause acts. Points: means of the record. Line: prediction of the cause, processed in the same \
-            way."
+            text: "The residual without the cause, traced back through the model to the place where the cause acts. \
+                   Points: means of the record. Line: prediction of the cause, processed in the same way."
                 .into(),
             columns: 2,
             plots: shown,

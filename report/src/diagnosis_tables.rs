@@ -29,9 +29,9 @@ pub(crate) fn causes(answer: &Diagnosis) -> Option<Section> {
     }
     (!rows.is_empty()).then(|| Section {
         title: "Causes".into(),
-        text: "BIC: improvement over the model without the cause, penalised for its parameters; at least 10 \
-        is required. Held out: improvement on held-out data, in standard errors; at least 2 is required. By \
-        chance: p-value, corrected for the number of candidates tested."
+        text: "BIC: improvement over the model without the cause, penalised for its parameters; at least 10 is \
+               required. Held out: improvement on held-out data, in standard errors; at least 2 is required. By \
+               chance: p-value, corrected for the number of candidates tested."
             .into(),
         tables: vec![Table { head: head(&names), rows, note: notes.join(" "), ..Table::default() }],
         ..Section::default()
@@ -104,9 +104,9 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
     Section {
         title: "Improvement on held-out data".into(),
         text: format!(
-            "{} to {} s, with the rest used for the fit: free runs where they are meaningful, and \
-            predictions over {ahead}. Fit is 100 (1 - norm(residual) / norm(measured - its mean)). No model \
-            can do better than the noise.",
+            "{} to {} s, with the rest used for the fit: free runs where they are meaningful, and predictions over \
+             {ahead}. Fit is 100 (1 - norm(residual) / norm(measured - its mean)). No model can do better than the \
+             noise.",
             number(answer.heldout.from_s),
             number(answer.heldout.to_s)
         ),

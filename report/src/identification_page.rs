@@ -111,9 +111,8 @@ fn figures(answer: &Identification) -> Section {
         tables: vec![Table {
             head: head.iter().map(|h| h.to_string()).collect(),
             rows: rows.collect(),
-            note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)), including sensor noise. Noise: what \
-            cannot be predicted one step ahead. White: Ljung-Box test at 1 %, with the largest \
-            autocorrelation."
+            note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)), including sensor noise. Noise: what cannot \
+                   be predicted one step ahead. White: Ljung-Box test at 1 %, with the largest autocorrelation."
                 .into(),
             ..Table::default()
         }],
@@ -206,8 +205,8 @@ fn responses(answer: &Identification) -> Option<Section> {
         }
     }
     let mut text = format!(
-        "Identification data; each response is conditioned on the other inputs. Shown up to the highest \
-        frequency with a partial coherence of {TRUSTED} or more."
+        "Identification data; each response is conditioned on the other inputs. Shown up to the highest frequency \
+         with a partial coherence of {TRUSTED} or more."
     );
     if !silent.is_empty() {
         text.push_str(&format!(" Hardly any coherence: {}.", silent.join(", ")));
@@ -287,8 +286,8 @@ fn residuals(answer: &Identification) -> Option<Section> {
         .collect();
     (!plots.is_empty()).then(|| Section {
         title: "Residuals".into(),
-        text: "Autocorrelation of the one-step residuals, after the noise model. Values beyond the dotted \
-        lines indicate vibration, a gust or unmodelled dynamics."
+        text: "Autocorrelation of the one-step residuals, after the noise model. Values beyond the dotted lines \
+               indicate vibration, a gust or unmodelled dynamics."
             .into(),
         plots,
         columns: 3,

@@ -98,9 +98,8 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
         sections.push(Section {
             title: "Estimator".into(),
             text: format!(
-                "Estimation errors relative to the truth, with the filter's own bounds of two standard \
-                deviations{}. For a consistent filter 95 % of the errors are within them, and the NIS is \
-                near 1.",
+                "Estimation errors relative to the truth, with the filter's bounds of two standard deviations{}. \
+                 For a consistent filter 95 % of the errors are within them, and the NIS is near 1.",
                 if runs.len() > 1 { format!(" ({})", first.name) } else { String::new() }
             ),
             tables: estimator_table(summaries).into_iter().collect(),
@@ -111,9 +110,8 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
     }
     sections.push(Section {
         title: "Timing".into(),
-        text: "Percentiles are upper edges of histogram buckets, two per octave. The plant's latency is the \
-        time from publishing a measurement to receiving its command; that of the other nodes is the time \
-        from input to output."
+        text: "Percentiles are upper edges of histogram buckets, two per octave. Latency of the plant: from publishing a \
+               measurement to receiving its command; of the other nodes: from input to output."
             .into(),
         tables: vec![timing_table(summaries)],
         plots: latency_plot(runs).into_iter().collect(),

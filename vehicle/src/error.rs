@@ -107,9 +107,9 @@ pub enum SimulatorError {
     Poles(#[from] DecompositionError),
     /// Too many effects that take other matrices have a window.
     #[error(
-        "{found} delays, lags, modes, couplings, parameter changes and mode transitions have from_s or \
-        until_s, but at most {most} are supported, as a step is precomputed for every combination; remove \
-        the window from some of them"
+        "{found} delays, lags, modes, couplings, parameter changes and mode transitions have from_s or until_s, but \
+         at most {most} are supported, as a step is precomputed for every combination; remove the window from some \
+         of them"
     )]
     Windows {
         /// How many have one.

@@ -16,8 +16,8 @@ pub fn check_attitude(state: &State, si: f64) -> Option<String> {
     let is_beyond = si.to_degrees().abs() > LARGEST_ATTITUDE_DEG * (1.0 + 1e-12);
     (is_attitude && is_beyond).then(|| {
         format!(
-            "is {} deg = {} rad: a linear model is not valid for attitudes beyond {LARGEST_ATTITUDE_DEG} \
-            deg; check the unit",
+            "is {} deg = {} rad: a linear model is not valid for attitudes beyond {LARGEST_ATTITUDE_DEG} deg; check \
+             the unit",
             number(si.to_degrees()),
             number(si)
         )

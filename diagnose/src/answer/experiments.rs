@@ -119,7 +119,7 @@ pub fn advice(answer: &Diagnosis) -> Vec<String> {
     for cause in &answer.causes {
         for other in &cause.indistinguishable {
             advice.push(format!(
-                "To distinguish {} on {} from {} on {}, record {}.",
+                "To distinguish {} on {} from {} on {}, use {}.",
                 cause.effect, cause.place, other.effect, other.place, other.experiment
             ));
         }

@@ -81,7 +81,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     let covariance = match whole.covariance(extended) {
         Ok(covariance) => covariance,
         Err(why) => {
-            return Decision::Undetermined(format!("its parameters have no confidence interval: {why}"));
+            return Decision::Undetermined(format!("no confidence interval: {why}"));
         }
     };
     let from = extended.values.len() - k;
@@ -93,10 +93,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
         // damping is none.
         let value = extended.values[from + i];
         if value == tunable.lower || value == tunable.upper {
-            return Decision::Undetermined(format!(
-                "its {} is at a limit of its allowed range",
-                tunable.name
-            ));
+            return Decision::Undetermined(format!("its {} is at the limit of its range", tunable.name));
         }
         let null = if i + 1 == k { alternative.candidate.null } else { 0.0 };
         let size = (extended.values[from + i] - null).abs();

@@ -69,8 +69,8 @@ pub fn size(c: &Comparison) -> Option<String> {
     let most = ratios.iter().copied().fold(0.0, f64::max);
     (!ratios.is_empty() && (most < 0.1 || least > 10.0)).then(|| {
         format!(
-            "the simulated motion is {} to {} times the recorded motion: check that the inputs are in the \
-            units that the vehicle expects; an input_gain in the vehicle file scales them",
+            "the simulated motion is {} to {} times the recorded motion: check that the inputs are in the units that \
+             the vehicle expects; an input_gain in the vehicle file scales them",
             number(least),
             number(most)
         )

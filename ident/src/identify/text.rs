@@ -77,8 +77,8 @@ fn disturbances(answer: &Identification) -> Option<String> {
     let more = answer.disturbed.len().saturating_sub(MOST_SUGGESTIONS);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     Some(format!(
-        "There is an effect that the model does not include: residuals of {} are {:.1} times larger than \
-        usual from {:.2} s to {:.2} s. If it was a gust, exclude it: {}{more}.",
+        "There is an effect that the model does not include: residuals of {} are {:.1} times larger than usual from \
+         {:.2} s to {:.2} s. If it was a gust, exclude it: {}{more}.",
         worst.output,
         worst.ratio,
         worst.from_s,
@@ -92,8 +92,8 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     let mut all = Vec::new();
     if answer.partial {
         all.push(
-            "The search was ended early: the values are the best found so far, and the standard errors are \
-            those of a point that is not yet a minimum."
+            "The search was ended early: the values are the best found so far, and the standard errors are those of \
+             a point that is not yet a minimum."
                 .into(),
         );
     } else if !answer.search.converged {
@@ -125,8 +125,8 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     if !answer.disturbed.is_empty() {
         let answered = if answer.closed_loop { " and the controller's response to it" } else { "" };
         all.push(format!(
-            "The standard errors are not reliable: they do not account for this effect{answered}; where \
-            there is little other excitation, parameters can be off by many standard errors."
+            "The standard errors are not reliable: they do not account for this effect{answered}; where there is \
+             little other excitation, parameters can be off by many standard errors."
         ));
     }
     let mut pairs = Vec::new();

@@ -34,8 +34,8 @@ pub enum ClockError {
     TooMany(String),
     /// Far more points than there are samples.
     #[error(
-        "{samples} samples are so far apart that {points} points would lie between them: a timestamp in the \
-        log is corrupt, or its pauses are far longer than its recordings; select a part of the log"
+        "{samples} samples are so far apart that {points} points would lie between them: a timestamp in the log is \
+         corrupt, or its pauses are far longer than its recordings; select a part of the log"
     )]
     Sparse {
         /// Points of the clock.

@@ -70,11 +70,11 @@ fn obstacle(effect: &Effect) -> Option<&'static str> {
         }
         Kind::InputSaturation => {
             "it is not linear; the filter models it, the law respects it only with [controller] compensate = \
-            [\"input_saturation\"] or limits in [inputs]"
+             [\"input_saturation\"] or limits in [inputs]"
         }
         Kind::RateLimit => {
             "it is not linear; the filter models it, the law respects it only with [controller] compensate = \
-            [\"rate_limit\"] or a rate_limit in [inputs]"
+             [\"rate_limit\"] or a rate_limit in [inputs]"
         }
         Kind::CoulombFriction => {
             "it is not linear; the law counteracts it only with [controller] compensate = [\"coulomb_friction\"]"
