@@ -74,7 +74,9 @@ fn steps(report: &DesignReport) -> Section {
         .input_names()
         .iter()
         .enumerate()
-        .map(|(i, name)| Plot::new(format!("step-input-{i}"), format!("{name} meanwhile"), "time, s", ""))
+        .map(|(i, name)| {
+            Plot::new(format!("step-input-{i}"), format!("{name} during the step"), "time, s", "")
+        })
         .collect();
     let mut sizes = Vec::new();
     for (variant, step) in report.responses.steps.iter().enumerate() {

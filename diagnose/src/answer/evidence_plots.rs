@@ -141,8 +141,8 @@ impl PlotInput<'_> {
             without: (vec![low, high], vec![low, high]),
             ..traces.all(|more| binned(&u, &sum(more), |_| true)).curve(
                 caption,
-                Axis::new(&format!("{name} as sent"), unit.clone()),
-                Axis::new(&format!("{name} as it must have arrived"), unit),
+                Axis::new(&format!("{name} as commanded"), unit.clone()),
+                Axis::new(&format!("{name} as reconstructed"), unit),
             )
         })
     }
@@ -163,8 +163,8 @@ impl PlotInput<'_> {
             without: (vec![low, high], vec![0.0, 0.0]),
             ..traces.all(draw).curve(
                 "Rising inputs arrive too low, falling ones too high: two lines, each offset by half the backlash.",
-                Axis::new(&format!("{name} as sent"), unit.clone()),
-                Axis::new(&format!("missing in {name}"), unit),
+                Axis::new(&format!("{name} as commanded"), unit.clone()),
+                Axis::new(&format!("missing part of {name}"), unit),
             )
         })
     }
@@ -189,7 +189,7 @@ impl PlotInput<'_> {
             ..lines.curve(
                 "Step response of the input: a delay steps late, a lag rises from the start, a mode rings.",
                 Axis::time(&format!("time after a step of {name}")),
-                Axis::number("share that has arrived"),
+                Axis::number("share of the step"),
             )
         })
     }
@@ -226,7 +226,7 @@ impl PlotInput<'_> {
             ..traces.all(draw).curve(
                 "Where the input is commanded to move faster, it follows ramps of constant slope.",
                 Axis::time("time"),
-                Axis::new(&format!("{name} as it must have arrived"), unit),
+                Axis::new(&format!("{name} as reconstructed"), unit),
             )
         })
     }
@@ -240,7 +240,7 @@ impl PlotInput<'_> {
             ..traces.all(|more| gains(&t, &u, more)).curve(
                 "The gain of the input changes with time.",
                 Axis::time("time"),
-                Axis::number(&format!("share of {name} that arrives")),
+                Axis::number(&format!("effective share of {name}")),
             )
         })
     }
@@ -252,9 +252,9 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &u,
             traces,
-            "The error of one input is proportional to the other input.",
+            "The missing part of one input is proportional to the other input.",
             Axis::new(name, unit),
-            Axis::new(&format!("missing in {other}"), other_unit),
+            Axis::new(&format!("missing part of {other}"), other_unit),
         ))
     }
 
@@ -287,7 +287,7 @@ impl PlotInput<'_> {
     fn missing_on(&self, i: usize) -> Axis {
         let state = &self.vehicle.states[i];
         let unit = state.unit.shown().per_second();
-        Axis::new(&format!("missing in the derivative of {}", state.name), unit)
+        Axis::new(&format!("missing part of the derivative of {}", state.name), unit)
     }
 
     fn scatter(&self, x: &[f64], traces: Traces, caption: &str, x_axis: Axis, y_axis: Axis) -> EvidenceCurve {
@@ -324,7 +324,7 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &x,
             traces,
-            "Folded over one period, the missing part is a wave.",
+            "Folded over one period, the missing force is a wave.",
             Axis::time(&format!("time within a period of {frequency_hz:.3} Hz")),
             self.missing_on(i),
         ))

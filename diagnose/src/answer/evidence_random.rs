@@ -39,7 +39,7 @@ pub(crate) fn turbulence(
         accepted: true,
         caption: "A force that is independent of the inputs, flat up to its bandwidth and falling beyond; the rise at high frequency is sensor noise.".into(),
         x: Axis::new("frequency", ShownUnit::si("Hz")),
-        y: Axis::new(&format!("missing in the derivative of {}", state.name), state.unit.shown().per_second().per_root_hertz()),
+        y: Axis::new(&format!("missing part of the derivative of {}", state.name), state.unit.shown().per_second().per_root_hertz()),
         logarithmic: true,
         explained: (f.clone(), f.iter().map(density).collect()),
         measured: (f, measured),

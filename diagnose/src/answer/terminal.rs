@@ -58,7 +58,7 @@ impl Diagnosis {
             lines.push(format!("  {}", pair.join("   ")));
         }
         if named && !self.unexplained.description.is_empty() {
-            lines.push(format!("left: {}", self.unexplained.description));
+            lines.push(format!("remaining: {}", self.unexplained.description));
         }
         for advice in self.advice.iter().take(2) {
             lines.push(format!("next: {advice}"));

@@ -80,7 +80,7 @@ fn obstacle(effect: &Effect) -> Option<&'static str> {
             "it is not linear; the law counteracts it only with [controller] compensate = [\"coulomb_friction\"]"
         }
         Kind::QuadraticDrag | Kind::CubicStiffness => {
-            "it is not linear; the law is designed at rest without it"
+            "it is not linear; the law is designed for the linearisation at rest, without it"
         }
         Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance => {
             "a disturbance; the law rejects it without modelling it"
