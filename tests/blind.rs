@@ -146,7 +146,7 @@ fn parts_join_to_the_whole_and_what_does_not_belong_together_is_refused() {
     std::fs::write(at("newer.json"), newer.to_string()).unwrap();
     for (parts, words) in [
         (&["part-1.json", "part-2.json"][..], "parts 3/3 are missing"),
-        (&["part-1.json", "part-2.json", "part-2.json"], "is part 2/3, which is there already"),
+        (&["part-1.json", "part-2.json", "part-2.json"], "is part 2/3, which was already given"),
         (&["part-1.json", "part-2.json", "other.json"], "the call differs"),
         (&["part-1.json", "part-2.json", "newer.json"], "the version of the program differs"),
         (&["part-1.json", "part-2.json", "whole.json"], "the number of parts differs"),

@@ -88,7 +88,7 @@ fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
     assert_eq!(peak["sensitivities"][0]["key"], "effects.0.magnitude");
     assert!(peak["sensitivities"][0]["rank_correlation"].as_f64().unwrap() > 0.9, "{peak}");
     let page = String::from_utf8(bytes(&place.path("whole/report.html"))).unwrap();
-    assert!(page.contains("flights broke a limit"));
+    assert!(page.contains("flights exceeded a limit"));
 
     for part in ["1/3", "2/3", "3/3"] {
         place.answer(&["FILE", "--out", "DIR/parts", "--shard", part, "--jobs", "1"]);
@@ -251,7 +251,7 @@ fn what_cannot_be_flown_is_told_with_its_place() {
         ("\"quadrotor\"", "\"quadroter\"", &["quadroter", "did you mean 'quadrotor'?"][..]),
         ("key = \"seed\"", "key = \"sed\"", &["flight 0 of the campaign", "--set sed=", "seed"]),
         ("key = \"seed\"", "key = \"vehicle\"", &["vehicle cannot vary"]),
-        ("400 deg/s^2", "400 deg", &["line 13", "one unit, not 'deg/s^2' and 'deg'"]),
+        ("400 deg/s^2", "400 deg", &["line 13", "the same unit, not 'deg/s^2' and 'deg'"]),
         ("deg/s^2", "kg", &["flight 0 of the campaign", "effects.0.magnitude"]),
         ("launch = \"quadrotor\"", "launch = \"quadrotor-compare\"", &["quadrotor-compare has variants"]),
         (

@@ -201,7 +201,7 @@ fn a_cause_beyond_what_is_looked_for_is_told_and_does_not_explain() {
     let factor: f64 = told.expect(&text).0.parse().unwrap();
     assert!((factor / 25.0 - 1.0).abs() < 0.1, "{text}");
     assert!(
-        text.contains("no ratio of two units, and a fault is looked for up to a factor of 20.0"),
+        text.contains("not the ratio of two units, and faults are only searched for up to a factor of 20.0"),
         "{text}"
     );
 }

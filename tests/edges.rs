@@ -172,7 +172,7 @@ fn simulate_refuses_what_no_memory_holds_and_what_no_quantity_is() {
             ["in.csv", "at most 10000000"],
         ),
         ("t,u_roll,u_pitch\n0,0,0\n1,0,1e308\n", &[], ["line 3, column 3 (u_pitch)", "1e308"]),
-        ("t,u_roll,u_pitch\n0,0,\n1,0,NaN\n", &[], ["column 3 (u_pitch)", "no line has a value"]),
+        ("t,u_roll,u_pitch\n0,0,\n1,0,NaN\n", &[], ["column 3 (u_pitch)", "the column has no values"]),
         ("t,u_roll,u_pitch,x\n0,0,0,1\n1,0,0,1\n", &["--map", "u_roll=x[m]"], ["'u_roll'", "a pure number"]),
         ("t,u_roll,u_pitch,x\n0,0,0,1\n1,0,0,1\n", &["--map", "roll=x[m]"], ["'roll'", "rad is expected"]),
     ] {

@@ -110,7 +110,7 @@ fn a_vehicle_that_integrates_is_excited_and_comes_back() {
     for kind in ["doublets", "3-2-1-1", "multistep", "multisine", "sweep"] {
         let flight = run(["excite", file, "--kind", kind, "--duration", "60 s"]).success();
         assert!(!flight.stderr.contains("unstable"), "{kind}: {}", flight.stderr);
-        let told = flight.stdout.contains("'motor' integrates its inputs: every step is answered");
+        let told = flight.stdout.contains("'motor' integrates its inputs: every step is followed");
         assert_eq!(told, kind == "multistep", "{kind}: {}", flight.stdout);
         assert!(flight.stdout.contains("encoder 0.") && flight.stdout.contains(" rad"), "{}", flight.stdout);
     }

@@ -111,7 +111,7 @@ fn a_log_has_pose_shape_and_events_for_panels() -> Outcome {
     assert_eq!(scenes[0], json!([[2, 4, "vehicle"], [2, 4, "estimated"]]));
     let events = &seen["events"];
     let gust = "disturbance of 150 deg/s^2 on roll_rate and -80.0 deg/s^2 on pitch_rate";
-    assert_eq!(events, &json!([[6.0, gust], [6.2, "no disturbance any more"]]));
+    assert_eq!(events, &json!([[6.0, gust], [6.2, "disturbance over"]]));
     let info = run(["log", "info", out]).success().stdout;
     let line = info.lines().find(|l| l.contains("/tf")).expect("it is told");
     assert!(line.contains("foxglove.FrameTransforms") && !line.contains("lost"), "{line}");

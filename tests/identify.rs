@@ -295,12 +295,7 @@ fn what_cannot_be_identified_is_refused_with_the_reason() {
         .collect();
     refused(&sparse, &cart(many), &[], &["4 measured values cannot determine 7 unknowns"]);
     let unstable = "free = [{ entry = \"A[2,2]\", lower = 20.0, upper = 90.0, start = 50.0 }]";
-    refused(
-        &moving,
-        &cart(unstable),
-        &["--noise", "white"],
-        &["leaves all bounds", "start values", "stable"],
-    );
+    refused(&moving, &cart(unstable), &["--noise", "white"], &["diverges", "start values", "stable"]);
     refused(
         &moving.replace("t,u,x", "t,force,x"),
         &cart(bounded),

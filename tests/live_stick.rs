@@ -94,7 +94,7 @@ fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome 
             "controls.stick.hand !== null || (document.querySelector('#stick-armed').checked = true, controls.stick.takeOver())",
         );
     }
-    page.wait_for("document.querySelector('#events').textContent.includes('the stick is taken over')");
+    page.wait_for("document.querySelector('#events').textContent.includes('stick taken over')");
 
     // The browser is gone with its hand on the stick: nothing is said any more.
     drop(page);

@@ -117,14 +117,14 @@ fn the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_bett
     let (out, said) = fly(dir.path(), "law", &format!("{launch}\n[mirror]\non_finding = \"law\"\n"));
     assert!(said.contains("the law that the mirror asked for is active"), "{said}");
     let findings = json(format!("{out}/summary.json"))["runs"][0]["findings"].clone();
-    let law =
-        findings.as_array().unwrap().iter().find(|f| f["text"].as_str().unwrap().starts_with("the law for"));
+    let law = findings
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|f| f["text"].as_str().unwrap().starts_with("switched to the law for"));
     let law = law.unwrap_or_else(|| panic!("no law: {findings:?}"));
     let text = law["text"].as_str().unwrap();
-    assert!(
-        text.contains("input_delay on u_roll: delay_s 0.") && text.contains("flies from here on"),
-        "{text}"
-    );
+    assert!(text.contains("input_delay on u_roll: delay_s 0.") && text.contains("its cost is"), "{text}");
     let at = law["at_s"].as_f64().unwrap();
     assert!((8.5..20.0).contains(&at), "asked for at {at} s");
     let [with, without] = [flown(&out), flown(&told)];

@@ -8,7 +8,7 @@ pub enum BlindError {
     Effect(String),
     /// Without noise there is no detectability.
     #[error(
-        "the vehicle '{vehicle}' declares no noise for its output '{output}', but blind trials need to know how noisy every sensor is: add noise = ... to [[outputs]]"
+        "the vehicle '{vehicle}' declares no noise for its output '{output}', but blind trials need the noise of every sensor: add noise = ... to [[outputs]]"
     )]
     NoNoise {
         /// The vehicle.
@@ -17,7 +17,7 @@ pub enum BlindError {
         output: String,
     },
     /// The motion left all bounds.
-    #[error("the vehicle leaves all bounds at {at_s:.2} s under this excitation")]
+    #[error("the simulation of the vehicle diverges at {at_s:.2} s under this excitation")]
     Diverged {
         /// When, s.
         at_s: f64,

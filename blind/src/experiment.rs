@@ -149,7 +149,10 @@ impl Experiment {
         let inputs: Vec<f64> = inputs.iter().map(|u| u.max(0.1 * largest)).collect();
         let weights = Weights { outputs: &outputs, inputs: &inputs, noise: &self.noise.std };
         let law = Law::new(vehicle, self.commands.period_s, &weights).ok_or_else(|| {
-            BlindError::Effect(format!("no law of finite gains regulates the vehicle '{}'", vehicle.name))
+            BlindError::Effect(format!(
+                "no regulator with finite gains was found for the vehicle '{}'",
+                vehicle.name
+            ))
         })?;
         // Noise as an effect is more than what is declared: there it must be.
         let noise_declared =

@@ -24,7 +24,7 @@ impl Tally {
             };
             let _ = writeln!(out, "  {range:<18} {}", outcomes(&class.outcomes));
         }
-        let _ = writeln!(out, "\neffects of detectability above 30: what they were taken for");
+        let _ = writeln!(out, "\nconfusion of effects with detectability above 30");
         for row in &self.confusion {
             let mut named: Vec<(&String, &usize)> = row.named.iter().collect();
             named.sort_by(|a, b| (b.1, a.0).cmp(&(a.1, b.0)));
@@ -33,7 +33,7 @@ impl Tally {
         }
         let failures: Vec<&Scored> = self.failures().collect();
         if !failures.is_empty() {
-            let _ = writeln!(out, "\n{} trials of these did not end as they should", failures.len());
+            let _ = writeln!(out, "\n{} of these trials were not diagnosed correctly", failures.len());
         }
         for trial in failures {
             let _ = writeln!(out, "  {}", failure(trial));
@@ -41,7 +41,7 @@ impl Tally {
         if self.skipped > 0 {
             let _ = writeln!(
                 out,
-                "\n{} effects have no place here or cannot be seen at all: those trials were left out",
+                "\n{} trials were skipped because their effects are not applicable here or cannot be detected",
                 self.skipped
             );
         }
@@ -57,7 +57,7 @@ pub fn opened(trial: &Scored) -> String {
         a.number,
         a.vehicle,
         a.excitation.name(),
-        if a.closed_loop { " in a closed loop" } else { "" },
+        if a.closed_loop { " in closed loop" } else { "" },
         a.duration_s,
         a.rate_hz,
         if a.noise_declared { "" } else { "undeclared " },
@@ -76,7 +76,8 @@ pub fn opened(trial: &Scored) -> String {
         );
     }
     for (name, alike) in a.effects.iter().filter_map(|t| t.nearest.as_ref()) {
-        let _ = writeln!(out, "         outside the table; |cos| {alike:.2} to {name}, the most like it");
+        let _ =
+            writeln!(out, "         outside the table; |cos| {alike:.2} to {name}, the most similar effect");
     }
     if a.effects.is_empty() {
         out.push_str("hidden   nothing\n");
@@ -99,7 +100,7 @@ pub fn opened(trial: &Scored) -> String {
         let _ = writeln!(out, "held-out error over the noise floor {heldout:.3}");
     }
     if let Some(kappa) = trial.kappa {
-        let _ = writeln!(out, "confusability of what was named first with the truth {kappa:.3}");
+        let _ = writeln!(out, "confusability of the first named effect with the truth {kappa:.3}");
     }
     let _ = writeln!(out, "outcome  {}", word(trial.outcome));
     out
@@ -122,7 +123,7 @@ fn line(goal: &Goal) -> String {
     let met = match goal.met {
         Some(true) => "met".into(),
         Some(false) => "MISSED".into(),
-        None => format!("not decided: {} cases are needed", goal.least_cases),
+        None => format!("undecided: {} cases are needed", goal.least_cases),
     };
     format!("{:<44} {value:>8}  {counts:>9}  {interval:<15} {limit} {met}", goal.name).trim_end().to_string()
 }
@@ -135,7 +136,7 @@ fn outcomes(counts: &std::collections::BTreeMap<Outcome, usize>) -> String {
 fn word(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::Right => "right",
-        Outcome::Alike => "named as what is the same here",
+        Outcome::Alike => "named as an equivalent effect",
         Outcome::Listed => "listed as indistinguishable",
         Outcome::Wrong => "wrong",
         Outcome::Half => "one of two",

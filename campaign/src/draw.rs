@@ -53,12 +53,12 @@ const MOST_LAID: u64 = 10_000_000;
 pub enum DrawError {
     /// A grid needs to know how many values a key takes.
     #[error(
-        "on a grid the key {0} needs values that can be counted: `among`, `integers`, or `uniform` with `levels` of at least 2"
+        "on a grid the key {0} needs discrete values: `among`, `integers`, or `uniform` with `levels` of at least 2"
     )]
     NoLevels(String),
     /// The sequence or the memory ends.
     #[error(
-        "{method} has at most {most} flights, not {flights}: take \"random\" or several campaigns of different seeds"
+        "{method} supports at most {most} flights, not {flights}: use \"random\", or several campaigns with different seeds"
     )]
     TooMany {
         /// The method.

@@ -152,7 +152,7 @@ impl Campaign {
             for quantity in new {
                 let varies = |key: &&String| quantities.iter().any(|q| q.keys.contains(key));
                 if let Some(key) = quantity.keys.iter().find(varies) {
-                    return Err(fail(at, format!("{key} varies already above")));
+                    return Err(fail(at, format!("{key} is already varied above")));
                 }
                 quantities.push(quantity);
             }
@@ -160,13 +160,15 @@ impl Campaign {
         let whole = |message: String| CampaignError { place: origin.into(), message };
         match (written.method, written.flights) {
             (Method::Grid, Some(_)) => {
-                return Err(whole("`flights` is left out on a grid: it has every combination once".into()));
+                return Err(whole("omit `flights` for a grid: it runs every combination once".into()));
             }
             (Method::Grid, None) if quantities.is_empty() => {
                 return Err(whole("a grid needs a [[vary]]".into()));
             }
             (Method::Grid, None) => {}
-            (_, None | Some(0)) => return Err(whole("`flights` says how often to fly: at least 1".into())),
+            (_, None | Some(0)) => {
+                return Err(whole("`flights`, the number of flights, must be at least 1".into()));
+            }
             _ => {}
         }
         let importance = match (written.method, written.importance) {
@@ -235,7 +237,7 @@ fn failures(path: &Path) -> Result<Failures, String> {
     let table = Table::read(path).map_err(|e| e.to_string())?;
     let campaign = Campaign::parse("its campaign file", &table.info.text).map_err(|e| e.to_string())?;
     if campaign.method == Method::Grid {
-        return Err("it is a grid, which is no sample".into());
+        return Err("it is a grid, not a random sample".into());
     }
     let keys = campaign.keys();
     let broken = table.flights.iter().filter(|flight| !flight.is_good());
@@ -244,8 +246,8 @@ fn failures(path: &Path) -> Result<Failures, String> {
         .collect();
     Failures::of(keys, &points).ok_or_else(|| {
         format!(
-            "it has {} flights that broke a limit, and at least 10 are needed: fly more of them, with method \"importance\" \
-             and a greater `spread`",
+            "it has {} flights that exceeded a limit, but at least 10 are needed: fly more, with method \
+             \"importance\" and a larger `spread`",
             points.len()
         )
     })
@@ -267,7 +269,7 @@ fn tilted(
             let failures: Failures = serde_json::from_str(text).map_err(|e| told(e.to_string()))?;
             if failures.keys != keys {
                 return Err(told(
-                    "its keys or their units are not those that vary here, in this order".into(),
+                    "its keys or their units differ from those varied here, or are in another order".into(),
                 ));
             }
             Some(failures)
@@ -347,10 +349,14 @@ normal = { mean = [0.9, "150 deg/s^2"], covariance = [[0.01, 0.5], [0.5, 100.0]]
             Campaign::parse("c.toml", &TEXT.replace(from, to)).unwrap_err().to_string()
         };
         for (from, to, words) in [
-            ("\"10 deg\"", "\"10 rad\"", "c.toml, line 12: both ends need one unit, not 'deg' and 'rad'"),
-            ("flights = 200", "", "c.toml: `flights` says how often"),
+            (
+                "\"10 deg\"",
+                "\"10 rad\"",
+                "c.toml, line 12: both ends need the same unit, not 'deg' and 'rad'",
+            ),
+            ("flights = 200", "", "c.toml: `flights`, the number of flights, must be"),
             ("[0.5, 100.0]", "[0.5, 1.0]", "line 20: `covariance` is not positive definite"),
-            ("controller.law", "plant.initial.roll", "line 16: plant.initial.roll varies already"),
+            ("controller.law", "plant.initial.roll", "line 16: plant.initial.roll is already varied"),
             ("method = \"sobol\"", "method = \"sobel\"", "line 4: unknown variant `sobel`"),
             ("\"lqr\", \"smc\"", "", "line 16: `among` is empty"),
             ("set =", "sets =", "line 5: unknown field `sets`"),

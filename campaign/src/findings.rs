@@ -328,7 +328,7 @@ mod tests {
 
         let refused = |parts: Vec<(String, Table)>| Table::join(parts).unwrap_err().to_string();
         assert_eq!(refused(parts[..2].to_vec()), "parts 3/3 are missing");
-        assert!(refused([&parts[..], &parts[..1]].concat()).contains("is part 1/3, which is there already"));
+        assert!(refused([&parts[..], &parts[..1]].concat()).contains("is part 1/3, which was already given"));
         let mut other = parts.clone();
         other[1].1.info.digest = "e".into();
         assert!(refused(other).contains("the campaign, its launch file, vehicle or seed differs"));

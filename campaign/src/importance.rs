@@ -79,11 +79,11 @@ impl Importance {
         let nominal = written.nominal.unwrap_or(NOMINAL);
         if !(nominal > 0.0 && nominal < 1.0) {
             return Err(
-                "`nominal`, the share of flights drawn as they are in nature, lies between 0 and 1".into()
+                "`nominal`, the share of flights drawn from the nominal distribution, must be between 0 and 1".into()
             );
         }
         if written.spread.is_some_and(|spread| !(spread > 0.5 && spread <= 10.0)) {
-            return Err("`spread` lies between 0.5 and 10 standard deviations".into());
+            return Err("`spread` must be between 0.5 and 10 standard deviations".into());
         }
         if !continuous.contains(&true) {
             return Err(

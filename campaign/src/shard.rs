@@ -20,7 +20,7 @@ pub enum PartsError {
     #[error("no part is given")]
     None,
     /// Parts of different wholes.
-    #[error("{path} does not go with the first part: {what} differs")]
+    #[error("{path} does not match the first part: {what} differs")]
     Mixed {
         /// The file.
         path: String,
@@ -31,7 +31,7 @@ pub enum PartsError {
     #[error("parts {0} are missing")]
     Missing(String),
     /// The same part twice.
-    #[error("{path} is part {part}, which is there already")]
+    #[error("{path} is part {part}, which was already given")]
     Twice {
         /// The file.
         path: String,

@@ -78,7 +78,7 @@ impl Answer {
     /// A sentence on what it is instead.
     pub fn parse(json: &str) -> Result<Self, String> {
         let answer: Self = serde_json::from_str(json)
-            .map_err(|e| format!("it is no answer of identify or diagnose as --json writes it: {e}"))?;
+            .map_err(|e| format!("it is not a result of identify or diagnose as written by --json: {e}"))?;
         match answer.schema.as_str() {
             IDENTIFICATION | DIAGNOSIS => Ok(answer),
             other => Err(format!("{IDENTIFICATION} or {DIAGNOSIS} is expected, not {other}")),
@@ -107,16 +107,18 @@ impl Answer {
             return Err(format!("it has no parameter {absent}"));
         }
         if added.names.is_empty() {
-            return Err("it has nothing that varies".into());
+            return Err("it contains nothing to vary".into());
         }
         Ok(added)
     }
 
     fn identified(&self, only: &[String], widen: Option<f64>) -> Result<Added, String> {
         if self.standard_errors_hold == Some(false) && widen.is_none() {
-            return Err("its standard errors are too small, as it says itself: something acted in the record that the model \
-                        does not have, or its search ended early; say with `widen` by what to multiply them"
-                .into());
+            return Err(
+                "its standard errors are marked as unreliable: the record has an effect that the model does not \
+                 include, or the search ended early; set `widen` to multiply them by a factor"
+                    .into(),
+            );
         }
         let wanted = |p: &Parameter| only.is_empty() || only.contains(&p.name);
         let chosen: Vec<usize> =
@@ -127,12 +129,12 @@ impl Answer {
             let Parameter { name, value, standard_error, unit } = parameter;
             if name.contains('(') {
                 return Err(format!(
-                    "{name} belongs to an effect of the vehicle file, which a launch file cannot change: name with `only` what \
-                     varies, such as only = [\"A[2,1]\"]"
+                    "{name} belongs to an effect of the vehicle file, which a launch file cannot change: use `only` \
+                     to name what varies, such as only = [\"A[2,1]\"]"
                 ));
             }
             let error = standard_error.filter(|e| *e > 0.0 && e.is_finite()).ok_or_else(|| {
-                format!("{name} has no standard error: method ga gives none, and at its bound a parameter has none")
+                format!("{name} has no standard error: method ga does not provide any, and a parameter at its bound has none")
             })?;
             let mut effect = toml::Table::new();
             effect.insert("effect".into(), "parameter_change".into());
@@ -158,7 +160,7 @@ impl Answer {
             }
             if text.is_some() && kind == "mode_transition" {
                 return Err(format!(
-                    "{}: a transition to another vehicle cannot be added: name others with `only`",
+                    "{}: a transition to another vehicle cannot be added: use `only` to name other effects",
                     key("to")
                 ));
             }
@@ -320,7 +322,7 @@ mod tests {
             let error = added(json, only, None).unwrap_err();
             assert!(error.contains(words), "{error}");
         };
-        told("{}", &[], "no answer of identify or diagnose");
+        told("{}", &[], "not a result of identify or diagnose");
         told(
             &IDENTIFIED.replace("identification.v1", "compare.v1"),
             &[],

@@ -119,7 +119,7 @@ pub enum TableError {
         reason: String,
     },
     /// Parquet of something else.
-    #[error("{path} is no table of a campaign: {reason}")]
+    #[error("{path} is not a campaign table: {reason}")]
     Foreign {
         /// The file.
         path: String,
@@ -247,13 +247,13 @@ impl Table {
         let info = metadata.and_then(|all| all.iter().find(|entry| entry.key == INFO)?.value.clone());
         let info: TableInfo = info
             .and_then(|text| serde_json::from_str(&text).ok())
-            .ok_or_else(|| foreign("it has no metadata of one"))?;
+            .ok_or_else(|| foreign("it has no campaign metadata"))?;
         let mut flights = Vec::new();
         for row in reader.get_row_iter(None).map_err(damaged)? {
             let row = row.map_err(damaged)?;
             let fields: Vec<&Field> = row.get_column_iter().map(|(_, field)| field).collect();
             flights.push(
-                flight(&fields, &info.columns).ok_or_else(|| foreign("a row is not as its columns say"))?,
+                flight(&fields, &info.columns).ok_or_else(|| foreign("a row does not match its columns"))?,
             );
         }
         Ok(Self { info, flights })

@@ -50,7 +50,8 @@ pub(crate) fn found(written: &WrittenVariation, sources: &BTreeMap<String, Strin
     let alone = key.is_none() && keys.is_empty() && uniform.is_none() && normal.is_none();
     if !alone || integers.is_some() || among.is_some() || levels.is_some() {
         return Err(
-            "beside `found` only `only` and `widen` are known: the answer says what varies, and how".into()
+            "with `found` only `only` and `widen` are allowed: the result defines what varies, and how"
+                .into(),
         );
     }
     let file = found.as_deref().unwrap_or_default();
@@ -69,35 +70,35 @@ pub(crate) fn quantity(written: WrittenVariation) -> Result<Quantity, String> {
     let keys = match (key, keys.is_empty()) {
         (Some(key), true) => vec![key],
         (None, false) => keys,
-        _ => return Err("`key` names what varies, or `keys` what varies together".into()),
+        _ => {
+            return Err("give `key` for one varied quantity, or `keys` for several that vary together".into());
+        }
     };
     let variation = match (uniform, normal, integers, among) {
         (Some([low, high]), None, None, None) => even(low, high)?,
         (None, Some(normal), None, None) => gaussian(normal, keys.len())?,
         (None, None, Some(ends), None) if ends[0] <= ends[1] => Variation::Integers { ends },
         (None, None, Some(_), None) => {
-            return Err("`integers` names the first and the last, in this order".into());
+            return Err("`integers` must give the first and the last value, in this order".into());
         }
         (None, None, None, Some(values)) if !values.is_empty() => {
             let values: Vec<Value> = values.into_iter().map(value).collect::<Result<_, _>>()?;
             let words = values.iter().filter(|v| v.number().is_none()).count();
             if words != 0 && words != values.len() {
-                return Err("`among` holds numbers or words, not both".into());
+                return Err("`among` must contain numbers or words, not both".into());
             }
             if !values.iter().all(|v| unit(v) == unit(&values[0])) {
-                return Err("`among` needs one unit".into());
+                return Err("all values of `among` need the same unit".into());
             }
             Variation::Among { values }
         }
         (None, None, None, Some(_)) => return Err("`among` is empty".into()),
         _ => {
-            return Err(
-                "exactly one of `uniform`, `normal`, `integers` and `among` says how it varies".into()
-            );
+            return Err("exactly one of `uniform`, `normal`, `integers` and `among` must be given".into());
         }
     };
     if keys.len() > 1 && !matches!(variation, Variation::Joint { .. }) {
-        return Err("several keys vary together by a `normal` with `covariance` only".into());
+        return Err("several keys can only vary together by a `normal` with `covariance`".into());
     }
     if levels.is_some_and(|n| n < 2)
         || levels.is_some() && !matches!(variation, Variation::One(Spread::Uniform { .. }))
@@ -109,10 +110,10 @@ pub(crate) fn quantity(written: WrittenVariation) -> Result<Quantity, String> {
 
 fn even(low: Number, high: Number) -> Result<Variation, String> {
     if low.unit != high.unit {
-        return Err(format!("both ends need one unit, not '{}' and '{}'", low.unit, high.unit));
+        return Err(format!("both ends need the same unit, not '{}' and '{}'", low.unit, high.unit));
     }
     if low.value > high.value {
-        return Err("`uniform` names the lower end first".into());
+        return Err("`uniform` must give the lower end first".into());
     }
     Ok(Variation::One(Spread::Uniform { ends: [low.value, high.value], unit: low.unit }))
 }
@@ -121,7 +122,10 @@ fn gaussian(normal: WrittenNormal, keys: usize) -> Result<Variation, String> {
     match (normal.mean, normal.std, normal.covariance) {
         (Means::One(mean), Some(std), None) if keys == 1 => {
             if mean.unit != std.unit {
-                return Err(format!("mean and std need one unit, not '{}' and '{}'", mean.unit, std.unit));
+                return Err(format!(
+                    "mean and std need the same unit, not '{}' and '{}'",
+                    mean.unit, std.unit
+                ));
             }
             if std.value <= 0.0 {
                 return Err("`std` must be above 0".into());
@@ -130,7 +134,9 @@ fn gaussian(normal: WrittenNormal, keys: usize) -> Result<Variation, String> {
         }
         (Means::Many(means), None, Some(rows)) if means.len() == keys => {
             if rows.len() != keys || rows.iter().any(|row| row.len() != keys) {
-                return Err(format!("`covariance` has {keys} rows of {keys} numbers, as there are keys"));
+                return Err(format!(
+                    "`covariance` must have {keys} rows of {keys} numbers, one for each key"
+                ));
             }
             let covariance = DMatrix::from_fn(keys, keys, |i, j| rows[i][j]);
             let scale = covariance.amax();
@@ -148,9 +154,11 @@ fn gaussian(normal: WrittenNormal, keys: usize) -> Result<Variation, String> {
             let each = each.map(|(m, std)| Spread::Normal { mean: m.value, std, unit: m.unit }).collect();
             Ok(Variation::Joint { each, root })
         }
-        _ => Err("`normal` has `mean` and `std`, or for several `keys` a list `mean` and `covariance`, in the units of \
-                  the means"
-            .into()),
+        _ => {
+            Err("`normal` needs `mean` and `std`, or for several `keys` a list `mean` and `covariance`, in the units \
+                 of the means"
+                .into())
+        }
     }
 }
 
@@ -163,6 +171,6 @@ fn value(value: toml::Value) -> Result<Value, String> {
         toml::Value::Integer(whole) => Ok(Value::Whole(whole)),
         toml::Value::Float(value) => Ok(Value::Number(Number { value, unit: String::new() })),
         toml::Value::String(text) => Ok(text.parse().map_or(Value::Word(text), Value::Number)),
-        other => Err(format!("`among` holds numbers and words, not a {}", other.type_str())),
+        other => Err(format!("`among` must contain numbers or words, not a {}", other.type_str())),
     }
 }

@@ -17,7 +17,7 @@ pub enum DiagnoseError {
     Grid(#[from] CompareError),
     /// Too few steps.
     #[error(
-        "{origin} has {steps} steps; at least {least} are needed to tell one cause from another: record for longer"
+        "{origin} has {steps} steps, but at least {least} are needed to distinguish causes: give a longer record"
     )]
     TooShort {
         /// Where the record was read from.
@@ -32,7 +32,7 @@ pub enum DiagnoseError {
     Simulator(#[from] SimulatorError),
     /// Records of one diagnosis have different periods.
     #[error(
-        "{other} has a period of {} s, {first} one of {} s: bring them onto one with --period",
+        "the periods differ: {other} has {} s, {first} has {} s; give one with --period",
         clean(*other_s), clean(*first_s)
     )]
     Periods {

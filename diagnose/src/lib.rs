@@ -104,7 +104,7 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     // Process noise takes a cause for noise, the more the sooner it forgets: causes are looked for with the least of it.
     // What that leaves of the record's own colour, the noise of the innovations has, anew beside every candidate.
     let longest = memories.iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds))?;
-    loaded.options.watch.tell("follows the record with a filter");
+    loaded.options.watch.tell("fitting a filter to the record");
     let best = over_commands(&loaded.remembering(longest.seconds, likeliest.seconds));
     let likelihood = best.likelihood?;
     // Gusts that are named make a free run a bad prediction and a good model.

@@ -46,7 +46,7 @@ fn every_ratio_of_units_is_told_on_every_column() {
 fn a_wrong_unit_ends_the_diagnosis_and_says_what_to_write() {
     let record = flight(&quadrotor(), 30.0, &[0.0; 4], 3.0, Some(4));
     for (columns, says) in
-        [(&OUTPUTS[..], "--map pitch_rate=pitch_rate[deg/s]"), (&INPUTS[..], "input_gain is 0.0175")]
+        [(&OUTPUTS[..], "--map pitch_rate=pitch_rate[deg/s]"), (&INPUTS[..], "input_gain of 0.0175")]
     {
         let record = scaled(&record, columns, 180.0 / std::f64::consts::PI);
         let answer = diagnose(&[record], &quadrotor(), &Options::default()).unwrap();

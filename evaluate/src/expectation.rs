@@ -173,9 +173,7 @@ fn checked(e: &Expectation, figure: Option<Figure>) -> CheckedExpectation {
         Some(Figure::Value(value)) => {
             (Some(value), Some(format!("{} is {}, above the limit {}", e.key, in_words(value), limit())))
         }
-        Some(Figure::Never) => {
-            (None, Some(format!("{}: it never came to that, the limit is {}", e.key, limit())))
-        }
+        Some(Figure::Never) => (None, Some(format!("{} was never reached, the limit is {}", e.key, limit()))),
         Some(Figure::NoEvent) | None => (None, Some(format!("{} was not measured in this run", e.key))),
     };
     CheckedExpectation {
@@ -223,7 +221,7 @@ mod tests {
         let peak = expectation("roll.peak", 1.0, "rad");
         for (figure, found, words) in [
             (Some(Figure::Value(1.5)), Some(1.5), "roll.peak is 85.9 deg, above the limit 57.3 deg"),
-            (Some(Figure::Never), None, "roll.peak: it never came to that, the limit is 57.3 deg"),
+            (Some(Figure::Never), None, "roll.peak was never reached, the limit is 57.3 deg"),
             (Some(Figure::NoEvent), None, "roll.peak was not measured in this run"),
             (None, None, "roll.peak was not measured in this run"),
         ] {

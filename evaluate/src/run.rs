@@ -23,15 +23,13 @@ pub enum RunError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The log is of another program.
-    #[error(
-        "{path} is not a log of a bench: it has no metadata called whirlstand; use compare for foreign logs"
-    )]
+    #[error("{path} is not a bench log: it has no metadata named whirlstand; use compare for foreign logs")]
     NotABench {
         /// The log.
         path: String,
     },
     /// The vehicle file in the log is missing or cannot be used.
-    #[error("{path} holds no vehicle file, so its signals have no names")]
+    #[error("{path} contains no vehicle file, so its signals have no names")]
     NoVehicle {
         /// The log.
         path: String,

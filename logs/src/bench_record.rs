@@ -31,7 +31,7 @@ pub enum BenchRecordError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The log is of another program.
-    #[error("{path} is not a log of a bench: it has no metadata called whirlstand")]
+    #[error("{path} is not a bench log: it has no metadata named whirlstand")]
     NotABench {
         /// The log.
         path: String,

@@ -292,7 +292,7 @@ fn benches(a: &Log, b: &Log) -> Vec<BenchDifference> {
 /// What a reader should know about a log that is not whole.
 pub(crate) fn remarks(stream: &LogStream) -> Vec<String> {
     let cut = stream.endings().iter().filter(|(_, ending)| *ending == Ending::Truncated).map(|(path, _)| {
-        format!("{} was not finished: its recorder was killed or is still at work", path.display())
+        format!("{} is incomplete: its recorder was killed or is still running", path.display())
     });
     let damaged = stream.damage().iter().map(|Damage { file, offset, reason }| {
         format!("{} is damaged at byte {offset}: {reason}", file.display())

@@ -116,7 +116,7 @@ impl Events {
         let texts: Vec<_> =
             acting.map(|(state, dx)| format!("{} on {}", state.derivative.text(dx), state.name)).collect();
         let text = match texts.is_empty() {
-            true => "no disturbance any more".into(),
+            true => "disturbance over".into(),
             false => format!("disturbance of {}", texts.join(" and ")),
         };
         Some(Event { t: seconds(m.head.stamp_ns), kind: EventKind::Disturbance, text })
@@ -131,13 +131,13 @@ impl Events {
         let (kind, text) = if began(flags::FAILSAFE) {
             (EventKind::Warning, "failsafe: inputs at neutral")
         } else if ended(flags::FAILSAFE) {
-            (EventKind::Note, "failsafe is over")
+            (EventKind::Note, "failsafe over")
         } else if began(flags::HELD)
             && m.flags & flags::FAILSAFE == 0
             && self.told_late.is_none_or(|told| t > told + LATE_S)
         {
             self.told_late = Some(t);
-            (EventKind::Warning, "commands are late, the last one is held")
+            (EventKind::Warning, "commands are late, last one held")
         } else {
             return None;
         };
@@ -162,8 +162,8 @@ impl Events {
             AdjustmentKind::Setpoint => format!("setpoint of {}", valued(|s| &s.unit)),
             AdjustmentKind::Gain => format!("gain {}", number(m.value)),
             AdjustmentKind::Stop => "end of the run".into(),
-            AdjustmentKind::Stick if m.value == 0.0 => "the stick is given back".into(),
-            AdjustmentKind::Stick => "the stick is taken over".into(),
+            AdjustmentKind::Stick if m.value == 0.0 => "stick released".into(),
+            AdjustmentKind::Stick => "stick taken over".into(),
             AdjustmentKind::Effect => {
                 let number = m.index.saturating_add(1);
                 let effect = self.effects.get(&number).cloned().unwrap_or_else(|| format!("effect {number}"));

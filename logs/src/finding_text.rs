@@ -12,21 +12,23 @@ pub fn finding_text(finding: &Finding, outputs: &[&str], units: &ShownSignals) -
     let since = format!("since {:.2} s", finding.since_ns as f64 * 1e-9);
     let output = outputs.get(finding.output as usize).copied().unwrap_or("an output");
     Some(match FindingStage::from_u32(finding.stage)? {
-        FindingStage::Wrong => format!("the prediction of {output} is wrong {since}; looking for the cause"),
+        FindingStage::Wrong => {
+            format!("the prediction of {output} has been wrong {since}; looking for the cause")
+        }
         FindingStage::Named => format!("{since}: {}", cause(finding)),
         FindingStage::Revised => format!("{since}, revised: {}", cause(finding)),
         FindingStage::Withdrawn => {
-            format!("what was said does not hold; the prediction of {output} is wrong {since}")
+            format!("previous finding withdrawn; the prediction of {output} has been wrong {since}")
         }
         FindingStage::Over => "prediction is right again".into(),
         FindingStage::Law if finding.evidence > 0.0 => {
             let cost = number(finding.evidence);
-            format!("the law for {} flies from here on; cost {cost} of that before", cause(finding))
+            format!("switched to the law for {}; its cost is {cost} of the previous one's", cause(finding))
         }
         FindingStage::Law => {
-            format!("the law for {} flies from here on; the one before is lost", cause(finding))
+            format!("switched to the law for {}; the previous one is lost", cause(finding))
         }
-        FindingStage::FirstLaw => "the first law flies again".into(),
+        FindingStage::FirstLaw => "switched back to the first law".into(),
     })
 }
 
@@ -55,8 +57,8 @@ fn cause(finding: &Finding, units: &ShownSignals) -> String {
     if finding.alike > 0 {
         let other = format!("{} on {}", text_of(&finding.alike_effect), text_of(&finding.alike_place));
         text.push_str(&match finding.alike {
-            1 => format!("; or {other}, which would look the same"),
-            more => format!("; or {other} or {} more, which would look the same", more - 1),
+            1 => format!("; or {other}, which cannot be distinguished"),
+            more => format!("; or {other} or {} more, which cannot be distinguished", more - 1),
         });
     }
     text
@@ -83,7 +85,7 @@ mod tests {
         let text = |f: &Finding| finding_text(f, &["roll", "roll_rate"], &ShownSignals::default());
         assert_eq!(
             text(&finding).unwrap(),
-            "the prediction of roll_rate is wrong since 12.30 s; looking for the cause"
+            "the prediction of roll_rate has been wrong since 12.30 s; looking for the cause"
         );
         finding.stage = FindingStage::Named as u32;
         (finding.effect, finding.place) = (text_field("sensor_bias"), text_field("roll_rate"));
@@ -94,17 +96,17 @@ mod tests {
         assert_eq!(
             text(&finding).unwrap(),
             "since 12.30 s: sensor_bias on roll_rate: offset 0.573 deg/s (0.516 to 0.630 deg/s); or input_bias on u_roll, \
-             which would look the same"
+             which cannot be distinguished"
         );
         finding.alike = 0;
         (finding.stage, finding.evidence) = (FindingStage::Law as u32, 0.62);
         assert_eq!(
             text(&finding).unwrap(),
-            "the law for sensor_bias on roll_rate: offset 0.573 deg/s (0.516 to 0.630 deg/s) flies from here on; cost 0.620 of \
-             that before"
+            "switched to the law for sensor_bias on roll_rate: offset 0.573 deg/s (0.516 to 0.630 deg/s); its cost is \
+             0.620 of the previous one's"
         );
         finding.stage = FindingStage::FirstLaw as u32;
-        assert_eq!(text(&finding).unwrap(), "the first law flies again");
+        assert_eq!(text(&finding).unwrap(), "switched back to the first law");
         finding.stage = 9;
         assert_eq!(text(&finding), None);
     }

@@ -53,7 +53,7 @@ pub(crate) fn list(names: &[String]) -> String {
 /// A mapping names a source that the log does not have.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{origin} has no signal '{source_name}' to be '{name}'{}. It has: {}",
+    "{origin} has no signal '{source_name}' to map to '{name}'{}. It has: {}",
     did_you_mean(source_name, available.iter().map(String::as_str)),
     list(available)
 )]
@@ -221,7 +221,7 @@ pub(crate) fn resolve(
                 match unit_of(source, None) {
                     Ok(unit) => selected.push(Selected { source, name, unit, negated: false }),
                     Err(error) => unreadable.push(Unreadable {
-                        why: format!("{error}; --map {name}={name}[unit] states another"),
+                        why: format!("{error}; --map {name}={name}[unit] sets a different one"),
                         name,
                     }),
                 }
@@ -276,7 +276,7 @@ mod tests {
         let error = resolved(&["roll=phy"]).unwrap_err().to_string();
         assert_eq!(
             error,
-            "x.csv has no signal 'phy' to be 'roll' (did you mean 'phi'?). It has: phi, p, /att.q[0], roll"
+            "x.csv has no signal 'phy' to map to 'roll' (did you mean 'phi'?). It has: phi, p, /att.q[0], roll"
         );
         assert!(matches!(resolved(&["a=phi", "a=p"]), Err(MapError::Twice { .. })));
         assert!(matches!(resolved(&["a=phi[bogus]"]), Err(MapError::Unit { .. })));

@@ -13,7 +13,7 @@ use crate::series::Series;
 pub enum MultiError {
     /// Nothing says which signals are wanted.
     #[error(
-        "{} has signals on many clocks: say which ones with --map NAME=SIGNAL[unit]. It has: {}",
+        "{} has signals with several time bases: choose signals with --map NAME=SIGNAL[unit]. It has: {}",
         path.display(),
         list(available)
     )]
@@ -32,7 +32,7 @@ pub enum MultiError {
         unreadable: Vec<String>,
     },
     /// No sample of a signal could be read.
-    #[error("{}: '{name}' has no sample that can be read{}", path.display(), unreadable_hint(unreadable))]
+    #[error("{}: '{name}' has no readable sample{}", path.display(), unreadable_hint(unreadable))]
     Empty {
         /// The log.
         path: PathBuf,

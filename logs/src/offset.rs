@@ -39,7 +39,7 @@ pub enum OffsetError {
         needed: usize,
     },
     /// A signal does not move.
-    #[error("{0} does not change: there is nothing to align")]
+    #[error("{0} is constant: there is nothing to align")]
     Constant(String),
 }
 

@@ -21,7 +21,7 @@ pub enum ReadError {
     },
     /// Messages of another version of the program, or of another program.
     #[error(
-        "{topic} holds {found}, expected {expected} of message version {}; a log of another version is read with the program that wrote it",
+        "{topic} contains {found}, expected {expected} of message version {}; read a log of another version with the program version that wrote it",
         whirlstand_msgs::VERSION
     )]
     Schema {
@@ -33,7 +33,7 @@ pub enum ReadError {
         expected: &'static str,
     },
     /// A message is not as long as its type.
-    #[error("{topic}: a message of {found} bytes cannot be {expected}, which has {length} bytes")]
+    #[error("{topic}: a message has {found} bytes, but {expected} has {length} bytes")]
     Length {
         /// The topic.
         topic: String,
@@ -45,7 +45,7 @@ pub enum ReadError {
         length: usize,
     },
     /// The log says something about its bench that cannot be understood.
-    #[error("{path}: the bench's description is damaged: {reason}")]
+    #[error("{path}: the description of the bench is corrupt: {reason}")]
     BenchInfo {
         /// The file.
         path: PathBuf,
@@ -53,7 +53,7 @@ pub enum ReadError {
         reason: String,
     },
     /// There is nothing to read.
-    #[error("{path} is a folder without a log.mcap in it")]
+    #[error("{path} is a folder without a log.mcap")]
     NoLog {
         /// The folder.
         path: PathBuf,

@@ -189,8 +189,8 @@ impl Record {
             let signal = self.signals.remove(at);
             let wanted = if unit.dimension().is_none() { "a pure number".into() } else { unit.si_symbol() };
             let why = format!(
-                "signal '{name}' of {} is in {}, but {wanted} is expected: --map {name}=NAME[unit] names another \
-                 signal, or another unit for this one",
+                "signal '{name}' of {} is in {}, but {wanted} is expected: use --map {name}=NAME[unit] to choose \
+                 another signal, or another unit for this one",
                 self.origin, signal.unit
             );
             self.unreadable.push(Unreadable { name: signal.name, why });

@@ -91,7 +91,7 @@ fn io_reason(error: &std::io::Error) -> String {
     match error.kind() {
         ErrorKind::StorageFull => "disk full".into(),
         ErrorKind::QuotaExceeded => "disk quota exceeded".into(),
-        ErrorKind::FileTooLarge => "the file reached the greatest size that the system allows".into(),
+        ErrorKind::FileTooLarge => "the file reached the maximum size allowed by the system".into(),
         _ => error.to_string(),
     }
 }

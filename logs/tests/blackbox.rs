@@ -101,7 +101,7 @@ fn the_longest_of_several_logs_is_read_and_the_others_by_their_numbers() {
     assert_eq!(record.len(), 300);
     assert!(record.origin.ends_with("log 4 of 4"), "{}", record.origin);
     let error = read(&path, &mappings(&["a=main.motor[0]", "b=main.1.motor[0]"])).unwrap_err().to_string();
-    assert!(error.contains("no time in common"), "{error}");
+    assert!(error.contains("do not overlap"), "{error}");
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn damage_is_told_with_its_place_and_the_rest_is_read() {
 
     let path = written(folder.path(), &whole[..whole.len() - 40]);
     let told = info(&path).unwrap();
-    assert!(told.remarks[0].contains("has no mark of its end"), "{:?}", told.remarks);
+    assert!(told.remarks[0].contains("has no end marker"), "{:?}", told.remarks);
     assert!(told.topics[0].messages >= 990);
     // The memory behind the last frame was never written.
     let path = written(folder.path(), &[&whole[..whole.len() - 40], &[0xff; 4096][..]].concat());
@@ -174,7 +174,7 @@ fn a_header_that_cannot_be_used_is_an_error_with_its_place() {
         ("H Field P encoding:9,0,0,6", "H Field P encoding:9,0,0,77", "'77' is not a known number"),
         ("H Field I signed:0,", "H Field I signed:", "8 fields but 7 in 'Field I signed'"),
         ("H motorOutput:48,2047\n", "", "refers to 'motorOutput'"),
-        ("motor[0]", "motor[9]", "motor[0], which is not before it"),
+        ("motor[0]", "motor[9]", "motor[0], which does not precede it"),
         (",time", ",tame", "no time"),
         ("Field I name:", "Field Q name:", "no line 'Field I name'"),
     ] {

@@ -147,7 +147,7 @@ fn a_log_that_was_cut_off_says_so() {
     let bytes = std::fs::read(&path).unwrap();
     let cut = folder.path().join("cut.mcap");
     std::fs::write(&cut, &bytes[..bytes.len() - 500]).unwrap();
-    assert!(info(&cut).unwrap().remarks[0].contains("was not finished"));
+    assert!(info(&cut).unwrap().remarks[0].contains("is incomplete"));
     let found = diff(&path, &cut).unwrap();
     assert!(found.identical && found.remarks.len() == 1, "{:?}", found.first);
 }

@@ -240,13 +240,13 @@ fn a_length_that_leads_outside_its_message_is_damage() {
     bytes.splice(59..59, [4, 0, b'P', 200, b'a', b'b', b'c']);
     fs::write(&path, bytes).unwrap();
     let error = info(&path).unwrap_err().to_string();
-    assert!(error.contains("lengths.ulg") && error.contains("leads outside it"), "{error}");
+    assert!(error.contains("lengths.ulg") && error.contains("points past its end"), "{error}");
     // A subscription that ends before its name.
     let mut bytes = ulog();
     bytes.extend([1, 0, b'A', 0]);
     fs::write(&path, bytes).unwrap();
     let error = info(&path).unwrap_err().to_string();
-    assert!(error.contains("lengths.ulg") && error.contains("leads outside it"), "{error}");
+    assert!(error.contains("lengths.ulg") && error.contains("points past its end"), "{error}");
 }
 
 #[test]

@@ -18,7 +18,7 @@ pub enum MirrorError {
     Plant(#[from] SampledPlantError),
     /// Its measurements do not show its states.
     #[error(
-        "no filter with a bounded memory follows the states of {vehicle} from what it measures: {reason}"
+        "no filter with finite memory can estimate the states of {vehicle} from its measurements: {reason}"
     )]
     Unobservable {
         /// The vehicle's name.
@@ -27,7 +27,7 @@ pub enum MirrorError {
         reason: String,
     },
     /// It measures nothing, or more than a filter takes.
-    #[error("{vehicle} has {count} outputs; 1 to 64 can be watched")]
+    #[error("{vehicle} has {count} outputs; 1 to 64 can be monitored")]
     Outputs {
         /// The vehicle's name.
         vehicle: String,

@@ -39,7 +39,7 @@ pub fn campaign_report(report: &CampaignReport) -> Result<String, ReportError> {
         kind: "campaign".into(),
         title: format!("campaign {}", report.campaign),
         verdict: format!(
-            "{} of {} flights broke a limit or did not end: {} % ({} to {} % at 95 % confidence).",
+            "{} of {} flights exceeded a limit or did not finish: {} % ({} to {} % at 95 % confidence).",
             violated.count,
             violated.of,
             percent(violated.share),
@@ -88,9 +88,9 @@ fn interval(p: &Proportion) -> Vec<Cell> {
 fn shares(report: &CampaignReport) -> Section {
     let findings = report.findings;
     let row = |label: String, p: &Proportion| Row { label, group: false, cells: interval(p) };
-    let mut rows = vec![row("any limit, or no end".into(), &findings.violated)];
+    let mut rows = vec![row("any limit, or not finished".into(), &findings.violated)];
     if findings.failed.count > 0 {
-        rows.push(row("did not come to their end".into(), &findings.failed));
+        rows.push(row("did not finish".into(), &findings.failed));
     }
     let figures = &report.table.info.columns.figures;
     let unit = |key: &str| figures.iter().find(|figure| figure.key == key).map(unit_of).unwrap_or_default();
@@ -98,7 +98,7 @@ fn shares(report: &CampaignReport) -> Section {
     rows.extend(findings.limits.iter().map(|l| row(wanted(l), &l.violated)));
     let flights = &report.table.flights;
     let step = flights.len().div_ceil(POINTS).max(1);
-    let mut plot = Plot::new("share", "share of flights that break a limit", "flights", "%");
+    let mut plot = Plot::new("share", "share of flights that exceed a limit", "flights", "%");
     let [mut at, mut share, mut low, mut high] = [const { Vec::new() }; 4];
     for first in (1..=flights.len()).filter(|n| n % step == 0 || *n == flights.len()) {
         let p = violated(report.table, first);
@@ -112,15 +112,16 @@ fn shares(report: &CampaignReport) -> Section {
         plot.traces.push(Trace::new("95 %", 0, Style::Limit, &at, line));
     }
     Section {
-        title: "How often".into(),
+        title: "Failure rates".into(),
         plots: vec![plot],
         tables: vec![Table {
             head: ["", "flights", "share, %", "from, %", "to, %"].map(String::from).to_vec(),
             rows,
             note: match is_weighted(report) {
-                true => "Means of weights with Fay and Feuer's interval at 95 % confidence: flights were drawn where failures are \
-                         frequent. Histograms below are of the draws, quantiles are weighted.",
-                false => "Wilson's interval at 95 % confidence, Clopper and Pearson's where nothing or everything happened.",
+                true => "Weighted means with Fay and Feuer's 95 % confidence interval: sampling was concentrated \
+                         where failures are frequent. The histograms below show the samples, the quantiles are \
+                         weighted.",
+                false => "Wilson's 95 % confidence interval, or Clopper and Pearson's where the count is none or all.",
             }
             .into(),
             ..Table::default()
@@ -226,13 +227,13 @@ fn moved(report: &CampaignReport) -> Section {
         })
     });
     Section {
-        title: "What moves them".into(),
-        text: "Spearman's rank correlation of each figure that has a limit with what varies: +1 or -1 where the figure only grows or only \
-               falls with it, 0 where it does not depend on it, or goes up and down."
+        title: "Sensitivities".into(),
+        text: "Spearman's rank correlation of each figure with a limit and each varied quantity: +1 or -1 for a \
+               monotonic relation, 0 for no relation or one that both rises and falls."
             .into(),
         plots: plots.collect(),
         tables: vec![Table {
-            head: ["figure", "moved by", "rank correlation"].map(String::from).to_vec(),
+            head: ["figure", "varied quantity", "rank correlation"].map(String::from).to_vec(),
             rows: rows.collect(),
             words: true,
             ..Table::default()
@@ -246,7 +247,7 @@ fn worst(report: &CampaignReport) -> Section {
     let how = |worst: &Worst| match (&worst.of_limit, &worst.ended) {
         (_, Some(why)) => why.clone(),
         (Some(share), None) => format!("{} at {} of its limit", worst.key, number(*share)),
-        (None, None) => format!("{} never came to an end", worst.key),
+        (None, None) => format!("{} was never reached", worst.key),
     };
     let drawn = |flight: u64| {
         let flight = report.table.flights.iter().find(|f| f.number == flight);
@@ -265,9 +266,9 @@ fn worst(report: &CampaignReport) -> Section {
     let ended = report.table.flights.iter().filter(|f| f.ended != Ended::Complete).count();
     Section {
         title: "The worst flights".into(),
-        text: if ended > 0 { format!("{ended} flights did not come to their end.") } else { String::new() },
+        text: if ended > 0 { format!("{ended} flights did not finish.") } else { String::new() },
         tables: vec![Table {
-            head: ["flight", "how", "what it drew", "to see it"].map(String::from).to_vec(),
+            head: ["flight", "how", "drawn values", "to replay it"].map(String::from).to_vec(),
             rows: rows.collect(),
             words: true,
             ..Table::default()

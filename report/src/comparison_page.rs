@@ -25,10 +25,10 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
     sections.push(Section {
         title: "Figures".into(),
         text: format!(
-            "Fit is 100 (1 - norm(residual) / norm(measured - its mean)) of a free simulation: 100 is perfect, 0 is what \
-             the mean of the record reaches. Initial state: {}; where the record starts is not counted as an error. \
-             The {} s fit judges predictions over {} s from a state fitted to the {} s before: there an integrator \
-             has no time to drift.",
+            "Fit is 100 (1 - norm(residual) / norm(measured - its mean)) of a free run: 100 is perfect, 0 is as good \
+             as the mean of the record. Initial state: {}; the start of the record is not counted as an error. The \
+             {} s fit assesses predictions over {} s from a state fitted to the previous {} s, too short for an \
+             integrator to drift.",
             c.initial_state_method, c.horizon_s, c.horizon_s, c.horizon_s
         ),
         tables: vec![table(c)],
@@ -46,7 +46,7 @@ pub fn comparison_report(c: &Comparison) -> Result<String, ReportError> {
     }
     let page = Page {
         kind: "comparison".into(),
-        title: format!("{} against {}", file_name(&c.record), c.vehicle),
+        title: format!("{} compared with {}", file_name(&c.record), c.vehicle),
         verdict: c.verdict.clone(),
         level: if c.agrees() { Level::Good } else { Level::Warn },
         remarks,
@@ -128,9 +128,11 @@ fn table(c: &Comparison) -> Table {
     Table {
         head: head.iter().map(|h| h.to_string()).collect(),
         rows: rows.collect(),
-        note: "Growth: rms residual in the last tenth of the record over that of the rest. Spectral peak: the strongest of the \
-               residual, and its share of the residual's power."
-            .into(), ..Table::default() }
+        note: "Growth: rms residual in the last tenth of the record divided by that of the rest. Spectral peak: the \
+               strongest one of the residual, and its share of the residual power."
+            .into(),
+        ..Table::default()
+    }
 }
 
 fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
@@ -166,7 +168,7 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
         let step_t: Vec<f64> = o.quadratic_error.iter().flat_map(|i| [i.from_s, i.until_s]).collect();
         let step: Vec<f64> =
             o.quadratic_error.iter().flat_map(|i| [i.mean_square * factor * factor; 2]).collect();
-        quadratic.traces.push(Trace::new("mean over a twentieth", 1, Style::Main, &step_t, &step));
+        quadratic.traces.push(Trace::new("mean over 5 % of the record", 1, Style::Main, &step_t, &step));
         plots.push(quadratic);
         plots.push(spectrum_plot(c, s, &residual, o, unit));
     }

@@ -50,16 +50,16 @@ pub fn design_report(report: &DesignReport) -> Result<String, ReportError> {
 fn verdict(design: &Design) -> String {
     let m = &design.multivariable_margins;
     let gains = match m.disk_gain_high {
-        Some(high) => format!("gains {} to {} times the model's", number(m.disk_gain_low), number(high)),
+        Some(high) => format!("gains from {} to {} times the model's", number(m.disk_gain_low), number(high)),
         None => format!("gains from {} times the model's", number(m.disk_gain_low)),
     };
     let delay = design.loop_margins.iter().filter_map(|m| m.delay_s).fold(f64::INFINITY, f64::min);
     let delay = if delay.is_finite() {
-        format!(", {} ms of further delay at one input", number(1e3 * delay))
+        format!(", or {} ms of additional delay at one input", number(1e3 * delay))
     } else {
         String::new()
     };
-    let advice = if m.max_sensitivity > 2.0 { ", which is more than the 2 that is customary" } else { "" };
+    let advice = if m.max_sensitivity > 2.0 { ", above the usual limit of 2" } else { "" };
     format!(
         "The loop tolerates {gains} or {:.1} deg of phase at all inputs at once{delay}; peak sensitivity {:.2}{advice}.",
         m.disk_phase_deg, m.max_sensitivity
@@ -69,12 +69,14 @@ fn verdict(design: &Design) -> String {
 fn steps(report: &DesignReport) -> Section {
     let plant = &report.design.plant;
     let states = plant.state_names();
-    let mut share = Plot::new("step", "steps of the setpoints", "time, s", "share of the step, %");
+    let mut share = Plot::new("step", "setpoint step responses", "time, s", "share of the step, %");
     let mut inputs: Vec<Plot> = plant
         .input_names()
         .iter()
         .enumerate()
-        .map(|(i, name)| Plot::new(format!("step-input-{i}"), format!("{name} meanwhile"), "time, s", ""))
+        .map(|(i, name)| {
+            Plot::new(format!("step-input-{i}"), format!("{name} during the step"), "time, s", "")
+        })
         .collect();
     let mut sizes = Vec::new();
     for (variant, step) in report.responses.steps.iter().enumerate() {
@@ -101,7 +103,10 @@ fn steps(report: &DesignReport) -> Section {
         title: "Steps".into(),
         text: match sizes.as_slice() {
             [] => "No setpoint of this vehicle has a steady state.".into(),
-            _ => format!("{}, as the linear loop answers: no limits, the states known.", sizes.join(", ")),
+            _ => format!(
+                "{}: response of the linear loop, without limits and with known states.",
+                sizes.join(", ")
+            ),
         },
         plots: if some { std::iter::once(share).chain(inputs).collect() } else { Vec::new() },
         columns: 2,
@@ -111,10 +116,10 @@ fn steps(report: &DesignReport) -> Section {
 
 fn bode(report: &DesignReport) -> Section {
     let r = report.responses;
-    let mut gain = Plot::new("gain", "gain of each loop, the others closed", "frequency, rad/s", "dB");
+    let mut gain = Plot::new("gain", "gain of each loop with the others closed", "frequency, rad/s", "dB");
     let mut phase = Plot::new("phase", "phase of each loop", "frequency, rad/s", "deg");
     let mut sensitivity =
-        Plot::new("sensitivity", "sensitivity, greatest singular value", "frequency, rad/s", "dB");
+        Plot::new("sensitivity", "sensitivity, largest singular value", "frequency, rad/s", "dB");
     for plot in [&mut gain, &mut phase, &mut sensitivity] {
         plot.log_x = true;
         plot.group = Some("frequency");
@@ -136,7 +141,7 @@ fn bode(report: &DesignReport) -> Section {
     }
     Section {
         title: "Frequency responses".into(),
-        text: "The loop is opened where the commands enter the plant; the period of latency is in it.".into(),
+        text: "The loop is broken at the plant input; it includes the latency of one period.".into(),
         plots: vec![gain, phase, sensitivity],
         columns: 2,
         ..Section::default()
@@ -182,8 +187,8 @@ fn poles(design: &Design) -> Section {
         title: "Poles".into(),
         text: match delays {
             0 => String::new(),
-            1 => "One more is a pure delay (z = 0).".into(),
-            n => format!("{n} more are pure delays (z = 0)."),
+            1 => "One more pole is a pure delay (z = 0).".into(),
+            n => format!("{n} more poles are pure delays (z = 0)."),
         },
         tables: vec![Table {
             head: ["", "pole, 1/s", "frequency, rad/s", "damping"].map(String::from).to_vec(),

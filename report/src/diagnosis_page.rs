@@ -18,8 +18,8 @@ pub fn diagnosis_report(answer: &Diagnosis) -> Result<String, ReportError> {
     if !shown.is_empty() {
         sections.push(Section {
             title: "What the record shows".into(),
-            text: "The residual without the cause, traced back through the model to where the cause acts. Points: means of the \
-                   record. Line: what the cause says, treated in the same way."
+            text: "The residual without the cause, traced back through the model to the place where the cause acts. \
+                   Points: means of the record. Line: prediction of the cause, processed in the same way."
                 .into(),
             columns: 2,
             plots: shown,
@@ -38,7 +38,7 @@ pub fn diagnosis_report(answer: &Diagnosis) -> Result<String, ReportError> {
     attachments.push(attachment("given vehicle file", answer.figures.given_vehicle.clone()));
     Page {
         kind: "diagnosis".into(),
-        title: format!("{} against {}", names(&answer.records), answer.vehicle),
+        title: format!("{} compared with {}", names(&answer.records), answer.vehicle),
         verdict: answer.summary.clone(),
         level: match answer.verdict {
             Verdict::Consistent | Verdict::Explained => Level::Good,
@@ -75,7 +75,7 @@ fn vehicle(answer: &Diagnosis) -> Option<Section> {
     let written = answer.extended_vehicle.as_ref().map(|path| format!(" It is in {path}."));
     Some(Section {
         title: "The extended vehicle".into(),
-        text: format!("What changed in the vehicle file.{}", written.unwrap_or_default()),
+        text: format!("Changes to the vehicle file.{}", written.unwrap_or_default()),
         diff: changed_lines(&answer.figures.given_vehicle, &extended.to_toml()),
         ..Section::default()
     })
@@ -87,12 +87,12 @@ fn left(answer: &Diagnosis) -> Option<Section> {
     let plots = evidence(answer, false);
     let share = 100.0 * answer.unexplained.share;
     let text = match answer.unexplained.description.as_str() {
-        "" => "Nothing is left beyond noise.".to_string(),
-        description => format!("{share:.0} % of what was wrong is left. {description}"),
+        "" => "The remaining residual is noise.".to_string(),
+        description => format!("{share:.0} % of the residual power remains. {description}"),
     };
     (!table.rows.is_empty() || !plots.is_empty() || !answer.unexplained.description.is_empty()).then(|| {
         Section {
-            title: "What is left, and the nearest names that were rejected".into(),
+            title: "Remaining residual, and the closest effects that were rejected".into(),
             text,
             tables: if table.rows.is_empty() { Vec::new() } else { vec![table] },
             plots,

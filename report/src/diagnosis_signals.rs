@@ -139,7 +139,7 @@ fn correlations(answer: &Diagnosis, o: &OutputFigure, runs: &[(&str, usize, &[f6
         let mut plot = Plot::new(
             format!("correlation-{}-{j}", o.name),
             format!("correlation of the residual with {input}"),
-            "residual later than input by, s",
+            "lag of the residual behind the input, s",
             "",
         );
         plot.height = 230;
@@ -156,7 +156,7 @@ fn correlations(answer: &Diagnosis, o: &OutputFigure, runs: &[(&str, usize, &[f6
         let Some(lags) = plot.traces.first().map(|t| t.x.clone()) else { continue };
         let ends = [lags[0], lags[lags.len() - 1]];
         for bound in [band, -band] {
-            plot.traces.push(Trace::new("99 % of chance", MEASURED, Style::Limit, &ends, &[bound, bound]));
+            plot.traces.push(Trace::new("99 % bound", MEASURED, Style::Limit, &ends, &[bound, bound]));
         }
         plots.push(plot);
     }

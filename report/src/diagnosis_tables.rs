@@ -22,16 +22,16 @@ pub(crate) fn causes(answer: &Diagnosis) -> Option<Section> {
         notes.extend(cause.notes.iter().map(|n| format!("{} on {}: {n}.", cause.effect, cause.place)));
         for other in &cause.indistinguishable {
             notes.push(format!(
-                "{} on {} cannot be told from {} on {} here (signatures alike to {:.3}).",
+                "{} on {} cannot be distinguished from {} on {} here (similarity of signatures {:.3}).",
                 cause.effect, cause.place, other.effect, other.place, other.kappa
             ));
         }
     }
     (!rows.is_empty()).then(|| Section {
         title: "Causes".into(),
-        text: "BIC: what the cause gains over the model without it, its parameters paid for; at least 10 is required. Held out: its gain on \
-               data left out of the fit, in standard errors; at least 2 is required. By chance: how likely chance does as well anywhere in \
-               the library."
+        text: "BIC: improvement over the model without the cause, penalised for its parameters; at least 10 is \
+               required. Held out: improvement on held-out data, in standard errors; at least 2 is required. By \
+               chance: p-value, corrected for the number of candidates tested."
             .into(),
         tables: vec![Table { head: head(&names), rows, note: notes.join(" "), ..Table::default() }],
         ..Section::default()
@@ -102,10 +102,11 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
         )
     });
     Section {
-        title: "What is gained on held-out data".into(),
+        title: "Improvement on held-out data".into(),
         text: format!(
-            "{} to {} s, fitted to the rest: free runs where they mean something, and predictions over {ahead}. Fit is \
-             100 (1 - norm(residual) / norm(measured - its mean)). No model can do better than the noise.",
+            "{} to {} s, with the rest used for the fit: free runs where they are meaningful, and predictions over \
+             {ahead}. Fit is 100 (1 - norm(residual) / norm(measured - its mean)). No model can do better than the \
+             noise.",
             number(answer.heldout.from_s),
             number(answer.heldout.to_s)
         ),
@@ -134,7 +135,7 @@ pub(crate) fn not_testable(answer: &Diagnosis) -> Option<Section> {
         .collect();
     (!rows.is_empty()).then(|| Section {
         title: "Not testable with this record".into(),
-        text: "These effects may be there: the record could not have shown them.".into(),
+        text: "These effects may be present: this record could not have shown them.".into(),
         tables: vec![Table { head: head(&["effect", "why, and what to fly"]), rows, ..Table::default() }],
         ..Section::default()
     })

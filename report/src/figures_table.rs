@@ -37,10 +37,10 @@ const INPUT_COLUMNS: [(&str, &str, f64, Scale); 5] = [
 
 /// Figures of the outputs: a row an output, or with several variants a group an output and a row a variant.
 pub fn output_table(summaries: &[RunSummary]) -> Table {
-    let note = "Each row is in its own unit. Worst over all steps and disturbances of the run, from the true motion \
-                where there is one. Recovery and settling: until the output stays within 5 % (of the peak, of the step) or \
-                within what noise alone reaches, if that is more. Errors count from the setpoint, or from trim where nothing \
-                is tracked.";
+    let note = "Each row is in its own unit. Worst case over all steps and disturbances of the run, from the true \
+                motion if available. Recovery and settling: until the output stays within 5 % (of the peak, of the \
+                step) or within the noise level, if that is larger. Errors are relative to the setpoint, or to trim \
+                where nothing is tracked.";
     let Some(first) = summaries.first() else { return Table::default() };
     // Angles, speeds and positions before their rates, tracked ones first.
     let mut names: Vec<&String> = first.outputs.keys().collect();
@@ -173,10 +173,13 @@ pub fn estimator_table(summaries: &[RunSummary]) -> Option<Table> {
     (!judged.is_empty()).then(|| Table {
         head: head.iter().map(|h| h.to_string()).collect(),
         rows: rows.collect(),
-        note: "Over the part before the first disturbance. A NIS ratio below the interval: the filter is more careful \
-               than it need be, as when it allows for disturbances that did not come; above: it trusts itself too much. \
-               Errors within 2 std: the worst state; 95.4 for a consistent filter."
-            .into(), ..Table::default() })
+        note:
+            "Computed up to the first disturbance. A NIS ratio below the interval means that the filter is too \
+             conservative, for example because it allows for disturbances that did not occur; above it, the filter \
+             is overconfident. Errors within 2 std: the worst state; 95.4 for a consistent filter."
+                .into(),
+        ..Table::default()
+    })
 }
 
 /// What was expected of the runs and what was found: a row an expectation, a column a run.

@@ -111,10 +111,11 @@ fn figures(answer: &Identification) -> Section {
         tables: vec![Table {
             head: head.iter().map(|h| h.to_string()).collect(),
             rows: rows.collect(),
-            note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)); what the sensor adds counts against it. Noise: what \
-                   cannot be predicted one step ahead. White: Ljung and Box's test at 1 %, beside it the greatest \
-                   autocorrelation."
-                .into(), ..Table::default() }],
+            note: "Fit is 100 (1 - norm(y - y_sim) / norm(y - mean y)), including sensor noise. Noise: what cannot \
+                   be predicted one step ahead. White: Ljung-Box test at 1 %, with the largest autocorrelation."
+                .into(),
+            ..Table::default()
+        }],
         ..Section::default()
     }
 }
@@ -146,7 +147,7 @@ fn real_and_simulated(part: &PartSeries, index: usize) -> Section {
     }
     Section {
         title: format!("Real and simulated, {}", role_words(part)),
-        text: format!("{}. The simulation runs freely from the first step on.", part.origin),
+        text: format!("{}. The simulation is a free run from the first step.", part.origin),
         plots,
         columns: 2,
         ..Section::default()
@@ -204,8 +205,8 @@ fn responses(answer: &Identification) -> Option<Section> {
         }
     }
     let mut text = format!(
-        "Identification data; each response is conditioned on the other inputs. Drawn where its partial coherence is \
-         {TRUSTED} or more, up to the last such frequency."
+        "Identification data; each response is conditioned on the other inputs. Shown up to the highest frequency \
+         with a partial coherence of {TRUSTED} or more."
     );
     if !silent.is_empty() {
         text.push_str(&format!(" Hardly any coherence: {}.", silent.join(", ")));
@@ -285,8 +286,8 @@ fn residuals(answer: &Identification) -> Option<Section> {
         .collect();
     (!plots.is_empty()).then(|| Section {
         title: "Residuals".into(),
-        text: "Autocorrelation of what is left one step ahead, after the noise model. What stands beyond the dotted lines is \
-               vibration, a gust or dynamics that the model does not have."
+        text: "Autocorrelation of the one-step residuals, after the noise model. Values beyond the dotted lines \
+               indicate vibration, a gust or unmodelled dynamics."
             .into(),
         plots,
         columns: 3,
@@ -333,9 +334,9 @@ fn values(answer: &Identification) -> Table {
         head: head.iter().map(|h| h.to_string()).collect(),
         rows: rows.chain(fixed).collect(),
         note: if answer.standard_errors_hold {
-            "In the units of the vehicle file. Standard errors are Cramer and Rao's, corrected for coloured residuals."
+            "In the units of the vehicle file. Standard errors are Cramér-Rao bounds, corrected for coloured residuals."
         } else {
-            "In the units of the vehicle file. The standard errors are not to be trusted: see the remarks."
+            "In the units of the vehicle file. The standard errors are not reliable: see the remarks."
         }
         .into(), ..Table::default() }
 }

@@ -34,5 +34,5 @@ pub use winner::winner;
 /// Why a report cannot be put together: what the template engine says. The template is part of the program, so
 /// this is a bug of the program.
 #[derive(Debug, thiserror::Error)]
-#[error("the report's template failed, which is a bug of this program: {0}")]
+#[error("the report's template failed, which is a bug in this program: {0}")]
 pub struct ReportError(#[from] minijinja::Error);

@@ -65,7 +65,7 @@ impl Outcome {
                 warn(format!("the plant was in failsafe for {}", count(t.failsafe_steps, "step")));
             }
             if t.restarts > 0 {
-                warn(format!("{} after a node had ended", count(t.restarts, "restart")));
+                warn(format!("{} after a node had exited", count(t.restarts, "restart")));
             }
             if t.lost > 0 {
                 warn(format!("{} lost", count(t.lost, "message")));

@@ -190,7 +190,7 @@ impl Plot {
             let far = if all.1.abs() > all.0.abs() { all.1 } else { all.0 };
             let unit = if self.y_label.is_empty() { String::new() } else { format!(" {}", self.y_label) };
             self.caption = format!(
-                "The start, up to {}{unit}, is beyond the scale: double-click to see it.",
+                "The start, up to {}{unit}, is outside the axis range: double-click to see it.",
                 number(far)
             );
         }

@@ -32,7 +32,7 @@ pub(super) fn events_table(runs: &[&Run]) -> Option<Table> {
         head: head.into_iter().map(String::from).collect(),
         rows,
         words: true,
-        note: if more > 0 { format!("{more} more are in the log.") } else { String::new() },
+        note: if more > 0 { format!("{more} more events are in the log.") } else { String::new() },
     })
 }
 
@@ -76,7 +76,7 @@ fn of_run(run: usize, recorded: &Run) -> Vec<Event> {
     for (name, output) in figures.outputs.iter().filter(|(_, output)| output.tracked) {
         for step in &output.steps {
             let to = output.unit.text(step.to);
-            events.push(event(step.at_s, None, format!("setpoint of {name} to {to}"), Level::Neutral));
+            events.push(event(step.at_s, None, format!("setpoint of {name} set to {to}"), Level::Neutral));
         }
     }
     for d in &figures.disturbances {
@@ -88,7 +88,7 @@ fn of_run(run: usize, recorded: &Run) -> Vec<Event> {
         events.push(event(found.at_s, None, format!("mirror: {}", found.text), Level::Warn));
     }
     let spans = [
-        (&recorded.lines.held, "command late, the last one held", Level::Warn),
+        (&recorded.lines.held, "command late, last one held", Level::Warn),
         (&recorded.lines.failsafe, "failsafe", Level::Bad),
     ];
     for (parts, what, level) in spans {

@@ -65,7 +65,7 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
         },
         Section {
             title: "Commands".into(),
-            text: "What the plant applied, after its limits.".into(),
+            text: "Commands as applied by the plant, after its limits.".into(),
             plots: drawn(inputs),
             columns: 2,
             ..Section::default()
@@ -98,8 +98,8 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
         sections.push(Section {
             title: "Estimator".into(),
             text: format!(
-                "Errors of the estimate against the truth, with the two standard deviations that the filter claims{}. \
-                 A consistent filter keeps 95 % of its errors inside them, and its NIS near 1.",
+                "Estimation errors relative to the truth, with the filter's bounds of two standard deviations{}. \
+                 For a consistent filter 95 % of the errors are within them, and the NIS is near 1.",
                 if runs.len() > 1 { format!(" ({})", first.name) } else { String::new() }
             ),
             tables: estimator_table(summaries).into_iter().collect(),
@@ -110,8 +110,8 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
     }
     sections.push(Section {
         title: "Timing".into(),
-        text: "Percentiles are upper edges of histogram buckets, two an octave. The plant's latency runs from publishing \
-               a measurement to holding its command; that of the other nodes from being asked to answering."
+        text: "Percentiles are upper edges of histogram buckets, two per octave. Latency of the plant: from publishing a \
+               measurement to receiving its command; of the other nodes: from input to output."
             .into(),
         tables: vec![timing_table(summaries)],
         plots: latency_plot(runs).into_iter().collect(),
@@ -132,7 +132,7 @@ fn estimator_plots(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Plot> {
 }
 
 fn nis_plot(runs: &[&Run], summaries: &[RunSummary]) -> Option<Plot> {
-    let mut plot = Plot::over_time("nis", "NIS over its degrees of freedom, mean over 1 s", "");
+    let mut plot = Plot::over_time("nis", "NIS per degree of freedom, mean over 1 s", "");
     for (variant, run) in runs.iter().enumerate() {
         let nis = &run.lines.nis;
         if nis.steps < FEWEST_ESTIMATES {

@@ -32,8 +32,7 @@ pub(super) fn spectra(runs: &[&Run]) -> Option<Section> {
     }
     (!plots.is_empty()).then(|| Section {
         title: "Spectra".into(),
-        text: "Rates as their sensors measured them, and inputs as they were applied (Welch's method, Hann windows of about \
-               a second)."
+        text: "Rates as measured and inputs as applied (Welch's method, Hann windows of about a second)."
             .into(),
         plots,
         columns: 2,

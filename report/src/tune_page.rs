@@ -83,7 +83,7 @@ fn figures(report: &TuneReport) -> Section {
         tables: vec![Table {
             head: ["", LAWS[0], LAWS[1]].map(String::from).to_vec(),
             rows: rows.collect(),
-            note: "Median over the draws, and where 95 % of them lie; SI.".into(),
+            note: "Median and 95 % range of the draws; SI.".into(),
             words: true,
         }],
         ..Section::default()
@@ -109,7 +109,7 @@ fn fans(report: &TuneReport) -> Section {
 
 fn loops(report: &TuneReport) -> Section {
     let mut sensitivity =
-        Plot::new("sensitivity", "sensitivity, greatest singular value", "frequency, rad/s", "dB");
+        Plot::new("sensitivity", "sensitivity, largest singular value", "frequency, rad/s", "dB");
     sensitivity.log_x = true;
     let mut poles =
         Plot::new("poles", "poles of the loop with its filter", "real part, 1/s", "imaginary part, 1/s");
@@ -131,9 +131,7 @@ fn loops(report: &TuneReport) -> Section {
     }
     Section {
         title: "Loops".into(),
-        text:
-            "Law and filter around the vehicle that the diagnosis found, opened where the commands enter it."
-                .into(),
+        text: "Loop of law, filter and the diagnosed vehicle, broken at the plant input.".into(),
         plots: vec![sensitivity, poles],
         columns: 2,
         ..Section::default()

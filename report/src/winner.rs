@@ -45,8 +45,8 @@ pub fn winner(summaries: &[RunSummary], expected: &[Expected]) -> Option<String>
     let left_out = summaries.len() - ranked.len();
     let left_out = match left_out {
         0 => String::new(),
-        1 => " One that does not hold its expectations is not ranked.".into(),
-        n => format!(" {n} that do not hold their expectations are not ranked."),
+        1 => " One variant that does not meet its expectations is not ranked.".into(),
+        n => format!(" {n} variants that do not meet their expectations are not ranked."),
     };
     Some(format!(
         "{} {verb} best in {most} of {figures} figures of the tracked outputs{others}.{quiet}{left_out}",

@@ -106,7 +106,7 @@ fn a_late_tone_ridden_flight_is_shown_with_its_delay_and_its_tone() {
         "What the record shows",
         "Causes",
         "The extended vehicle",
-        "What is gained on held-out data",
+        "Improvement on held-out data",
         "correlation of the residual with u_roll",
         "spectrum of the residual",
         "Not testable with this record",

@@ -21,7 +21,7 @@ pub enum VehicleError {
     File(#[from] FileError),
     /// Neither a built-in vehicle nor a file.
     #[error(
-        "there is no vehicle '{name}'{nearest}: built in are {known}; a path to a vehicle file (.toml) can be given too"
+        "there is no vehicle '{name}'{nearest}: the built-in ones are {known}; a path to a vehicle file (.toml) can also be given"
     )]
     Unknown {
         /// What was asked for.
@@ -93,7 +93,7 @@ pub enum SimulatorError {
     Period(f64),
     /// The matrix exponential over one period is not finite.
     #[error(
-        "'{vehicle}' cannot be simulated with a period of {} s: its fastest mode grows beyond any number",
+        "'{vehicle}' cannot be simulated with a period of {} s: its fastest mode overflows",
         clean(*period_s)
     )]
     NotFinite {
@@ -107,8 +107,9 @@ pub enum SimulatorError {
     Poles(#[from] DecompositionError),
     /// Too many effects that take other matrices have a window.
     #[error(
-        "{found} delays, lags, modes, couplings, parameter changes and mode transitions have from_s or until_s, but at most \
-         {most} can, as a step is solved beforehand for every combination of them; take the window off some"
+        "{found} delays, lags, modes, couplings, parameter changes and mode transitions have from_s or until_s, but \
+         at most {most} are supported, as a step is precomputed for every combination; remove the window from some \
+         of them"
     )]
     Windows {
         /// How many have one.

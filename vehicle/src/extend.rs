@@ -58,7 +58,9 @@ impl Vehicle {
             if own.len() != other.len() {
                 let list = |names: &[&str]| crate::error::list(names.iter().copied());
                 let (own, other) = (list(&own), list(&other));
-                return Err(fail(format!("'{to}' has other {what}s: it has {other}, but {own} are needed")));
+                return Err(fail(format!(
+                    "'{to}' has different {what}s: it has {other}, but {own} are needed"
+                )));
             }
             own.iter()
                 .map(|name| {

@@ -16,7 +16,7 @@ pub fn check_attitude(state: &State, si: f64) -> Option<String> {
     let is_beyond = si.to_degrees().abs() > LARGEST_ATTITUDE_DEG * (1.0 + 1e-12);
     (is_attitude && is_beyond).then(|| {
         format!(
-            "is {} deg = {} rad: an attitude beyond {LARGEST_ATTITUDE_DEG} deg is none that a linear model can fly; check \
+            "is {} deg = {} rad: a linear model is not valid for attitudes beyond {LARGEST_ATTITUDE_DEG} deg; check \
              the unit",
             number(si.to_degrees()),
             number(si)
@@ -36,7 +36,7 @@ impl Effect {
                 place: self.place().into(),
                 field: Some("delay_s".into()),
                 reason: format!(
-                    "is {} s = {} ms, but {span} lasts {} s: nothing would arrive before its end; check the unit",
+                    "is {} s = {} ms, but {span} lasts {} s, so nothing would arrive before it ends; check the unit",
                     clean(delay),
                     clean(1e3 * delay),
                     clean(span_s)

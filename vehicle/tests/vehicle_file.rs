@@ -96,11 +96,11 @@ fn errors_name_file_line_field_and_reason() {
             &["line 9: states[2].bound", "must be above 0"],
         ),
         ("unit = \"deg/s\" }", "unit = \"deg/s\", bound = \"2 m\" }", &["line 9: states[2].bound", "in m"]),
-        ("every = 2", "every = 0", &["line 21: outputs[2].every", "whole number from 1 on"]),
+        ("every = 2", "every = 0", &["line 21: outputs[2].every", "whole number of at least 1"]),
         (
             "unit = \"rad/s\"",
             "unit = \"m/s\"",
-            &["line 19: outputs[2].unit", "does not fit the state's unit"],
+            &["line 19: outputs[2].unit", "is incompatible with the state's unit"],
         ),
         (
             "unit = \"rad/s\"",

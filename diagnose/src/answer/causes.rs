@@ -16,7 +16,7 @@ use crate::stages::findings::{Findings, estimates};
 use crate::thresholds::RIVAL_BIC;
 
 /// What is said of everything random: it has no path that a simulation could repeat.
-const RANDOM: &str = "the simulation can be like the flight in kind, not follow it";
+const RANDOM: &str = "the simulation can match the flight statistically, but not sample by sample";
 
 /// All causes, those of the largest gain first.
 pub(crate) fn causes(findings: &Findings<'_>) -> Vec<Cause> {
@@ -142,7 +142,7 @@ fn noise_cause(findings: &Findings<'_>, channel: usize, noise: &ExcessNoise) -> 
             detectability: samples,
         },
         indistinguishable: Vec::new(),
-        notes: vec![format!("in all {:.1} times what the vehicle file declares", noise.times)],
+        notes: vec![format!("total noise is {:.1} times what the vehicle file declares", noise.times)],
     }
 }
 
@@ -165,14 +165,14 @@ fn narrow_band_cause(findings: &Findings<'_>, found: &NarrowBand) -> Cause {
             detectability: found.gain,
         },
         indistinguishable: Vec::new(),
-        notes: vec![format!("its frequency wanders: {RANDOM}")],
+        notes: vec![format!("its frequency varies: {RANDOM}")],
     };
     tone_notes(findings, &mut cause);
     let others = findings.residual.narrow_band.iter();
     let others = others.filter(|s| s.channel != found.channel && narrow_band::same(s, found));
     let others: Vec<String> = others.map(|s| output_name(findings, s.channel)).collect();
     if !others.is_empty() {
-        cause.notes.push(format!("the same line is on {}", others.join(", ")));
+        cause.notes.push(format!("the same line appears in {}", others.join(", ")));
     }
     cause
 }
@@ -187,7 +187,7 @@ fn tone_notes(findings: &Findings<'_>, cause: &mut Cause) {
     let period_s = data.period_s * channel.map_or(1, |c| c.stride) as f64;
     let aliases = vibration_source::aliases(f, period_s);
     let list: Vec<String> = aliases.iter().map(|a| format!("{a:.2} Hz")).collect();
-    cause.notes.push(format!("at this rate it may as well be {}", list.join(", ")));
+    cause.notes.push(format!("possible aliases at this sampling rate: {}", list.join(", ")));
     let (on, off) = (options.engine_on.as_ref(), options.engine_off.as_ref());
     if let Some((source, why)) = vibration_source::source(&cause.place, f, amplitude, on, off) {
         cause.text = Some(source.into());

@@ -38,7 +38,7 @@ fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
         unexplained: Unexplained::default(),
         data: checked.found.clone(),
         remarks: if loaded.options.watch.is_stopped() {
-            vec!["The search was ended early: this is what was known by then.".into()]
+            vec!["The search was ended early: these are the results up to that point.".into()]
         } else {
             Vec::new()
         },
@@ -59,7 +59,7 @@ pub(crate) fn no_prediction(checked: &Checked<'_>, why: ModelError) -> Diagnosis
     }
     answer.summary = match why {
         ModelError::Diverged => {
-            format!("Inconclusive: the free run of {vehicle} over this record leaves all bounds.")
+            format!("Inconclusive: the free run of {vehicle} over this record diverges.")
         }
         ModelError::Inapplicable | ModelError::NotDetermined => {
             format!("Inconclusive: {vehicle} cannot be fitted to this record: {why}.")
@@ -153,7 +153,7 @@ fn rejected(findings: &Findings<'_>, causes: &[Cause]) -> Vec<Rejected> {
     let rival =
         findings.residual.out_of_library.as_ref().map(|by| format!("{} explains as much", by.description));
     let why = rival.unwrap_or_else(|| {
-        "what is left is no noise, and more than a misfit of it: it is a part of something else".into()
+        "the remaining residual is not noise, so it is only part of another effect".into()
     });
     let withheld = findings.residual.withheld.iter();
     all.extend(withheld.map(|(candidate, delta_bic)| rejection(candidate, *delta_bic, why.clone())));
@@ -165,7 +165,7 @@ fn rejected(findings: &Findings<'_>, causes: &[Cause]) -> Vec<Rejected> {
             continue;
         }
         let why = format!(
-            "in place of the accepted cause it would lose {:.0} in BIC (signatures alike to {:.2})",
+            "in place of the accepted cause it would lose {:.0} in BIC (similarity of signatures {:.2})",
             rival.gap, rival.kappa
         );
         all.push(rejection(&rival.candidate, -rival.gap, why));
@@ -198,7 +198,7 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
 
 /// Why a model is no explanation.
 const UNFORESEEN: &str =
-    "held-out data are predicted no better than by their mean or their last value, over any horizon";
+    "held-out data are predicted no better than by the mean or the last value at any horizon";
 
 /// What the vehicle with all causes does not predict of held-out data: anything, or an output of a record that it is to be like.
 fn unforeseen(findings: &Findings<'_>, data: &Data, verdict: Verdict) -> Option<String> {
@@ -217,7 +217,7 @@ fn unforeseen(findings: &Findings<'_>, data: &Data, verdict: Verdict) -> Option<
     let all = verdict == Verdict::Consistent && !names.is_empty();
     all.then(|| {
         format!(
-            "{} {are} predicted worse than by the mean or the last value at one horizon, and better at none",
+            "{} {are} predicted worse than by the mean or the last value at one horizon, and not better at any",
             names.join(", ")
         )
     })
@@ -278,7 +278,7 @@ fn whole_summary(answer: &Diagnosis) -> String {
     match answer.verdict {
         Verdict::Consistent => {
             format!(
-                "Consistent: no effect passed; the record is what {} does, within its noise.",
+                "Consistent: no effect was found; the record matches {} within its noise.",
                 answer.vehicle
             )
         }
@@ -286,8 +286,8 @@ fn whole_summary(answer: &Diagnosis) -> String {
         Verdict::PartlyExplained => {
             let left = match left {
                 ..0.5 if !answer.remarks.is_empty() => answer.remarks.join("; "),
-                ..0.5 => "what remains is little, but no noise".into(),
-                left => format!("{left:.0} % of what was wrong remains"),
+                ..0.5 => "the remaining residual is small, but not noise".into(),
+                left => format!("{left:.0} % of the residual power remains"),
             };
             format!("Partly explained by {}; {left}.", list.join("; and "))
         }
@@ -296,15 +296,20 @@ fn whole_summary(answer: &Diagnosis) -> String {
             format!("Unexplained: {text}.")
         }
         Verdict::Unexplained => {
-            format!("Unexplained: no effect of the table is it. {}", answer.unexplained.description)
+            format!(
+                "Unexplained: no effect of the table explains the record. {}",
+                answer.unexplained.description
+            )
         }
         Verdict::Inconclusive if !blocking.is_empty() => format!("Inconclusive: {}.", blocking.join("; ")),
         Verdict::Inconclusive if answer.partial => {
             let left = &answer.unexplained.description;
-            let text = "Inconclusive: no effect had passed by then, and not all were looked for.";
+            let text = "Inconclusive: no effect had been found by then, and not all were tested.";
             if left.is_empty() { text.into() } else { format!("{text} {left}") }
         }
-        Verdict::Inconclusive => "Inconclusive: this record could not have shown an effect.".into(),
+        Verdict::Inconclusive => {
+            "Inconclusive: this record is not informative enough to show an effect.".into()
+        }
     }
 }
 

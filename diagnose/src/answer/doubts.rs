@@ -27,7 +27,7 @@ fn at_limits(candidate: &Candidate, values: &[f64]) -> impl Iterator<Item = Stri
         // Nothing at all is the natural end of a size: there, the effect is not named.
         (end != candidate.null).then(|| {
             format!(
-                "{} of {} on {} ends at the limit of what it may be, {}: the record asks for more than this effect can be",
+                "{} of {} on {} is at the limit of its allowed range, {}: the record calls for more than this effect can provide",
                 tunable.name,
                 candidate.kind.name(),
                 candidate.place,
@@ -47,7 +47,7 @@ fn unit(cause: &Cause) -> Option<String> {
         UNIT_RATIOS.iter().flat_map(|r| [*r, 1.0 / r]).find(|r| factor.low < *r && *r < factor.high)?;
     narrow.then(|| {
         format!(
-            "the factor of {} on {} is the ratio of two units, {}: check in which unit the column was recorded, and write it into the head or the mapping",
+            "the factor of {} on {} is the ratio of two units, {}: check in which unit the column was recorded, and write it into the header or the mapping",
             cause.effect,
             cause.place,
             number(ratio)
@@ -93,7 +93,7 @@ mod tests {
         assert_eq!(told(1.999).len(), 1, "a time that is no size is never at a limit");
         assert!(
             told(2.0)[0]
-                .starts_with("delay_s of input_delay on u_roll ends at the limit of what it may be, 2.00")
+                .starts_with("delay_s of input_delay on u_roll is at the limit of its allowed range, 2.00")
         );
         assert!(told(1.99).is_empty() && told(0.0).is_empty());
     }

@@ -130,10 +130,10 @@ impl PlotInput<'_> {
         let (u, name, unit) = self.input(j);
         let sum = |more: &[f64]| u.iter().zip(more).map(|(u, m)| u + m).collect::<Vec<f64>>();
         let caption = match kind {
-            Kind::DeadZone => "Small inputs do not arrive: the line is flat around zero.",
-            Kind::InputSaturation => "Large inputs are cut: the line bends over.",
-            Kind::InputBias => "The line runs beside the dotted one: a constant is added.",
-            _ => "The line has another slope than the dotted one: another gain.",
+            Kind::DeadZone => "Small inputs have no effect: the line is flat around zero.",
+            Kind::InputSaturation => "Large inputs are clipped: the line flattens.",
+            Kind::InputBias => "The line is parallel to the dotted one: a constant is added.",
+            _ => "The line has a different slope from the dotted one: the gain differs.",
         };
         let (low, high) = ends(&u);
         Some(EvidenceCurve {
@@ -141,8 +141,8 @@ impl PlotInput<'_> {
             without: (vec![low, high], vec![low, high]),
             ..traces.all(|more| binned(&u, &sum(more), |_| true)).curve(
                 caption,
-                Axis::new(&format!("{name} as sent"), unit.clone()),
-                Axis::new(&format!("{name} as it must have arrived"), unit),
+                Axis::new(&format!("{name} as commanded"), unit.clone()),
+                Axis::new(&format!("{name} as reconstructed"), unit),
             )
         })
     }
@@ -162,9 +162,9 @@ impl PlotInput<'_> {
             cloud: thinned(&u, &traces.measured),
             without: (vec![low, high], vec![0.0, 0.0]),
             ..traces.all(draw).curve(
-                "Rising inputs arrive too low, falling ones too high: two lines, half the play to each side.",
-                Axis::new(&format!("{name} as sent"), unit.clone()),
-                Axis::new(&format!("missing in {name}"), unit),
+                "Rising inputs arrive too low, falling ones too high: two lines, each offset by half the backlash.",
+                Axis::new(&format!("{name} as commanded"), unit.clone()),
+                Axis::new(&format!("missing part of {name}"), unit),
             )
         })
     }
@@ -187,9 +187,9 @@ impl PlotInput<'_> {
         Some(EvidenceCurve {
             without: (vec![0.0, end], vec![1.0, 1.0]),
             ..lines.curve(
-                "How much of a step of the input has arrived: a delay jumps late, a lag climbs from the start, a mode rings.",
+                "Step response of the input: a delay steps late, a lag rises from the start, a mode rings.",
                 Axis::time(&format!("time after a step of {name}")),
-                Axis::number("share that has arrived"),
+                Axis::number("share of the step"),
             )
         })
     }
@@ -224,9 +224,9 @@ impl PlotInput<'_> {
         Some(EvidenceCurve {
             without: (t[part.clone()].to_vec(), u[part.clone()].to_vec()),
             ..traces.all(draw).curve(
-                "The input arrives on ramps of one slope wherever it was asked to move faster.",
+                "Where the input is commanded to move faster, it follows ramps of constant slope.",
                 Axis::time("time"),
-                Axis::new(&format!("{name} as it must have arrived"), unit),
+                Axis::new(&format!("{name} as reconstructed"), unit),
             )
         })
     }
@@ -238,9 +238,9 @@ impl PlotInput<'_> {
         Some(EvidenceCurve {
             without: (vec![t[0], *t.last()?], vec![1.0, 1.0]),
             ..traces.all(|more| gains(&t, &u, more)).curve(
-                "The gain of the input moves with time.",
+                "The gain of the input changes with time.",
                 Axis::time("time"),
-                Axis::number(&format!("share of {name} that arrives")),
+                Axis::number(&format!("effective share of {name}")),
             )
         })
     }
@@ -252,9 +252,9 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &u,
             traces,
-            "What one input lacks goes with the other input.",
+            "The missing part of one input is proportional to the other input.",
             Axis::new(name, unit),
-            Axis::new(&format!("missing in {other}"), other_unit),
+            Axis::new(&format!("missing part of {other}"), other_unit),
         ))
     }
 
@@ -278,7 +278,7 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &u,
             traces,
-            "A straight line: what the input does is wrong by a factor.",
+            "A straight line: the effect of the input is wrong by a factor.",
             Axis::new(name, unit),
             self.missing_on(i),
         ))
@@ -287,7 +287,7 @@ impl PlotInput<'_> {
     fn missing_on(&self, i: usize) -> Axis {
         let state = &self.vehicle.states[i];
         let unit = state.unit.shown().per_second();
-        Axis::new(&format!("missing in the derivative of {}", state.name), unit)
+        Axis::new(&format!("missing part of the derivative of {}", state.name), unit)
     }
 
     fn scatter(&self, x: &[f64], traces: Traces, caption: &str, x_axis: Axis, y_axis: Axis) -> EvidenceCurve {
@@ -311,7 +311,7 @@ impl PlotInput<'_> {
         Some(EvidenceCurve {
             without: (vec![t[part.start], t[part.end - 1]], vec![0.0, 0.0]),
             ..traces.all(draw).curve(
-                "A force that comes, and goes, with no input.",
+                "A force that appears and disappears independently of the inputs.",
                 Axis::time("time"),
                 self.missing_on(i),
             )
@@ -324,7 +324,7 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &x,
             traces,
-            "Folded on its period, what is missing is a wave.",
+            "Folded over one period, the missing force is a wave.",
             Axis::time(&format!("time within a period of {frequency_hz:.3} Hz")),
             self.missing_on(i),
         ))

@@ -37,9 +37,9 @@ pub(crate) fn turbulence(
     Some(EvidenceCurve {
         cause: format!("{} on {}", Kind::Turbulence, state.name),
         accepted: true,
-        caption: "A force that goes with no input, level up to its bandwidth and falling beyond; what rises again at high frequency is noise of the sensors.".into(),
+        caption: "A force that is independent of the inputs, flat up to its bandwidth and falling beyond; the rise at high frequency is sensor noise.".into(),
         x: Axis::new("frequency", ShownUnit::si("Hz")),
-        y: Axis::new(&format!("missing in the derivative of {}", state.name), state.unit.shown().per_second().per_root_hertz()),
+        y: Axis::new(&format!("missing part of the derivative of {}", state.name), state.unit.shown().per_second().per_root_hertz()),
         logarithmic: true,
         explained: (f.clone(), f.iter().map(density).collect()),
         measured: (f, measured),
@@ -66,7 +66,7 @@ pub(crate) fn narrow_band(
     EvidenceCurve {
         cause: format!("{} on {}", Kind::Vibration, output.name),
         accepted: true,
-        caption: "A line that stands far out of what is about it, wider than a tone's and narrower than any resonance of the noise."
+        caption: "A line far above the spectrum around it, wider than that of a tone and narrower than any resonance of the noise."
             .into(),
         x: Axis::new("frequency", ShownUnit::si("Hz")),
         y: Axis::new(&format!("residual of {}", output.name), output.unit.shown().per_root_hertz()),
@@ -106,7 +106,7 @@ pub(crate) fn noise(
     EvidenceCurve {
         cause: format!("{} on {}", Kind::Noise, output.name),
         accepted: true,
-        caption: "What is left is a bell, wider than the declared noise.".into(),
+        caption: "The residual has a bell-shaped distribution, wider than the declared noise.".into(),
         x: Axis::new(&format!("residual of {}", output.name), output.unit.shown()),
         y: Axis::number("samples"),
         explained: (centres.clone(), bell(std)),
@@ -143,10 +143,10 @@ pub(crate) fn samples(effect: &SampleEffect, data: &Data, vehicle: &Vehicle) -> 
     let t = |k: usize| data.start_s + channel.step(k) as f64 * data.period_s;
     let marked: Vec<usize> = part.clone().filter(|k| wrong(*k)).collect();
     let caption = match effect.kind {
-        Kind::Dropouts => "Marked samples repeat the one before, to the last digit.",
-        Kind::Quantization => "The values stand on steps.",
-        Kind::OutputSaturation => "The values stand at a limit.",
-        _ => "Marked samples stand far off their neighbours.",
+        Kind::Dropouts => "Marked samples repeat the previous one exactly.",
+        Kind::Quantization => "The values lie on discrete levels.",
+        Kind::OutputSaturation => "The values stay at a limit.",
+        _ => "Marked samples are far from their neighbours.",
     };
     Some(EvidenceCurve {
         cause: format!("{} on {}", effect.kind, output.name),

@@ -23,25 +23,25 @@ pub fn separating(a: Kind, b: Kind) -> &'static str {
         || is(InputDelay, SensorLag)
         || is(ActuatorLag, SensorDelay)
     {
-        "a second output that follows the same input: a late input delays all outputs, a late sensor its own"
+        "a second output that responds to the same input: an input delay affects all outputs, a sensor delay only its own"
     } else if either(InputGain) && (either(DeadZone) || either(InputSaturation) || either(Backlash)) {
-        "inputs of several amplitudes: small steps beside large ones"
+        "inputs of several amplitudes: both small and large steps"
     } else if either(DeadZone) || either(Backlash) || either(InputSaturation) || either(RateLimit) {
-        "steps of several amplitudes and slow ramps that turn round inside them"
+        "steps of several amplitudes, and slow ramps that reverse within that range"
     } else if either(InputBias) && (either(StepDisturbance) || either(CoulombFriction))
         || is(InputBias, SensorBias)
     {
-        "a record that begins at rest with the input at zero, then moves"
+        "a record that starts at rest with zero input, followed by motion"
     } else if either(ParameterChange) && (either(InputGain) || either(SensorScale)) {
-        "a second output: a gain scales all that follows the input, an entry of the matrix only its own"
+        "a second output: a gain scales every response to the input, a matrix entry only its own"
     } else if either(SensorScale) {
         "a steady attitude against an independent reference, such as a level"
     } else if either(Vibration) && either(PeriodicDisturbance) {
-        "a second output: a force moves all that follows the state, a sensor's tone only its own"
+        "a second output: a force affects every output of the state, a tone on a sensor only its own"
     } else if either(UnmodelledMode) {
-        "a sweep across the supposed frequency with large amplitude"
+        "a large-amplitude sweep across the suspected frequency"
     } else if either(Turbulence) {
-        "the same flight in still air, and more outputs measured"
+        "the same flight in calm air, with more outputs measured"
     } else {
         "a longer flight with inputs of several amplitudes and a wider band (whirlstand excite)"
     }
@@ -62,7 +62,7 @@ pub(crate) fn not_testable(findings: &Findings<'_>, data: &Data, vehicle: &Vehic
             });
         } else {
             let text = format!(
-                "the input never exceeds {}; limits beyond that do not show: fly with more amplitude",
+                "the input never exceeds {}, so limits beyond that cannot be detected: fly with a larger amplitude",
                 input.unit.shown().text(peaks[j])
             );
             found.push(NotTestable {
@@ -97,7 +97,7 @@ pub(crate) fn not_testable(findings: &Findings<'_>, data: &Data, vehicle: &Vehic
         effects: places.len(),
         place: places.join(", "),
         why: format!(
-            "even a large one would have a detectability of {largest:.1} here, where {MIN_DETECTABILITY:.0} are needed: fly longer, or with more amplitude"
+            "even a large one would have a detectability of only {largest:.1} here; at least {MIN_DETECTABILITY:.0} is required: fly longer, or with a larger amplitude"
         ),
     }));
     found
@@ -119,18 +119,18 @@ pub fn advice(answer: &Diagnosis) -> Vec<String> {
     for cause in &answer.causes {
         for other in &cause.indistinguishable {
             advice.push(format!(
-                "To tell {} on {} from {} on {}: {}.",
+                "To distinguish {} on {} from {} on {}, use {}.",
                 cause.effect, cause.place, other.effect, other.place, other.experiment
             ));
         }
     }
     match answer.verdict {
         Verdict::Inconclusive => advice.push(format!(
-            "Fly again with inputs that move: whirlstand excite {} --out flight designs such a flight.",
+            "Fly again with more excitation: whirlstand excite {} --out flight designs such a flight.",
             answer.vehicle
         )),
         Verdict::Unexplained => advice.push(
-            "Repeat the flight with half the amplitude: what grows faster than the input is nonlinear, what stays is a disturbance.".into(),
+            "Repeat the flight with half the amplitude: an error that falls to less than half is nonlinear, one that stays the same is a disturbance.".into(),
         ),
         _ => {}
     }

@@ -33,13 +33,13 @@ fn means_something(findings: &Findings<'_>, channel: usize) -> bool {
     findings.gains.channels[channel].free_run.is_some()
 }
 
-/// "the free run of roll means nothing, as it keeps what every gust has left in it".
+/// "the free run of roll is not meaningful, as it accumulates the effect of every gust".
 fn lost(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Option<String> {
     let lost = data.channels.iter().enumerate().filter(|(c, _)| !means_something(findings, *c));
     let names: Vec<&str> = lost.map(|(_, c)| vehicle.outputs[c.output].name.as_str()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "the free run of {} means nothing, as it keeps what every gust has left in it",
+            "the free run of {} is not meaningful, as it accumulates the effect of every gust",
             names.join(", ")
         )
     })
@@ -69,7 +69,7 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     let random = findings.residual.turbulence.is_some() || !findings.residual.noise.is_empty();
     let share = if before > 0.0 && !random { (left / before).clamp(0.0, 1.0) } else { 0.0 };
     let like =
-        findings.residual.out_of_library.as_ref().map(|by| format!("{} would do the same", by.description));
+        findings.residual.out_of_library.as_ref().map(|by| format!("{} would fit as well", by.description));
     let lost = lost(findings, data, vehicle);
     if left == 0.0 || random && share == 0.0 {
         return Unexplained { share, description: sentence(lost.into_iter().chain(like).collect()) };
@@ -87,7 +87,7 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     let r = &residual[ranges[worst].clone()];
     let period_s = data.period_s * channel.stride as f64;
     let mut parts = vec![format!(
-        "most of it is in {}: {:.1} times the noise",
+        "the residual is largest in {}: {:.1} times the noise",
         vehicle.outputs[channel.output].name,
         loudness(worst)
     )];
@@ -100,16 +100,16 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     match coherent(findings, data, residual) {
         Some((j, strength, lag)) => {
             parts.push(format!(
-                "it goes with {} (correlation {strength:.2}, {:.2} s later)",
+                "it follows {} (correlation {strength:.2}, lag {:.2} s)",
                 vehicle.inputs[j].name,
                 lag as f64 * data.period_s
             ));
             parts.push(amplitude_dependence(data, worst, r, j));
         }
-        None => parts.push("it goes with no input".into()),
+        None => parts.push("it is not correlated with any input".into()),
     }
     if let Some(memory) = memory(r) {
-        parts.push(format!("it remembers {:.2} s", memory as f64 * period_s));
+        parts.push(format!("its correlation time is {:.2} s", memory as f64 * period_s));
     }
     parts.extend(lost);
     parts.extend(like);
@@ -121,14 +121,14 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
         .map(|t| t.candidate.name())
         .collect();
     if !near.is_empty() {
-        parts.push(format!("nearest names, rejected: {}", near.join(", ")));
+        parts.push(format!("closest effects, rejected: {}", near.join(", ")));
     }
     Unexplained { share, description: sentence(parts) }
 }
 
 /// What is left, but for which nothing else is known than that it is no noise, beside how well the record is predicted.
 pub(crate) fn beside(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> String {
-    let left = "what the predictions leave is no noise".to_string();
+    let left = "the prediction residuals are not noise".to_string();
     match fits(outputs, horizon_s) {
         Some(fits) => format!("Held-out data are predicted with a {fits}; {left}."),
         None => sentence(vec![left]),
@@ -137,11 +137,11 @@ pub(crate) fn beside(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> 
 
 /// That the commands tell nothing of the outputs, which may be well predicted all the same.
 pub(crate) fn untold(vehicle: &str, outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> String {
-    let text = format!("the record is no likelier with the commands of {vehicle} than without");
+    let text = format!("the commands of {vehicle} do not make the record more likely");
     // A fit of nothing is that of the mean.
     let good = outputs.values().filter_map(|output| output.horizon_fit_after).all(|fit| fit > 0.0);
     match fits(outputs, horizon_s).filter(|_| good) {
-        Some(fits) => format!("{text}; the {fits} comes from what was measured just before"),
+        Some(fits) => format!("{text}; the {fits} comes from past measurements alone"),
         None => text,
     }
 }
@@ -273,18 +273,18 @@ mod tests {
     fn a_good_prediction_is_told_beside_what_it_leaves() {
         assert_eq!(
             beside(&outputs(&[Some(98.21), None, Some(97.06)]), 0.5),
-            "Held-out data are predicted with a fit of 97.1 to 98.2 % over 0.500 s; what the predictions leave is no noise."
+            "Held-out data are predicted with a fit of 97.1 to 98.2 % over 0.500 s; the prediction residuals are not noise."
         );
         assert_eq!(fits(&outputs(&[Some(-3.0)]), 2.0).unwrap(), "fit of -3.0 % over 2.00 s");
-        assert_eq!(beside(&outputs(&[None]), 0.5), "What the predictions leave is no noise.");
+        assert_eq!(beside(&outputs(&[None]), 0.5), "The prediction residuals are not noise.");
     }
     #[test]
     fn what_the_commands_do_not_tell_may_be_well_predicted() {
         let told = |fits: &[Option<f64>]| untold("quadrotor", &outputs(fits), 0.5);
-        let nothing = "the record is no likelier with the commands of quadrotor than without";
+        let nothing = "the commands of quadrotor do not make the record more likely";
         assert_eq!(
             told(&[Some(97.0)]),
-            format!("{nothing}; the fit of 97.0 % over 0.500 s comes from what was measured just before")
+            format!("{nothing}; the fit of 97.0 % over 0.500 s comes from past measurements alone")
         );
         assert_eq!(told(&[Some(97.0), Some(-1.0)]), nothing);
         assert_eq!(told(&[None]), nothing);

@@ -49,15 +49,16 @@ impl Diagnosis {
             };
             let ratio = rmse.filter(|_| o.noise_floor > 0.0).map(|e| e / o.noise_floor);
             let ratio = ratio.map_or(String::new(), |r| format!(", {r:.2}"));
-            let share =
-                o.noise_model_share.map_or(String::new(), |s| format!(", {:.0} % left to noise", 100.0 * s));
+            let share = o
+                .noise_model_share
+                .map_or(String::new(), |s| format!(", {:.0} % attributed to noise", 100.0 * s));
             outputs.push(format!("{name} {figures}{ratio}{share}"));
         }
         for pair in outputs.chunks(if free { 1 } else { 2 }).take(4) {
             lines.push(format!("  {}", pair.join("   ")));
         }
         if named && !self.unexplained.description.is_empty() {
-            lines.push(format!("left: {}", self.unexplained.description));
+            lines.push(format!("remaining: {}", self.unexplained.description));
         }
         for advice in self.advice.iter().take(2) {
             lines.push(format!("next: {advice}"));

@@ -22,7 +22,7 @@ fn finding(kind: &str, place: &str, blocking: bool, text: String) -> DataFinding
 /// A long record is looked at with a period of its own.
 pub fn thinned(period_s: f64) -> DataFinding {
     let text = format!(
-        "the record is long: it is looked at every {period_s:.6} s; --period S looks closer and takes longer"
+        "the record is long and was resampled to {period_s:.6} s; --period S sets a shorter period, which takes longer"
     );
     finding("long", "t", false, text)
 }
@@ -45,13 +45,13 @@ pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
             let bridged = gaps::bridged_s(record, vehicle, typical);
             let cut = found_gaps.iter().filter(|g| g.1 > bridged).count();
             let text = format!(
-                "{} gaps, {:.1} % of the record in all, the longest {:.3} s at {:.3} s; predictions go on through those of up to {bridged:.3} s, {}",
+                "{} gaps, {:.1} % of the record in total, the longest {:.3} s at {:.3} s; predictions continue through gaps of up to {bridged:.3} s, {}",
                 found_gaps.len(),
                 100.0 * share,
                 longest.1,
                 longest.0,
                 if cut > 0 {
-                    format!("and {cut} longer cut the record")
+                    format!("and {cut} longer ones split the record")
                 } else {
                     "and none is longer".into()
                 }
@@ -62,7 +62,7 @@ pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
         let share = uneven as f64 / steps.len().max(1) as f64;
         if share > 0.05 {
             let text = format!(
-                "{:.0} % of the steps are off the median step of {typical:.6} s by more than a quarter; outputs are interpolated, and effects shorter than a step cannot be told",
+                "{:.0} % of the steps differ from the median step of {typical:.6} s by more than a quarter; outputs are interpolated, and effects shorter than a step cannot be detected",
                 100.0 * share
             );
             found.push(finding("uneven", "t", false, text));
@@ -75,7 +75,7 @@ pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
         let regular = vehicle.output_index(&signal.name).is_some_and(|i| vehicle.outputs[i].every > 1);
         if missing > 0 && !regular && share < 0.45 {
             let text = format!(
-                "{missing} of {} values of {} are no numbers; they are not used",
+                "{missing} of {} values of {} are not numbers; they are not used",
                 signal.values.len(),
                 signal.name
             );
@@ -128,7 +128,7 @@ pub fn stuck(data: &mut Data, vehicle: &Vehicle) -> Vec<DataFinding> {
         }
         let at = start_s + (channel.first + runs[0].0 * channel.stride) as f64 * period_s;
         let text = format!(
-            "{name} stands still for {:.1} s from {at:.2} s on ({:.0} % of the record in all): the sensor or its link failed; these samples are not used",
+            "{name} is constant for {:.1} s from {at:.2} s ({:.0} % of the record in total): the sensor or its link failed; these samples are not used",
             (runs[0].1 - runs[0].0) as f64 * channel.stride as f64 * period_s,
             100.0 * still as f64 / n as f64
         );
@@ -167,7 +167,7 @@ pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
         let at_limit = u.iter().filter(|v| **v <= input.lower || **v >= input.upper).count();
         if at_limit * 2 > u.len() {
             let text = format!(
-                "{} stands at a limit of the vehicle for {:.0} % of the record: what the input does there cannot be told; fly with less",
+                "{} is at a limit of the vehicle for {:.0} % of the record, where its effect cannot be determined; fly with a smaller amplitude",
                 input.name,
                 100.0 * at_limit as f64 / u.len() as f64
             );
@@ -177,7 +177,7 @@ pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
     if !still.is_empty() {
         let all = still.len() == vehicle.inputs.len();
         let text = format!(
-            "{} {} not move: effects on {} cannot show; fly doublets or a multistep on it (whirlstand excite)",
+            "{} {} not change: effects on {} cannot be detected; fly doublets or a multistep on it (whirlstand excite)",
             still.join(" and "),
             if still.len() == 1 { "does" } else { "do" },
             if still.len() == 1 { "it" } else { "them" }
@@ -220,7 +220,7 @@ pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> 
                 && ba > own_fits[b] + 0.3
             {
                 let text = format!(
-                    "{} and {} are swapped: each fits the simulation of the other. Rename them with --map {}={} --map {}={}",
+                    "{} and {} are swapped: each matches the simulation of the other. Rename them with --map {}={} --map {}={}",
                     name(a),
                     name(b),
                     name(a),
@@ -247,13 +247,13 @@ pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> 
             continue;
         }
         if fit(y, s, -1.0) > SAME_SIGNAL_FIT && others_fit(&own_fits, c) {
-            let text = format!("{} has the wrong sign: its negative fits the simulation", name(c));
+            let text = format!("{} has the wrong sign: its negative matches the simulation", name(c));
             found.push(finding("sign", name(c), true, text));
         }
         for (factor, is, wanted) in [(DEGREES, "degrees", "radians"), (1.0 / DEGREES, "radians", "degrees")] {
             if fit(y, s, factor) > 0.8 || own < -0.5 && fit(y, s, factor) > SAME_SIGNAL_FIT {
                 let text = format!(
-                    "{} is in {is}, but was read as if it were in {wanted}: give the unit in the head, {}[deg] or {}[rad]",
+                    "{} is in {is}, but was read as {wanted}: give the unit in the header, {}[deg] or {}[rad]",
                     name(c),
                     name(c),
                     name(c)
@@ -311,7 +311,7 @@ pub fn inputs(
     for j in 0..data.m {
         let turned = attempt(&|u: &mut [f64]| u[j] = -u[j]);
         if turned > SAME_SIGNAL_FIT && turned > own + 0.4 {
-            let text = format!("{} has the wrong sign: the vehicle answers to its negative", inputs[j].name);
+            let text = format!("{} has the wrong sign: the vehicle responds to its negative", inputs[j].name);
             found.push(finding("sign", &inputs[j].name, true, text));
         }
         for i in j + 1..data.m {
@@ -319,7 +319,7 @@ pub fn inputs(
             if swapped > SAME_SIGNAL_FIT && swapped > own + 0.4 {
                 let (a, b) = (&inputs[j].name, &inputs[i].name);
                 let text = format!(
-                    "{a} and {b} are swapped: the vehicle answers to each as to the other. Rename them with --map {a}={b} --map {b}={a}"
+                    "{a} and {b} are swapped: the vehicle responds to each as if it were the other. Rename them with --map {a}={b} --map {b}={a}"
                 );
                 found.push(finding("swapped", &format!("{a},{b}"), true, text));
             }

@@ -40,17 +40,17 @@ pub fn limits(records: &[Record], vehicle: &Vehicle, options: &Options) -> Limit
         let input = &vehicle.inputs[*j];
         let shown = |v: f64| input.unit.shown().text(v);
         let whose = if answered > MIN_BIC_GAIN {
-            "the outputs answered to them: the file's limits are too narrow, and are taken as wide as the commands"
+            "the outputs responded to them: the file's limits are too narrow and were widened to the range of the commands"
         } else if answered < -MIN_BIC_GAIN {
-            "the outputs did not answer to what lies beyond: the vehicle has those limits, and the record's commands did not arrive whole"
+            "the outputs did not respond beyond them: the vehicle has those limits, and the recorded commands were clipped"
         } else {
-            "whether the outputs answered to what lies beyond cannot be told: the file's limits stand"
+            "the record does not show whether the outputs responded beyond the limits: the file's limits are kept"
         };
         DataFinding {
             kind: "limit".into(),
             place: input.name.clone(),
             text: format!(
-                "{} was commanded from {} to {}, {:.0} % of the time beyond the file's limits of {} and {}; {whose}",
+                "{} was commanded from {} to {}, for {:.0} % of the time beyond the file's limits of {} and {}; {whose}",
                 input.name,
                 shown(*least),
                 shown(*greatest),

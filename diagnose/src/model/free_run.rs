@@ -11,10 +11,10 @@ use crate::thresholds::DIVERGED_RATIO;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ModelError {
     /// An effect does not fit the vehicle, or its parameters are not allowed.
-    #[error("the effect does not fit the vehicle")]
+    #[error("the effect is not applicable to the vehicle")]
     Inapplicable,
     /// The free run leaves all bounds.
-    #[error("the free run leaves all bounds")]
+    #[error("the free run diverges")]
     Diverged,
     /// The data do not determine what is sought.
     #[error("the record does not determine it")]

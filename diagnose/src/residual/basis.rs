@@ -126,7 +126,7 @@ impl Signals {
     /// A signal that acts now more, now less, in so many turns over the record.
     fn swung(&self, x: &Signal, turns: usize) -> Basis {
         let hz = turns as f64 / self.duration_s;
-        Basis::new(format!("follows {} swinging at {hz:.2} Hz", x.name), swing(&x.values, turns))
+        Basis::new(format!("follows {} modulated at {hz:.2} Hz", x.name), swing(&x.values, turns))
     }
 }
 
@@ -160,11 +160,11 @@ fn swing(v: &[f64], turns: usize) -> Vec<Vec<f64>> {
 /// A signal that acts now more, now less, in few turns over the record.
 pub fn slowly(x: &Signal) -> Basis {
     let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns)).collect();
-    Basis::new(format!("follows {} now more, now less", x.name), swings)
+    Basis::new(format!("follows {} with a slowly varying gain", x.name), swings)
 }
 
 fn wavy(x: &Signal) -> String {
-    format!("goes in waves with {}", x.name)
+    format!("is a periodic function of {}", x.name)
 }
 
 fn waves(x: &Signal) -> Basis {

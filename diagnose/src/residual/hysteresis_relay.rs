@@ -23,9 +23,9 @@ pub struct Relay {
 }
 
 impl Relay {
-    /// What its force does: "switches with pitch 0.50 s later".
+    /// What its force does: "switches with pitch after a delay of 0.50 s".
     pub fn description(&self, states: &[Signal]) -> String {
-        format!("switches with {} {:.2} s later", states[self.follows].name, self.late_s)
+        format!("switches with {} after a delay of {:.2} s", states[self.follows].name, self.late_s)
     }
 
     /// What its force does to the samples (filled).

@@ -47,7 +47,7 @@ pub fn on_state(
 }
 
 /// A force on the state that turbulence moves, where it follows a state so closely that no turbulence does: it switches
-/// with one, or goes in waves with one. Its gain is the score, as far as it exceeds that of turbulence alone.
+/// with one, or is a periodic function of one. Its gain is the score, as far as it exceeds that of turbulence alone.
 ///
 /// The states are what the turbulence's filter foretells from the samples before, so that whatever a force makes of them
 /// cannot know the innovations that come after: under turbulence alone the score is chi-square.
@@ -99,7 +99,7 @@ pub fn beyond_turbulence(
 fn on(vehicle: &Vehicle, entry: Entry, description: &str) -> String {
     match entry {
         Entry::State(i) => format!("a force on {} that {description}", vehicle.states[i].name),
-        Entry::Input(j) => format!("something beside {} that {description}", vehicle.inputs[j].name),
+        Entry::Input(j) => format!("a signal added to {} that {description}", vehicle.inputs[j].name),
     }
 }
 

@@ -229,7 +229,7 @@ fn finding(vehicle: &Vehicle, data: &Data, judged: &[usize], horizons: (usize, u
     let names: Vec<&str> = judged.iter().map(name).collect();
     let seconds = |steps: usize| short(steps as f64 * data.period_s);
     let text = format!(
-        "the record is not what {} does: from the commands, and from what was measured until {} to {} s before, no output is predicted better than by its mean or its last value ({}). Is it the right vehicle file, and are the inputs those of this flight? Otherwise identify the vehicle from the record first (whirlstand identify)",
+        "the record does not match {}: predictions {} to {} s ahead, from the commands and past measurements, are no better than the mean or the last value for any output ({}). Check that the vehicle file and the input columns belong to this flight; if they do, identify the vehicle from the record first (whirlstand identify)",
         vehicle.name,
         seconds(horizons.0),
         seconds(horizons.1),

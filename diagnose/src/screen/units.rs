@@ -219,7 +219,7 @@ fn finding(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) ->
     let input = unit.members[0] >= data.channels.len();
     let at = |sigmas: f64| short((factor.log + sigmas * factor.half).exp());
     let mut text = format!(
-        "{}: {} times ({} to {}) what {} {}, as a wrong unit makes it. {}",
+        "{}: {} times ({} to {}) what {} {}, which points to a wrong unit. {}",
         too_large(&own, unit.ratio),
         at(0.0),
         at(-1.0),
@@ -230,13 +230,13 @@ fn finding(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) ->
     );
     if let Some((members, ratio)) = &unit.or {
         text.push_str(&format!(
-            "; or {}, which this record cannot tell from it",
+            "; or {}, which this record cannot distinguish",
             too_large(&signals(members), *ratio)
         ));
     }
     if input {
         text.push_str(&format!(
-            "; a vehicle whose input_gain is {} would answer in the same way: if it is so, write that into the vehicle file",
+            "; a vehicle with an input_gain of {} would respond in the same way: if that is the case, add it to the vehicle file",
             short(1.0 / unit.ratio)
         ));
     }
@@ -252,7 +252,7 @@ fn strange_size(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Facto
         short(if unit.ratio > 1.0 { log } else { -log }.exp())
     };
     let text = format!(
-        "{} ({} to {}) for {}: that is no ratio of two units, and a fault is looked for up to a factor of {}. Is it the right column, and the right vehicle file? Otherwise identify the vehicle from the record first (whirlstand identify)",
+        "{} ({} to {}) for {}: this is not the ratio of two units, and faults are only searched for up to a factor of {}. Check the column and the vehicle file; if both are right, identify the vehicle from the record first (whirlstand identify)",
         too_large(&signals, unit.ratio),
         at(if unit.ratio > 1.0 { -1.0 } else { 1.0 }),
         at(if unit.ratio > 1.0 { 1.0 } else { -1.0 }),
@@ -277,7 +277,7 @@ fn mending(signals: &[(String, String)], ratio: f64) -> String {
     let maps =
         signals.iter().map(|(name, si)| Some(format!("--map {name}={name}[{}]", recorded(si, ratio)?)));
     match maps.collect::<Option<Vec<String>>>() {
-        Some(maps) => format!("Write the unit into the head of the {columns}, or {}", maps.join(" ")),
+        Some(maps) => format!("Write the unit into the header of the {columns}, or use {}", maps.join(" ")),
         None if ratio > 1.0 => format!("Divide the {columns} by {}", short(ratio)),
         None => format!("Multiply the {columns} by {}", short(1.0 / ratio)),
     }

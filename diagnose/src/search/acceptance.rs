@@ -61,12 +61,12 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     let delta_bic = alternative.delta_bic;
     if delta_bic < MIN_BIC_GAIN {
         return refuse(match delta_bic {
-            d if d <= 0.0 => "what it explains is not worth its parameters".into(),
+            d if d <= 0.0 => "it does not improve BIC".into(),
             d => format!("it gains {d:.1} in BIC; at least {MIN_BIC_GAIN:.0} is required"),
         });
     }
     let Some(extended) = &alternative.fit else {
-        return refuse("others explain more".into());
+        return refuse("other candidates explain more".into());
     };
     // Where an effect was taken for colour, the noise has numbers that it does without beside the effect: what these are
     // worth counts as it does in the choice of the colour.
@@ -74,13 +74,15 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     let chance = chi_square_tail(alternative.ratio.max(worth), k as f64);
     let p_value = (chance * alternative.candidate.looks * hypotheses as f64).min(1.0);
     if p_value >= MAX_P_VALUE {
-        return refuse(format!("chance alone does as well with probability {p_value:.2}, all looks counted"));
+        return refuse(format!("not significant: p = {p_value:.2} after correction for multiple tests"));
     }
     let mut whole = model.clone();
     whole.terms.push(alternative.candidate.clone());
     let covariance = match whole.covariance(extended) {
         Ok(covariance) => covariance,
-        Err(why) => return Decision::Undetermined(format!("its parameters have no interval: {why}")),
+        Err(why) => {
+            return Decision::Undetermined(format!("no confidence interval: {why}"));
+        }
     };
     let from = extended.values.len() - k;
     for (i, tunable) in alternative.candidate.tunables.iter().enumerate() {
@@ -91,7 +93,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
         // damping is none.
         let value = extended.values[from + i];
         if value == tunable.lower || value == tunable.upper {
-            return Decision::Undetermined(format!("its {} ends at a limit of what it may be", tunable.name));
+            return Decision::Undetermined(format!("its {} is at the limit of its range", tunable.name));
         }
         let null = if i + 1 == k { alternative.candidate.null } else { 0.0 };
         let size = (extended.values[from + i] - null).abs();
@@ -106,7 +108,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
         let error = variance.max(0.0).sqrt();
         if error > MAX_RELATIVE_ERROR * size {
             return Decision::Undetermined(format!(
-                "its {} is known to {:.0} % only",
+                "its {} has a relative standard error of {:.0} %",
                 tunable.name,
                 (100.0 * error / size.max(f64::MIN_POSITIVE)).min(999.0)
             ));
@@ -115,7 +117,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     let heldout = held_out_gain((model, fit), (&whole, extended));
     if heldout <= MIN_HELD_OUT_SIGMAS {
         return refuse(format!(
-            "on data left out of the fit it gains {heldout:.1} standard errors; at least 2 is required"
+            "on held-out data it gains {heldout:.1} standard errors; at least 2 is required"
         ));
     }
     let detectability = detectability(model, fit, alternative).unwrap_or(0.0);

@@ -91,7 +91,7 @@ impl Search<'_, '_, '_> {
         let mut best = None;
         for alternative in alternatives {
             if best.is_some() || alternative.delta_bic < overshadowing - OVERSHADOWED_BIC {
-                self.refuse(alternative, "others explain more".into());
+                self.refuse(alternative, "other candidates explain more".into());
                 continue;
             }
             let decision = decide(&self.model, &self.fit, &alternative, left);
@@ -105,7 +105,7 @@ impl Search<'_, '_, '_> {
                     best = Some(alternative);
                 }
                 Decision::Accepted(_) => {
-                    let why = format!("{} causes were named already", self.space.most);
+                    let why = format!("{} causes, the maximum, were already found", self.space.most);
                     self.refuse(alternative, why);
                 }
                 Decision::Undetermined(why) => {
@@ -176,7 +176,7 @@ impl Search<'_, '_, '_> {
             let excluding = |r: &&Rival| if alone { r.excludes() } else { r.is_as_good() };
             if let Some(rival) = rivals.iter().filter(excluding).find(determined) {
                 let why = format!(
-                    "{} explains as much, and the two do not look alike (gains in BIC differ by {:.1}, signatures alike to {:.2})",
+                    "{} explains as much with a different signature (gains in BIC differ by {:.1}, similarity of signatures {:.2})",
                     rival.candidate.name(),
                     rival.gap.abs(),
                     rival.kappa

@@ -33,9 +33,9 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<
     let candidates = candidates(model, fit, space, &score_tests);
     let beside = match model.terms.len() {
         0 => "for a cause".into(),
-        n => format!("for another cause beside {n}"),
+        n => format!("for another cause in addition to {n}"),
     };
-    let looks = format!("looks {beside}: {} candidates", candidates.len());
+    let looks = format!("searching {beside}: {} candidates", candidates.len());
     let counter = space.watch.count(looks, candidates.len());
     let mut alternatives = profiles(model, fit, &score_tests, candidates, &counter);
     alternatives.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
@@ -153,7 +153,7 @@ fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, 
         let sure = if t.candidate.linear { promise } else { glance.delta_bic };
         Some(Glance { i, own, promise, sure })
     };
-    watch.tell("fits the likeliest causes");
+    watch.tell("fitting the most likely causes");
     let hopeful = alternatives.par_iter().enumerate().take(GLANCED);
     let hopeful = hopeful.filter(|(_, (t, _))| t.delta_bic > HOPELESS_BIC && !watch.is_stopped());
     let mut glances: Vec<Glance> = hopeful.filter_map(glance).collect();

@@ -45,7 +45,7 @@ impl<'r> Residual<'r> {
         let follows = baseline.data().memory_s.is_some();
         let watch = space.watch;
         if !baseline.blocked && !follows && !watch.is_stopped() {
-            watch.tell("looks for turbulence");
+            watch.tell("testing for turbulence");
             (beside, turbulence, force) = with_turbulence(&alone, &model, &space);
         }
         let chosen = beside.as_ref().unwrap_or(&alone);
@@ -62,7 +62,7 @@ impl<'r> Residual<'r> {
         let rest_before = if baseline.data().held { rest_before(&selection) } else { 0.0 };
         let mut withheld = Vec::new();
         if let Some(lack) = lack.as_mut().filter(|_| !watch.is_stopped()) {
-            watch.tell("asks what the causes leave");
+            watch.tell("analysing the remaining residual");
             let start = baseline.start();
             withheld = withhold(&mut selection, (lack, &mut force), turbulence.is_some(), start, &space);
         }

@@ -20,7 +20,7 @@ pub enum CompareError {
     Input(#[from] SignalError),
     /// No output of the vehicle is in the record.
     #[error(
-        "{origin} has no output of '{vehicle}': wanted is at least one of {}. It has: {}. Use --map {}=NAME[unit] to say which signal it is.",
+        "{origin} has no output of '{vehicle}': at least one of {} is required. It has: {}. Use --map {}=NAME[unit] to say which signal it is.",
         outputs.join(", "),
         available.join(", "),
         outputs.first().map_or("roll", |o| o.as_str())
@@ -43,7 +43,7 @@ pub enum CompareError {
     },
     /// Too few points.
     #[error(
-        "{origin} has {points} points at a period of {} s; at least 16 are needed to compare anything",
+        "{origin} has {points} points at a period of {} s; at least 16 are needed for a comparison",
         clean(*period_s)
     )]
     TooShort {
@@ -66,7 +66,7 @@ pub enum CompareError {
         period_s: f64,
     },
     /// An output of the vehicle is in the record, but without a value.
-    #[error("{origin}: {name} holds no number in the compared part")]
+    #[error("{origin}: {name} has no numeric value in the compared part")]
     NoValue {
         /// Where the record was read from.
         origin: String,

@@ -12,7 +12,7 @@ pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
     let mut remarks = Vec::new();
     if grid.uneven > 0.0 {
         remarks.push(format!(
-            "{:.2} % of the sampling intervals are more than half a period off; the record was brought onto an even grid",
+            "{:.2} % of the sampling intervals deviate by more than half a period; the record was resampled to an even grid",
             100.0 * grid.uneven
         ));
     }
@@ -30,7 +30,7 @@ pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
         let outside = u.iter().filter(|u| **u < input.lower - 1e-9 || **u > input.upper + 1e-9).count();
         if outside > 0 {
             remarks.push(format!(
-                "{} leaves the vehicle's limits ({} to {}) at {:.1} % of the points and is cut there by the simulation",
+                "{} exceeds the vehicle's limits ({} to {}) at {:.1} % of the points and is clipped there by the simulation",
                 input.name,
                 input.unit.shown().text(input.lower),
                 input.unit.shown().text(input.upper),
@@ -38,7 +38,7 @@ pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
             ));
         }
         if u.iter().all(|v| (v - u[0]).abs() <= 1e-12 * u[0].abs()) {
-            remarks.push(format!("{} never changes: nothing is learnt about its effect", input.name));
+            remarks.push(format!("{} never changes, so its effect is not tested", input.name));
         }
     }
     remarks
@@ -69,8 +69,8 @@ pub fn size(c: &Comparison) -> Option<String> {
     let most = ratios.iter().copied().fold(0.0, f64::max);
     (!ratios.is_empty() && (most < 0.1 || least > 10.0)).then(|| {
         format!(
-            "the simulation moves {} to {} times as far as the record: are the inputs in the unit that the vehicle expects? \
-             An input_gain in the vehicle file scales them",
+            "the simulated motion is {} to {} times the recorded motion: check that the inputs are in the units that \
+             the vehicle expects; an input_gain in the vehicle file scales them",
             number(least),
             number(most)
         )
@@ -102,7 +102,7 @@ pub fn verdict(c: &Comparison) -> String {
         let ahead: Vec<String> =
             c.ordered().map(|(name, o)| format!("{name} {} %", percent(o.horizon_fit))).collect();
         return format!(
-            "The free simulation diverges, so only predictions over {} s can be judged: fit {}.",
+            "The free run diverges, so only predictions over {} s can be assessed: fit {}.",
             clean(c.horizon_s),
             ahead.join(", ")
         );
@@ -151,7 +151,7 @@ fn peculiarity(name: &str, o: &OutputComparison) -> Option<String> {
         && line.share > 0.2
     {
         return Some(format!(
-            "A tone of {:.1} Hz carries {:.0} % of the residual of {name} (amplitude {})",
+            "A tone at {:.1} Hz accounts for {:.0} % of the residual of {name} (amplitude {})",
             line.frequency_hz,
             100.0 * line.share,
             o.unit.text(line.amplitude)
@@ -168,7 +168,7 @@ pub fn text(c: &Comparison) -> String {
     let mut lines = vec![
         c.verdict.clone(),
         format!(
-            "{} against {}: {:.1} s, {} points at {:.4} Hz",
+            "{} compared with {}: {:.1} s, {} points at {:.4} Hz",
             c.record,
             c.vehicle,
             c.until_s - c.from_s,

@@ -10,18 +10,18 @@ pub fn text(vehicle: &Vehicle, draft: &Draft) -> String {
     let mut text = vehicle.to_toml();
     above(&mut text, "A = [", &model(draft));
     let bounds = [
-        "Bounds: poles from a time constant of one step to slow growth, gains ten times what the spreads of output and"
+        "Bounds: poles from a time constant of one step to slow growth; gains up to ten times the ratio of the spreads of output"
             .to_string(),
-        "input suggest, delays and lags as long as those of small vehicles are.".to_string(),
+        "and input; delays and lags up to those of small vehicles.".to_string(),
     ];
     above(&mut text, "free = [", &bounds);
     for input in &vehicle.inputs {
         let anchor = format!("[[inputs]]\nname = \"{}\"", input.name);
-        above(&mut text, &anchor, &["Limits: the range of the record with a tenth of room.".to_string()]);
+        above(&mut text, &anchor, &["Limits: the range of the record plus a margin of a tenth.".to_string()]);
     }
     for output in &vehicle.outputs {
         let anchor = format!("[[outputs]]\nname = \"{}\"", output.name);
-        let noise = "Noise: what differs from sample to sample beyond a smooth motion (white_noise_std).";
+        let noise = "Noise: the sample-to-sample scatter about a smooth motion (white_noise_std).";
         above(&mut text, &anchor, &[noise.to_string()]);
     }
     for effect in &vehicle.effects {
@@ -47,11 +47,11 @@ fn head(draft: &Draft) -> String {
             "A first vehicle file, drafted from {}. Every number below was estimated from that record.",
             draft.log
         ),
-        "Predictions of data that the fit did not see:".into(),
+        "Predictions of held-out data:".into(),
     ];
     lines.extend(draft.axes.iter().map(|axis| format!("  {}.", axis.sentence())));
     for left in &draft.left_out {
-        lines.push(format!("Left out is {}: {}", left.output, left.why));
+        lines.push(format!("Left out: {}: {}", left.output, left.why));
     }
     lines.iter().map(|line| format!("# {line}\n")).collect()
 }
@@ -59,7 +59,7 @@ fn head(draft: &Draft) -> String {
 /// What the matrices are.
 fn model(draft: &Draft) -> Vec<String> {
     let mut lines = vec![format!(
-        "Each axis by itself, fitted by prediction error in steps of {} s, its structure chosen by predictions of held-out data:",
+        "Each axis was fitted separately by prediction error in steps of {} s; its structure was chosen by predictions of held-out data:",
         number(draft.period_s)
     )];
     for axis in &draft.axes {
@@ -74,9 +74,7 @@ fn model(draft: &Draft) -> Vec<String> {
 
 fn effect_comment(kind: Kind, place: &str, draft: &Draft) -> String {
     if kind == Kind::InputBias {
-        return format!(
-            "Trim: what {place} lacks to the value that holds the output at its mean in the record."
-        );
+        return format!("Trim: the offset of {place} that keeps the output at its mean in the record.");
     }
     let start = format!("{kind}({place})");
     let all = draft.axes.iter().flat_map(|axis| &axis.parameters);

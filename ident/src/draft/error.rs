@@ -13,7 +13,7 @@ pub enum DraftError {
     Read(Box<AnyReadError>),
     /// No signal is known as an input or as an output.
     #[error(
-        "{log}: no signal is known as {what}: choose with {flag} NAME, or {flag} NAME=SIGNAL[unit]; `whirlstand log info {log}` lists the signals. {hint}"
+        "{log}: no signal was recognised as {what}: choose one with {flag} NAME, or {flag} NAME=SIGNAL[unit]; `whirlstand log info {log}` lists the signals. {hint}"
     )]
     NoSignal {
         /// The log.
@@ -37,7 +37,7 @@ pub enum DraftError {
     },
     /// No input moves.
     #[error(
-        "{log}: the vehicle is at rest: no input moves ({inputs}). A record without excitation determines nothing; give a part in which it flies (--from, --to), or fly doublets or the input that `whirlstand excite` designs"
+        "{log}: the vehicle is at rest: no input changes ({inputs}). Without excitation nothing can be identified; select a part in which it flies (--from, --to), or fly doublets or an input designed by `whirlstand excite`"
     )]
     InputsAtRest {
         /// The log.
@@ -47,7 +47,7 @@ pub enum DraftError {
     },
     /// No output moves beyond its noise.
     #[error(
-        "{log}: the vehicle is at rest: {outputs} show sensor noise and next to no motion. A vehicle that does not move tells nothing of how it moves; give a part in which it flies (--from, --to)"
+        "{log}: the vehicle is at rest: {outputs} show sensor noise and almost no motion. Its dynamics cannot be identified without motion; select a part in which it flies (--from, --to)"
     )]
     OutputsAtRest {
         /// The log.
@@ -57,7 +57,7 @@ pub enum DraftError {
     },
     /// The motors' commands stand still.
     #[error(
-        "{log}: the motors are off: {motors} stand still all the time, so {inputs} reach no motor and whatever moves the vehicle is something else, as a hand. Give a part in which it flies (--from, --to)"
+        "{log}: the motors are off: {motors} never change, so {inputs} do not reach the motors and the motion has another cause, such as handling. Select a part in which it flies (--from, --to)"
     )]
     MotorsOff {
         /// The log.
@@ -69,7 +69,7 @@ pub enum DraftError {
     },
     /// Inputs or outputs come too seldom.
     #[error(
-        "{log}: logged too slowly for a model of the motors or of the rates: {signals}. That motion settles within some 0.2 s, and to see it takes a sample every {longest_ms:.0} ms or less; in between, nobody knows what the inputs did. Raise the rate of these topics in the logger, or choose faster ones with --input and --measure"
+        "{log}: logged too slowly for a model of the motors or of the rates: {signals}. These dynamics settle within about 0.2 s, so a sample at least every {longest_ms:.0} ms is required; the inputs between samples are unknown. Raise the rate of these topics in the logger, or choose faster ones with --input and --measure"
     )]
     TooSlow {
         /// The log.
@@ -81,7 +81,7 @@ pub enum DraftError {
     },
     /// The inputs explain nothing.
     #[error(
-        "{log}: the actuators do nothing that the record shows: on held-out data the inputs do not predict the outputs better than the outputs' own past does ({found}). Check that the motors ran and that the right inputs are chosen (--input NAME), or fly with more excitation, as the input that `whirlstand excite` designs"
+        "{log}: the record shows no effect of the actuators: on held-out data the inputs do not predict the outputs better than the outputs' own past ({found}). Check that the motors ran and that the right inputs are chosen (--input NAME), or fly with more excitation, such as an input designed by `whirlstand excite`"
     )]
     Unexplained {
         /// The log.

@@ -54,9 +54,9 @@ const STEERING: [&str; 5] = ["u_", "in_", "cmd", "command", "setpoint"];
 const SLOWEST_TOPIC_HZ: f64 = 2.0;
 
 /// What an input is, for those who have to choose one.
-const INPUT_HINT: &str = "An input is what steers: commands to the motors, torques, or setpoints of rates";
+const INPUT_HINT: &str = "Inputs are control signals: motor commands, torques or rate setpoints";
 /// What an output is.
-const OUTPUT_HINT: &str = "An output is a rate, an angle, an acceleration or a speed in the vehicle's own axes; positions and quaternions are none, since a linear model of the motors does not give them: turn them into rates first";
+const OUTPUT_HINT: &str = "An output is a rate, an angle, an acceleration or a speed in body axes; positions and quaternions are not supported, since a linear model of the motors does not produce them: convert them to rates first";
 
 /// Proposes inputs and outputs. `clocks` says that every topic of the log has a clock of its own, where the reader
 /// holds those signals whose name begins with `u_`.
@@ -127,7 +127,7 @@ fn known(name: &str, (_, unit): &Known, signal: &Offered, family: &Family) -> Ch
         name: name.into(),
         source,
         interval_s: signal.rate_hz.map(|rate| 1.0 / rate),
-        why: format!("known by name ({})", family.name),
+        why: format!("recognised by name ({})", family.name),
     }
 }
 
@@ -208,7 +208,7 @@ fn steering(offered: &[Offered], clocks: bool) -> Vec<Chosen> {
         name: vehicle_name(&o.name, clocks),
         source: o.name.clone(),
         interval_s: o.rate_hz.map(|rate| 1.0 / rate),
-        why: "named as something that steers".into(),
+        why: "named like a control signal".into(),
     };
     offered.iter().filter(|o| alive(o)).filter(steers).map(chosen).collect()
 }
@@ -220,7 +220,7 @@ fn rates(offered: &[Offered], inputs: &[&str]) -> Vec<Chosen> {
         name: valid_name(last_part(&o.name)),
         source: o.name.clone(),
         interval_s: o.rate_hz.map(|rate| 1.0 / rate),
-        why: "a rate by its unit".into(),
+        why: "an angular rate, from its unit".into(),
     };
     let free = offered.iter().filter(|o| alive(o) && !inputs.contains(&o.name.as_str()));
     free.filter(turns).map(chosen).collect()
@@ -265,7 +265,7 @@ fn chosen_by_hand(
     }
     if held && !name.starts_with("u_") {
         let reason = format!(
-            "in logs of many topics the name of an input begins with u_, so that it is held from sample to sample: write u_{name}={source}"
+            "in logs with several topics the name of an input must begin with u_, so that it is held between samples: write u_{name}={source}"
         );
         return Err(wrong(reason));
     }

@@ -66,7 +66,7 @@ pub fn draft(
         proposal.outputs.iter().cloned().partition(|o| is_integral(o, &proposal.outputs));
     let mut left_out = Vec::new();
     let (inputs, outputs) = fast_enough(&record, inputs, outputs, &mut left_out)?;
-    observe("asking which input explains which output");
+    observe("finding the input that explains each output");
     let mut even = on_even_steps(&record, &inputs)?;
     let mixer = Mixer::of(&inputs);
     if let Some(mixer) = &mixer {
@@ -155,7 +155,7 @@ fn axes(
             Some((tried, _)) if !answers_the_input(&tried) => left_out.push(LeftOut {
                 output: link.output.name.clone(),
                 why: format!(
-                    "what {} does to it in the best structure, {}, is within two standard errors of nothing",
+                    "the effect of {} on it in the best structure, {}, is within two standard errors of zero",
                     link.input.name,
                     tried.structure.words()
                 ),
@@ -248,9 +248,9 @@ fn integrals(
         let mut leave =
             |why: &str| left_out.push(LeftOut { output: chosen.name.clone(), why: why.to_string() });
         if !there(rate) {
-            leave("its rate is no axis of the model");
+            leave("its rate is not an axis of the model");
         } else if signal.values.windows(2).any(|w| (w[1] - w[0]).abs() > std::f64::consts::PI) {
-            leave("it jumps by a whole turn, which no linear model does");
+            leave("it wraps around, which a linear model cannot do");
         } else {
             let unit = signal.unit.parse().unwrap_or_default();
             found.push((chosen.clone(), Angle { name: chosen.name.clone(), unit, rate: rate.into() }));
@@ -262,7 +262,7 @@ fn integrals(
     let (kept, other): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, angle)| same(angle));
     left_out.extend(other.into_iter().map(|(chosen, angle)| LeftOut {
         output: chosen.name,
-        why: format!("it does not show the motion of {}, of which it should be the integral", angle.rate),
+        why: format!("it does not match the integral of {}", angle.rate),
     }));
     Ok(kept)
 }

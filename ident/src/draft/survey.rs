@@ -158,9 +158,9 @@ pub fn link(
         output: output.name.clone(),
         why: match response_remark(output, &all) {
             Some(best) => {
-                format!("no input that no other output needs explains it on held-out data ({best})")
+                format!("no input that is not already used for another output explains it on held-out data ({best})")
             }
-            None => "too few of its values are known".into(),
+            None => "too few valid samples".into(),
         },
     }));
     // In the order in which the log's program has its axes.
@@ -172,7 +172,7 @@ pub fn link(
 fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
     let best = all.iter().find(|l| l.output == *output)?;
     Some(format!(
-        "{}: {} takes {:.1} % off the mean square error of the past alone, {:.1} standard errors",
+        "{}: {} reduces the mean square error of the past alone by {:.1} %, {:.1} standard errors",
         output.name,
         best.input.name,
         100.0 * best.share(),

@@ -102,7 +102,7 @@ fn actuators_that_do_nothing_are_refused() {
     let path = flight(&dir, SECOND, false);
     let error = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err();
     assert!(matches!(error, DraftError::Unexplained { .. }), "{error}");
-    assert!(error.to_string().contains("the actuators do nothing that the record shows"), "{error}");
+    assert!(error.to_string().contains("the record shows no effect of the actuators"), "{error}");
 }
 
 /// A record of two columns, written by `value(k)`.
@@ -127,7 +127,7 @@ fn refusal(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> String {
 fn rest_and_slow_logs_are_refused_with_the_reason() {
     let (a, b) = (noise(2000, 1), noise(2000, 2));
     let still = refusal(|k| (0.2, a[k]), 0.01);
-    assert!(still.contains("at rest: no input moves (u_roll)"), "{still}");
+    assert!(still.contains("at rest: no input changes (u_roll)"), "{still}");
     let quiet = refusal(|k| (b[k], 0.002 * a[k]), 0.01);
     assert!(quiet.contains("at rest: roll_rate"), "{quiet}");
     let slow = refusal(|k| (b[k], a[k]), 0.1);

@@ -150,13 +150,14 @@ pub fn expect(
     let Ok(mut problem) = Problem::new(vehicle, &data, nuisance) else {
         flight
             .remarks
-            .push("The vehicle file frees no parameter, so that no standard error can be expected.".into());
+            .push("The vehicle file has no free parameter, so no standard errors can be predicted.".into());
         return Ok(());
     };
     let noise: Vec<f64> = vehicle.outputs.iter().map(|o| o.noise).collect();
     if noise.iter().all(|n| *n == 0.0) {
         flight.remarks.push(
-            "The vehicle file declares no sensor noise, so that nothing can be expected of a record.".into(),
+            "The vehicle file declares no sensor noise, so the accuracy of a record cannot be predicted."
+                .into(),
         );
         return Ok(());
     }

@@ -105,7 +105,7 @@ pub struct ExpectedEffect {
 #[derive(Debug, thiserror::Error)]
 pub enum ExciteError {
     /// A limit names an output that the vehicle does not have.
-    #[error("'{vehicle}' has no output '{name}' to be limited; it has {}", known.join(", "))]
+    #[error("'{vehicle}' has no output '{name}' to limit; it has {}", known.join(", "))]
     NoOutput {
         /// The vehicle.
         vehicle: String,
@@ -130,7 +130,7 @@ pub enum ExciteError {
     },
     /// Even a thousandth of the amplitude breaks a limit.
     #[error(
-        "the model leaves the limit of {name} under inputs a thousand times smaller than asked for: it is unstable; fly with a controller in the loop (--controller lqr), or for a shorter time"
+        "the model exceeds the limit of {name} even with inputs a thousand times smaller than requested: it is unstable; fly with a controller in the loop (--controller lqr), or for a shorter time"
     )]
     Unstable {
         /// The output.
@@ -138,7 +138,7 @@ pub enum ExciteError {
     },
     /// An integral of the input grows too far.
     #[error(
-        "the model integrates its inputs, and {name} leaves its limit under inputs a thousand times smaller than asked for: allow more with --limit, fly with a controller in the loop (--controller lqr), or for a shorter time"
+        "the model integrates its inputs, and {name} exceeds its limit even with inputs a thousand times smaller than requested: allow more with --limit, fly with a controller in the loop (--controller lqr), or for a shorter time"
     )]
     Integrates {
         /// The output.
@@ -146,7 +146,7 @@ pub enum ExciteError {
     },
     /// Nothing says how far a setpoint may move.
     #[error(
-        "nothing says how far the setpoint of {name} may move: give the greatest value of the output that shows it, as in --limit '{name}=2 {unit}'"
+        "the range of the setpoint of {name} is unknown: give the largest value of the output that measures it, as in --limit '{name}=2 {unit}'"
     )]
     NoRange {
         /// The state.

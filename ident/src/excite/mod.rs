@@ -59,13 +59,13 @@ pub fn design(vehicle: &Vehicle, options: &Options) -> Result<Flight, ExciteErro
     };
     if returning {
         flight.remarks.push(format!(
-            "'{}' integrates its inputs: every step is answered by its opposite, so that the outputs come back.",
+            "'{}' integrates its inputs: every step is followed by its opposite, so that the outputs return.",
             vehicle.name
         ));
     }
     if shrunk < 1.0 {
         flight.remarks.push(format!(
-            "The test signals were made smaller by a factor of {:.2}, so that the predicted outputs stay within their limits.",
+            "The test signals were scaled down by a factor of {:.2} to keep the predicted outputs within their limits.",
             1.0 / shrunk
         ));
     }

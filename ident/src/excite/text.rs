@@ -106,7 +106,7 @@ impl Flight {
             (Some(_), _) => "the stick is a test input, added to the law's command",
         };
         let mut out = format!(
-            "# A test flight that `whirlstand excite` designed: {role}.\n\
+            "# A test flight designed by `whirlstand excite`: {role}.\n\
              description = \"test flight of {} for identification\"\nvehicle = {}\nmode = \"realtime\"\n\
              rate_hz = {}\nduration_s = {}\nseed = 1\n\n",
             self.vehicle,
@@ -114,8 +114,11 @@ impl Flight {
             clean(1.0 / self.period_s),
             clean(self.duration_s)
         );
-        let _ =
-            writeln!(out, "# Only changes are written; a value holds until the next.\n{} = [", self.through);
+        let _ = writeln!(
+            out,
+            "# Only changes are listed; each value is held until the next one.\n{} = [",
+            self.through
+        );
         let mut last = vec![0.0; self.signals.len()];
         let steps = self.signals.first().map_or(0, Vec::len);
         for k in 0..steps {

@@ -22,7 +22,7 @@ pub enum IdentifyError {
     Record(#[from] CompareError),
     /// Two logs have different periods.
     #[error(
-        "{first} has a period of {} s, {other} one of {} s: give one with --period SECONDS, and both are resampled",
+        "{first} has a period of {} s, {other} one of {} s: give --period SECONDS to resample both",
         clean(*first_s), clean(*other_s)
     )]
     Periods {
@@ -37,7 +37,7 @@ pub enum IdentifyError {
     },
     /// No input moves.
     #[error(
-        "{origin}: no input of the vehicle changes between {} s and {} s ({inputs}): a record without excitation determines nothing; fly doublets or the input that `whirlstand excite` designs",
+        "{origin}: no input of the vehicle changes between {} s and {} s ({inputs}): without excitation nothing can be identified; fly doublets or an input designed by `whirlstand excite`",
         clean(*from_s), clean(*until_s)
     )]
     NoExcitation {
@@ -52,7 +52,7 @@ pub enum IdentifyError {
     },
     /// Fewer samples than unknowns.
     #[error(
-        "{samples} measured values cannot determine {unknowns} unknowns ({parameters} parameters and the initial state and offsets of each part): give a longer record or free less"
+        "{samples} measured values cannot determine {unknowns} unknowns ({parameters} parameters, plus the initial state and offsets of each part): give a longer record or free fewer parameters"
     )]
     TooFew {
         /// Measured values.
@@ -64,7 +64,7 @@ pub enum IdentifyError {
     },
     /// The simulation diverges from every start.
     #[error(
-        "the simulation leaves all bounds from every start ({tried} tried): give start values in the vehicle file (start = ...) that are stable, narrower bounds, or use --noise kalman, which needs no stable simulation"
+        "the simulation diverges from every start ({tried} tried): give stable start values in the vehicle file (start = ...) or narrower bounds, or use --noise kalman, which needs no stable simulation"
     )]
     UnstableStart {
         /// How many starts were tried.
@@ -72,7 +72,7 @@ pub enum IdentifyError {
     },
     /// The search was ended before it had anything to answer with.
     #[error(
-        "the search was ended before it had found a start from which the simulation stays within bounds: give it more time, or start values in the vehicle file (start = ...)"
+        "the search was ended before it found a start from which the simulation does not diverge: give it more time, or start values in the vehicle file (start = ...)"
     )]
     EndedEarly,
     /// The fitted model's poles cannot be computed.
@@ -82,7 +82,7 @@ pub enum IdentifyError {
     Poles(#[from] DecompositionError),
     /// Levels were to be taken off although an effect depends on them.
     #[error(
-        "--detrend is for models that are linear about a level, but '{vehicle}' has {effect}, which depends on where zero is: use --offsets instead"
+        "--detrend is only valid for models that are linear about a level, but '{vehicle}' has {effect}, which depends on the location of zero: use --offsets instead"
     )]
     Level {
         /// The vehicle.

@@ -59,7 +59,7 @@ pub fn identify(
     if let (Some(levels), Some(vehicle)) = (levels, &mut answer.fitted) {
         levels.shift(vehicle, 1.0);
         vehicle.provenance.push(("about".into(), text::levels(vehicle, &levels)));
-        answer.remarks.push(format!("The model is about {}.", text::levels(vehicle, &levels)));
+        answer.remarks.push(format!("The model is linear about {}.", text::levels(vehicle, &levels)));
     }
     Ok(answer)
 }

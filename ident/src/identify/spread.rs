@@ -124,7 +124,7 @@ pub fn undetermined(
             let index = (0..n).min_by(|a, b| size(*a).total_cmp(&size(*b)))?;
             return Some(Undetermined {
                 index,
-                why: format!("what the data say of it cannot be computed: {e}"),
+                why: format!("its information in the data cannot be computed: {e}"),
             });
         }
     };
@@ -136,7 +136,7 @@ pub fn undetermined(
             .filter(|i| *i != index && vector[*i].abs() > 0.1 * vector[index].abs())
             .map(|i| parameters[i].name.as_str())
             .collect();
-        let why = format!("the data show only a combination of it with {}", with.join(", "));
+        let why = format!("the data determine only a combination of it with {}", with.join(", "));
         return Some(Undetermined { index, why });
     }
     let ratio = |i: usize| covariance[(i, i)].max(0.0).sqrt() / (parameters[i].upper - parameters[i].lower);
@@ -150,7 +150,7 @@ pub fn undetermined(
             .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
         let with = match partner {
             Some((i, r)) if r.abs() > 0.9 => {
-                format!(", correlated by {r:.2} with {}", parameters[i].name)
+                format!(", with a correlation of {r:.2} with {}", parameters[i].name)
             }
             _ => String::new(),
         };

@@ -30,7 +30,7 @@ pub fn verdict(answer: &Identification) -> String {
     let mut text =
         format!("{partial}{} of '{}' fitted", counted(answer.parameters.len(), "parameter"), answer.vehicle);
     if !answer.fixed.is_empty() {
-        text.push_str(&format!(", {} left out that the data do not determine", answer.fixed.len()));
+        text.push_str(&format!(", {} left out (not determined by the data)", answer.fixed.len()));
     }
     match (fits(Role::Control), fits(Role::Identification)) {
         (Some((fit, name)), _) => {
@@ -40,10 +40,10 @@ pub fn verdict(answer: &Identification) -> String {
         }
         (None, Some((fit, name))) => {
             text.push_str(&format!(
-                "; free-run fit at least {fit:.1} % (worst output: {name}); nothing was held out"
+                "; free-run fit at least {fit:.1} % (worst output: {name}); no data were held out"
             ));
         }
-        _ => text.push_str("; the free run leaves all bounds, so that only predictions could be judged"),
+        _ => text.push_str("; the free run diverges, so only predictions could be assessed"),
     }
     text + "."
 }
@@ -77,8 +77,8 @@ fn disturbances(answer: &Identification) -> Option<String> {
     let more = answer.disturbed.len().saturating_sub(MOST_SUGGESTIONS);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     Some(format!(
-        "Something acts that the model does not have: residuals of {} are {:.1} times as great as usual from {:.2} s to \
-         {:.2} s. If it was a gust, leave it out: {}{more}.",
+        "There is an effect that the model does not include: residuals of {} are {:.1} times larger than usual from \
+         {:.2} s to {:.2} s. If it was a gust, exclude it: {}{more}.",
         worst.output,
         worst.ratio,
         worst.from_s,
@@ -92,22 +92,22 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     let mut all = Vec::new();
     if answer.partial {
         all.push(
-            "The search was ended early: the values are the best found by then, and the standard errors are those of a point \
-             that is no minimum yet."
+            "The search was ended early: the values are the best found so far, and the standard errors are those of \
+             a point that is not yet a minimum."
                 .into(),
         );
     } else if !answer.search.converged {
         all.push(match answer.method {
             Method::Ga => {
-                "The genetic algorithm spent its simulations before it stagnated: give more with --evaluations.".into()
+                "The genetic algorithm used up its simulations before it converged: allow more with --evaluations.".into()
             }
-            _ => "The search ended before it stood at a minimum.".to_string(),
+            _ => "The search ended before it reached a minimum.".to_string(),
         });
     }
     let at_bound: Vec<&str> =
         answer.parameters.iter().filter(|p| p.at_bound).map(|p| p.name.as_str()).collect();
     if !at_bound.is_empty() {
-        all.push(format!("At a bound of the vehicle file: {}.", at_bound.join(", ")));
+        all.push(format!("Parameters at a bound of the vehicle file: {}.", at_bound.join(", ")));
     }
     let coloured: Vec<&str> = answer
         .outputs
@@ -117,16 +117,16 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
         .collect();
     if !coloured.is_empty() {
         all.push(format!(
-            "One-step residuals are not white ({}): something acts that the model does not have.",
+            "One-step residuals are not white ({}): there is an effect that the model does not include.",
             coloured.join(", ")
         ));
     }
     all.extend(disturbances(answer));
     if !answer.disturbed.is_empty() {
-        let answered = if answer.closed_loop { " and the controller answers to it" } else { "" };
+        let answered = if answer.closed_loop { " and the controller's response to it" } else { "" };
         all.push(format!(
-            "The standard errors are not to be trusted: they do not know of what acted{answered}; parameters can be off \
-             by many of them where the vehicle is moved little otherwise."
+            "The standard errors are not reliable: they do not account for this effect{answered}; where there is \
+             little other excitation, parameters can be off by many standard errors."
         ));
     }
     let mut pairs = Vec::new();
@@ -141,7 +141,7 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
     if let Some((r, a, b)) = pairs.first() {
         let more =
             if pairs.len() > 1 { format!(" and {} more pairs", pairs.len() - 1) } else { String::new() };
-        all.push(format!("The data hardly tell {a} from {b} (correlation {r:.3}){more}."));
+        all.push(format!("The data hardly distinguish {a} from {b} (correlation {r:.3}){more}."));
     }
     if answer.poles.iter().any(|p| p.re > 1e-6) {
         all.push("The fitted model has an unstable pole.".into());

@@ -154,7 +154,7 @@ fn implausible_values_are_refused_and_read_back_in_two_units() {
         (
             "plant.initial.roll = '120 deg'\n",
             "line 3",
-            "roll is 120 deg = 2.09 rad: an attitude beyond 90 deg",
+            "roll is 120 deg = 2.09 rad: a linear model is not valid for attitudes beyond 90 deg",
         ),
         ("[[setpoint]]\nat_s = 1\npitch = '-10 rad'\n", "line 5", "pitch is -573 deg = -10.0 rad"),
         (

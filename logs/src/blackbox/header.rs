@@ -85,7 +85,7 @@ impl Header {
         match lines.get("Data version").map(String::as_str) {
             Some(VERSION) => {}
             Some(other) => {
-                return Err(format!("its format has version {other}, and only {VERSION} can be read"));
+                return Err(format!("its format version is {other}, but only {VERSION} is supported"));
             }
             None => return Err("its header does not state the version of the format".into()),
         }
@@ -147,7 +147,7 @@ fn frame(lines: &HashMap<String, String>, whole: &str, difference: &str) -> Resu
     let names: Vec<String> = list(whole, "name")?.into_iter().map(String::from).collect();
     if names.len() > MOST_FIELDS {
         return Err(format!(
-            "its header has {} fields in '{}', and at most {MOST_FIELDS} can be",
+            "its header has {} fields in '{}', but at most {MOST_FIELDS} are supported",
             names.len(),
             key(whole, "name")
         ));
@@ -194,7 +194,7 @@ fn predictors(
             "4" => setting("minthrottle")?,
             "5" => match motor {
                 Some(motor) if motor < at => Predictor::Field(motor),
-                _ => return Err("it refers to motor[0], which is not before it".into()),
+                _ => return Err("it refers to motor[0], which does not precede it".into()),
             },
             "6" => Predictor::Increment,
             "7" => {

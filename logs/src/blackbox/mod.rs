@@ -48,7 +48,7 @@ pub enum BlackboxError {
     },
     /// There is nothing that a reader could begin with.
     #[error(
-        "{path}: no line 'H Product:Blackbox flight data recorder...' from byte 0 on: it is no blackbox log, or its beginning is lost. Copy the log from the flight controller again"
+        "{path}: no line 'H Product:Blackbox flight data recorder...' at byte 0: this is not a blackbox log, or its beginning is missing. Copy the log from the flight controller again"
     )]
     NoLog {
         /// The file.
@@ -253,7 +253,7 @@ impl<'a> Flights<'a> {
             let (number, reading) = (flight.number, flight.reading);
             if reading.places > 0 {
                 remarks.push(format!(
-                    "{path}, log {number}, is damaged: {} bytes in {} places are no frames, the first at byte {}; what they held is missing",
+                    "{path}, log {number}, is damaged: {} bytes in {} places are not valid frames, the first at byte {}; their data are missing",
                     reading.bytes,
                     reading.places,
                     flight.place.start + reading.first
@@ -261,7 +261,7 @@ impl<'a> Flights<'a> {
             }
             if !reading.ended {
                 remarks.push(format!(
-                    "{path}, log {number}, has no mark of its end: the power was lost, or the memory was full"
+                    "{path}, log {number}, has no end marker: power was lost, or the memory was full"
                 ));
             }
         }

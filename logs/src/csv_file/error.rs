@@ -74,7 +74,7 @@ pub enum CsvError {
     },
     /// A cell is beyond all measure.
     #[error(
-        "{path}, line {line}, column {column} ({name}): {found:e} is beyond {GREATEST:e}, which nothing measured is; leave the cell empty for a gap"
+        "{path}, line {line}, column {column} ({name}): {found:e} exceeds {GREATEST:e}, which is not a plausible measurement; leave the cell empty for a gap"
     )]
     Greatest {
         /// The file.
@@ -89,7 +89,7 @@ pub enum CsvError {
         found: f64,
     },
     /// No line has a value in a column.
-    #[error("{path}, column {column} ({name}): no line has a value there")]
+    #[error("{path}, column {column} ({name}): the column has no values")]
     Empty {
         /// The file.
         path: PathBuf,
@@ -100,7 +100,7 @@ pub enum CsvError {
     },
     /// More columns than a table of signals has.
     #[error(
-        "{path}, line 1: {found} columns, but at most {MOST_COLUMNS} are read; keep those that are needed"
+        "{path}, line 1: {found} columns, but at most {MOST_COLUMNS} are supported; keep only those that are needed"
     )]
     Columns {
         /// The file.
@@ -110,7 +110,7 @@ pub enum CsvError {
     },
     /// A line that is no line of numbers.
     #[error(
-        "{path}, line {line}: more than {LONGEST_LINE} bytes in one line, which no line of numbers has; is a quote open, or is this another kind of file?"
+        "{path}, line {line}: the line has more than {LONGEST_LINE} bytes, too many for a line of numbers; check for an unclosed quote or another file type"
     )]
     Long {
         /// The file.

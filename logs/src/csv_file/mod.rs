@@ -254,10 +254,10 @@ fn line_error(path: &Path, error: csv::Error) -> CsvError {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => CsvError::Line {
             path,
             line,
-            reason: format!("{len} cells, but the head has {expected_len} columns"),
+            reason: format!("{len} cells, but the header has {expected_len} columns"),
         },
         csv::ErrorKind::Utf8 { .. } => {
-            CsvError::Line { path, line, reason: "the head is not UTF-8 text".into() }
+            CsvError::Line { path, line, reason: "the header is not UTF-8 text".into() }
         }
         other => CsvError::Line { path, line, reason: format!("{other:?}") },
     }

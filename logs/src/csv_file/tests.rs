@@ -54,9 +54,9 @@ fn a_column_that_cannot_be_read_is_an_error_where_it_is_asked_for() {
         ("t,y,roll,y[deg]\n0,3,1,3\n1,3,2,3\n", "flight.csv, line 1: two columns are called 'y'"),
         (
             "t,roll,y\n0,1,2\n1,2,-1e308\n",
-            "flight.csv, line 3, column 3 (y): -1e308 is beyond 1e30, which nothing measured is",
+            "flight.csv, line 3, column 3 (y): -1e308 exceeds 1e30, which is not a plausible measurement",
         ),
-        ("t,y,roll\n0,,1\n1,NaN,2\n", "flight.csv, column 2 (y): no line has a value there"),
+        ("t,y,roll\n0,,1\n1,NaN,2\n", "flight.csv, column 2 (y): the column has no values"),
         ("t,roll,y[furlong]\n0,1,3\n1,2,3\n", "signal 'y' of flight.csv: 'furlong'"),
     ];
     for (text, expected) in cases {
@@ -86,7 +86,7 @@ fn errors_name_file_line_and_column() {
         ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
         ("t,y\n0,1\n0,2\n", "flight.csv, line 3: time 0 is not after 0; it must increase from line to line"),
         ("t,y\n,1\n", "flight.csv, line 2: there is no time in column 1"),
-        ("t,y\n0,1,2\n", "flight.csv, line 2: 3 cells, but the head has 2 columns"),
+        ("t,y\n0,1,2\n", "flight.csv, line 2: 3 cells, but the header has 2 columns"),
     ];
     for (text, expected) in cases {
         assert_eq!(parse(text, &[]).unwrap_err().to_string(), expected);
@@ -103,13 +103,13 @@ fn what_is_no_table_of_numbers_is_refused_at_once_and_with_its_place() {
     let many: String = (0..100_000).map(|i| format!(",c{i}")).collect();
     let huge = "9".repeat(50_000_000);
     let cases = [
-        (format!("t{many}\n"), "flight.csv, line 1: 100001 columns, but at most 10000 are read"),
-        (format!("t,y\n0,1\n1,{huge}\n"), "flight.csv, line 3: more than 4194304 bytes in one line"),
+        (format!("t{many}\n"), "flight.csv, line 1: 100001 columns, but at most 10000 are supported"),
+        (format!("t,y\n0,1\n1,{huge}\n"), "flight.csv, line 3: the line has more than 4194304 bytes"),
         (
             format!("t,y\n0,1\n1,\"{}", "1,2\n".repeat(5_000_000)),
-            "flight.csv, line 3: more than 4194304 bytes",
+            "flight.csv, line 3: the line has more than 4194304 bytes",
         ),
-        (format!("t,{huge}\n"), "flight.csv, line 1: more than 4194304 bytes"),
+        (format!("t,{huge}\n"), "flight.csv, line 1: the line has more than 4194304 bytes"),
     ];
     for (text, expected) in cases {
         let began = std::time::Instant::now();

@@ -42,7 +42,7 @@ pub enum DataflashError {
     },
     /// There is nothing that a reader could begin with.
     #[error(
-        "{path}: from byte {at} on there is no whole message definition (FMT), so nothing in it can be read: it is no DataFlash log, or it is damaged. Download the log from the autopilot again"
+        "{path}: there is no complete message definition (FMT) from byte {at} on, so it cannot be read: this is not a DataFlash log, or it is damaged. Download the log from the autopilot again"
     )]
     NoDefinition {
         /// The file.
@@ -128,7 +128,7 @@ impl<'a> Log<'a> {
         remarks.extend(messages.formats().filter_map(|format| {
             let letter = format.unknown?;
             Some(format!(
-                "{} has fields of the unknown kind '{letter}': they and those behind them are not read",
+                "{} has fields of the unknown type '{letter}': these and the following ones are not read",
                 format.name
             ))
         }));
@@ -151,7 +151,7 @@ impl<'a> Log<'a> {
         if left_out > 0 {
             let path = self.path.display();
             remarks.push(format!(
-                "{path}: {left_out} messages are left out, for their times fit none around them"
+                "{path}: {left_out} messages are left out because their times are inconsistent with their neighbours"
             ));
         }
         Ok(Topics { by_name, remarks })
@@ -251,7 +251,7 @@ fn gap_remarks(path: &Path, gaps: Gaps) -> Vec<String> {
     let path = path.display();
     let damage = (gaps.places > 0).then(|| {
         format!(
-            "{path} is damaged: {} bytes in {} places are no messages, the first at byte {}; what they held is missing",
+            "{path} is damaged: {} bytes in {} places are not valid messages, the first at byte {}; their data are missing",
             gaps.bytes, gaps.places, gaps.first
         )
     });

@@ -54,7 +54,7 @@ impl<'a> Cursor<'a> {
         depth: usize,
     ) -> Result<(), String> {
         if depth > MOST_NESTING {
-            return Err("its types nest without end".into());
+            return Err("its types are nested without limit".into());
         }
         let fields = &definition.types[index];
         if fields.is_empty() && self.cdr {
@@ -80,7 +80,7 @@ impl<'a> Cursor<'a> {
             Count::Sequence => self.u32()? as usize,
         };
         if let (Some(width), true) = (width(field.kind), count > MOST_ELEMENTS) {
-            let bytes = count.checked_mul(width).ok_or("an array without end")?;
+            let bytes = count.checked_mul(width).ok_or("an unterminated array")?;
             return self.take(bytes, width).map(|_| ());
         }
         for i in 0..count {
@@ -150,8 +150,8 @@ impl<'a> Cursor<'a> {
 
     fn take(&mut self, count: usize, alignment: usize) -> Result<&'a [u8], String> {
         let start = self.at.next_multiple_of(alignment.min(self.alignment).max(1));
-        let end = start.checked_add(count).ok_or("a message without end")?;
-        let bytes = self.data.get(start..end).ok_or("a message that ends early")?;
+        let end = start.checked_add(count).ok_or("an unterminated message")?;
+        let bytes = self.data.get(start..end).ok_or("a truncated message")?;
         self.at = end;
         Ok(bytes)
     }
@@ -213,7 +213,7 @@ mod tests {
         be.extend((-0.5f32).to_be_bytes());
         be.push(1);
         assert_eq!(numbers(TEXT, Wire::Cdr, &be).unwrap(), values());
-        assert!(numbers(TEXT, Wire::Cdr, &le[..le.len() - 1]).unwrap_err().contains("ends early"));
+        assert!(numbers(TEXT, Wire::Cdr, &le[..le.len() - 1]).unwrap_err().contains("truncated"));
         assert!(numbers(TEXT, Wire::Cdr, &[0, 2, 0, 0]).unwrap_err().contains("0x0002"));
     }
 

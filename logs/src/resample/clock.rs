@@ -27,15 +27,15 @@ pub enum ClockError {
     #[error("a clock needs a positive period")]
     Period,
     /// There is no time that all signals cover, or too little to sample.
-    #[error("the signals have no time in common: {0}")]
+    #[error("the time spans of the signals do not overlap: {0}")]
     NoOverlap(String),
     /// More points than memory should be spent on.
     #[error("{0} points are too many: choose a longer period or a shorter part of the log")]
     TooMany(String),
     /// Far more points than there are samples.
     #[error(
-        "{samples} samples lie so far apart that {points} points would be between them: a time in the log is damaged, or its \
-         pauses are far longer than what it records; take a part of the log"
+        "{samples} samples are so far apart that {points} points would lie between them: a timestamp in the log is \
+         corrupt, or its pauses are far longer than its recordings; select a part of the log"
     )]
     Sparse {
         /// Points of the clock.
@@ -131,7 +131,7 @@ mod tests {
         assert_eq!(Clock::common(&series(0.03), None).unwrap().points, 4);
         assert_eq!(Clock::common(&series(100.0), None).unwrap().points, 10_001, "a pause is none of that");
         let damaged = Clock::common(&series(137_439.0), None).unwrap_err();
-        assert!(damaged.to_string().contains("4 samples lie so far apart"), "{damaged}");
+        assert!(damaged.to_string().contains("4 samples are so far apart"), "{damaged}");
         assert!(Clock::common(&series(137_439.0), Some(1.0)).is_ok(), "a period that was asked for");
     }
 }

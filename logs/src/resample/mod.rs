@@ -221,7 +221,10 @@ mod tests {
         assert!(record.signals().iter().all(|s| s.values.iter().all(|v| v.is_finite())));
         let late = Series::new("late", "", vec![(9.0, 1.0), (9.1, 1.0)]);
         let error = Clock::common(&[series(10.0, 1.0, |t| t), late], None).unwrap_err().to_string();
-        assert_eq!(error, "the signals have no time in common: x from 0 s to 1 s, late from 9 s to 9.1 s");
+        assert_eq!(
+            error,
+            "the time spans of the signals do not overlap: x from 0 s to 1 s, late from 9 s to 9.1 s"
+        );
         assert_eq!(Clock::over(0.0, 1.0, 0.0), Err(ClockError::Period));
         assert!(matches!(Clock::over(0.0, 1e12, 1e-3), Err(ClockError::TooMany(_))));
     }

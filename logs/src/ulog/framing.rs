@@ -24,7 +24,7 @@ pub(super) enum FramingError {
     #[error("not a readable ULog: {0}")]
     Definitions(UlogParseError),
     /// The content of a message is shorter than a length in it says.
-    #[error("the length in the message at byte {0} leads outside it: the file is damaged")]
+    #[error("the length in the message at byte {0} points past its end: the file is damaged")]
     Length(u64),
 }
 

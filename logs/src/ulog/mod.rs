@@ -91,7 +91,7 @@ fn each(path: &Path, visit: &mut dyn FnMut(&DataMessage<'_>)) -> Result<Option<S
             Ok(Some(format!("{} ends in the middle: the logger lost power or was stopped", path.display())))
         }
         Completeness::MalformedRecord(reason) => {
-            Ok(Some(format!("{} is damaged and read up to there: {reason}", path.display())))
+            Ok(Some(format!("{} is damaged and was read up to that point: {reason}", path.display())))
         }
     }
 }

@@ -66,7 +66,7 @@ impl Effect {
             let known = list(names());
             self.error(
                 Some("where"),
-                format!("must name an {what}, but '{name}' is none{hint}; there are {known}")
+                format!("must name an {what}, but '{name}' is not one{hint}; there are {known}")
                     .replace("an state", "a state"),
             )
         })

@@ -65,7 +65,7 @@ impl Effect {
         let spec = self.kind.spec();
         if spec.text.is_some_and(|(text, _)| text == name) {
             let FieldValue::Text(text) = value else {
-                return Err(self.error(Some(name), "must be a text in quotes".into()));
+                return Err(self.error(Some(name), "must be a string in quotes".into()));
             };
             self.text = Some(text);
             return Ok(());
@@ -179,7 +179,7 @@ mod tests {
         assert_eq!(toml::from_str::<Effect>(&toml::to_string(&effect).unwrap()).unwrap(), effect);
         let text = "effect = \"input_delay\"\nwhere = \"u\"\ndelay_s = 0.1\nfrom_s = 2\nuntil_s = 1";
         let error = toml::from_str::<Effect>(text).unwrap_err().to_string();
-        assert!(error.contains("until_s is 1 s, not after from_s = 2 s"), "{error}");
+        assert!(error.contains("until_s is 1 s, but must be after from_s = 2 s"), "{error}");
     }
 
     #[test]

@@ -141,7 +141,7 @@ pub static SPECS: &[Spec] = &[
     row(
         Kind::InputDelay,
         "input_delay",
-        "the input arrives late",
+        "the input is delayed",
         PlaceKind::Input,
         &[p("delay_s", Scale::Time, 0.0, LONGEST_DELAY)],
     ),
@@ -155,7 +155,7 @@ pub static SPECS: &[Spec] = &[
     row(
         Kind::InputGain,
         "input_gain",
-        "the input acts by a factor; 1 is nominal",
+        "the input is scaled by a factor; 1 is nominal",
         PlaceKind::Input,
         &[p("factor", Scale::One, -INF, INF)],
     ),
@@ -190,14 +190,14 @@ pub static SPECS: &[Spec] = &[
     row(
         Kind::RateLimit,
         "rate_limit",
-        "the input moves no faster than this",
+        "the rate of the input is limited",
         PlaceKind::Input,
         &[p("limit_per_s", Scale::SignalRate, 0.0, INF)],
     ),
     row(
         Kind::Backlash,
         "backlash",
-        "play: the input moves only after the gap is taken up",
+        "backlash: the input moves only after the gap is taken up",
         PlaceKind::Input,
         &[p("width", Scale::Signal, 0.0, INF)],
     ),
@@ -211,7 +211,7 @@ pub static SPECS: &[Spec] = &[
     row(
         Kind::ParameterChange,
         "parameter_change",
-        "a matrix entry has another value",
+        "a matrix entry has a different value",
         PlaceKind::Entry,
         &[one_of("value", Scale::Entry), one_of("factor", Scale::One)],
     ),
@@ -311,14 +311,14 @@ pub static SPECS: &[Spec] = &[
     row(
         Kind::SensorScale,
         "sensor_scale",
-        "the output reads by a factor; 1 is nominal",
+        "the output is scaled by a factor; 1 is nominal",
         PlaceKind::Output,
         &[p("factor", Scale::One, -INF, INF)],
     ),
     row(
         Kind::SensorDelay,
         "sensor_delay",
-        "the output is late",
+        "the output is delayed",
         PlaceKind::Output,
         &[p("delay_s", Scale::Time, 0.0, LONGEST_DELAY)],
     ),
@@ -354,7 +354,7 @@ pub static SPECS: &[Spec] = &[
     row(
         Kind::Noise,
         "noise",
-        "white Gaussian noise is added to the output, beside the declared one",
+        "white Gaussian noise is added to the output, in addition to the declared noise",
         PlaceKind::Output,
         &[p("std", Scale::Signal, 0.0, INF)],
     ),
@@ -375,7 +375,7 @@ pub static SPECS: &[Spec] = &[
     row(
         Kind::Dropouts,
         "dropouts",
-        "a fraction of the samples repeats the one before",
+        "a fraction of the samples repeats the previous one",
         PlaceKind::Output,
         &[p("fraction", Scale::One, 0.0, 1.0)],
     ),

@@ -34,7 +34,7 @@ impl Window {
             return Some((key, format!("must be at least 0 s, but is {end} s")));
         }
         let (from, until) = (self.from_s?, self.until_s?);
-        (from >= until).then(|| (KEYS[1], format!("is {until} s, not after from_s = {from} s")))
+        (from >= until).then(|| (KEYS[1], format!("is {until} s, but must be after from_s = {from} s")))
     }
 }
 

@@ -40,7 +40,7 @@ pub(super) fn axes(file: &Table<'_>, states: &[State], inputs: &[Input]) -> Resu
         let table = node.table(&["gain", "time_constant_s", "lower", "upper"])?;
         let taken = states.iter().map(|s| &s.name).chain(inputs.iter().map(|i| &i.name));
         if let Some(name) = taken.into_iter().find(|n| [integral, rate, input].contains(&n.as_str())) {
-            return Err(node.error(format!("the vehicle has '{name}' already; an axis brings its own")));
+            return Err(node.error(format!("the vehicle already has '{name}'; an axis defines its own")));
         }
         let signal_unit = |text: &str| {
             text.parse::<SignalUnit>()

@@ -55,7 +55,7 @@ fn one(node: &Node<'_>, vehicle: &Vehicle) -> Result<Free, FileError> {
         && (lower < least || upper > most)
     {
         let key = if lower < least { "lower" } else { "upper" };
-        return Err(table.error(Some(key), format!("{name} can only be from {least} to {most}")));
+        return Err(table.error(Some(key), format!("{name} must be from {least} to {most}")));
     }
     let start = table.get("start").map(|n| free_value(&n, vehicle, &target, factor)).transpose()?;
     if let Some(start) = start
@@ -142,7 +142,7 @@ pub fn provenance(file: &Table<'_>) -> Result<Provenance, FileError> {
 /// Writes what the three read.
 pub fn push_free(text: &mut String, vehicle: &Vehicle) {
     if !vehicle.free.is_empty() {
-        push(text, "\n# What identification may change.");
+        push(text, "\n# Parameters that identification may change.");
         push(text, "free = [");
         for f in &vehicle.free {
             let factor = vehicle.free_factor(&f.target);

@@ -30,7 +30,7 @@ pub fn push_map(text: &mut String, vehicle: &Vehicle) {
     if vehicle.map.is_empty() {
         return;
     }
-    push(text, "\n# What logs call the signals.");
+    push(text, "\n# Names of the signals in logs.");
     push(text, "[map]");
     for (name, source) in &vehicle.map {
         push(text, &format!("{} = {}", quoted(name), quoted(source)));

@@ -132,7 +132,7 @@ fn unit(table: &Table<'_>) -> Result<SignalUnit, FileError> {
 fn unique(node: &Node<'_>, seen: &mut Vec<String>) -> Result<String, FileError> {
     let name = node.name()?;
     if seen.contains(&name) {
-        return Err(node.error(format!("'{name}' is given twice; names must differ")));
+        return Err(node.error(format!("'{name}' is given twice; names must be unique")));
     }
     seen.push(name.clone());
     Ok(name)
@@ -308,7 +308,7 @@ fn outputs_name_states(
         })?;
         if states[j].unit.dimension() != output.unit.dimension() {
             let (own, state) = (&output.unit, &states[j].unit);
-            return Err(error("unit", format!("'{own}' does not fit the state's unit, '{state}'")));
+            return Err(error("unit", format!("'{own}' is incompatible with the state's unit, '{state}'")));
         }
         c[(i, j)] = 1.0;
     }

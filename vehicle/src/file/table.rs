@@ -61,7 +61,7 @@ impl<'a> Node<'a> {
     }
 
     pub fn text(&self) -> Result<&'a str, FileError> {
-        self.value.as_str().ok_or_else(|| self.expected("a text in quotes"))
+        self.value.as_str().ok_or_else(|| self.expected("a string in quotes"))
     }
 
     /// A name: not empty, without the characters that have a meaning in an effect's `where`.
@@ -125,7 +125,7 @@ impl<'a> Node<'a> {
     pub fn count(&self) -> Result<u32, FileError> {
         let value = self.number()?;
         if value < 1.0 || value > f64::from(u32::MAX) || value.fract() != 0.0 {
-            return Err(self.error(format!("must be a whole number from 1 on, but is {value}")));
+            return Err(self.error(format!("must be a whole number of at least 1, but is {value}")));
         }
         Ok(value as u32)
     }
@@ -165,7 +165,7 @@ impl<'a> Table<'a> {
         let Some((key, _)) = unknown else { return Ok(()) };
         let name = key.get_ref().as_ref();
         let reason = format!(
-            "there is no such key{}; valid keys here are {}",
+            "unknown key{}; valid keys here are {}",
             did_you_mean(name, known.iter().copied()),
             list(known.iter().copied())
         );

@@ -56,41 +56,41 @@ pub struct LinearModel {
 /// Why an effect stays out of the linear model; `None` for those that enter it.
 fn obstacle(effect: &Effect) -> Option<&'static str> {
     if !effect.window().is_always() {
-        return Some("it acts for a part of the time; the law is that of the rest");
+        return Some("it acts only part of the time; the law is designed for the rest");
     }
     Some(match effect.kind() {
         Kind::GainDrift => {
-            "it changes with time; the filter knows it, the law where [controller] compensate = [\"gain_drift\"] says so"
+            "it changes with time; the filter models it, the law only with [controller] compensate = [\"gain_drift\"]"
         }
         Kind::DeadZone => {
-            "it is not linear; the filter knows it, the law where [controller] compensate = [\"dead_zone\"] says so"
+            "it is not linear; the filter models it, the law only with [controller] compensate = [\"dead_zone\"]"
         }
         Kind::Backlash => {
-            "it is not linear; the filter knows it, the law where [controller] compensate = [\"backlash\"] says so"
+            "it is not linear; the filter models it, the law only with [controller] compensate = [\"backlash\"]"
         }
         Kind::InputSaturation => {
-            "it is not linear; the filter knows it, the law keeps within it where [controller] compensate = \
-             [\"input_saturation\"] or limits in [inputs] say so"
+            "it is not linear; the filter models it, the law respects it only with [controller] compensate = \
+             [\"input_saturation\"] or limits in [inputs]"
         }
         Kind::RateLimit => {
-            "it is not linear; the filter knows it, the law keeps within it where [controller] compensate = \
-             [\"rate_limit\"] or a rate_limit in [inputs] says so"
+            "it is not linear; the filter models it, the law respects it only with [controller] compensate = \
+             [\"rate_limit\"] or a rate_limit in [inputs]"
         }
         Kind::CoulombFriction => {
-            "it is not linear; the law pushes against it where [controller] compensate = [\"coulomb_friction\"] says so"
+            "it is not linear; the law counteracts it only with [controller] compensate = [\"coulomb_friction\"]"
         }
         Kind::QuadraticDrag | Kind::CubicStiffness => {
-            "it is not linear; the law is designed about rest without it"
+            "it is not linear; the law is designed for the linearisation at rest, without it"
         }
         Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance => {
-            "a disturbance; the law rejects it and does not know it"
+            "a disturbance; the law rejects it without modelling it"
         }
-        Kind::ModeTransition => "the law is that of the vehicle before the transition",
+        Kind::ModeTransition => "the law is designed for the vehicle before the transition",
         Kind::SensorDrift => {
-            "it grows with time since the start, which a filter that joins later does not know"
+            "it grows with time since the start, which a filter that starts later does not know"
         }
         Kind::OutputSaturation => "it is not linear",
-        Kind::Dropouts | Kind::Outliers => "the filter takes every sample as fresh and right",
+        Kind::Dropouts | Kind::Outliers => "the filter assumes that every sample is new and valid",
         _ => return None,
     })
 }

@@ -146,7 +146,7 @@ fn a_mode_transition_continues_with_the_other_matrices() {
     }
     let error =
         vehicle.add_effect(Effect::mode_transition(1.0, "quadrotor").unwrap()).unwrap_err().to_string();
-    assert!(error.contains("has other states"), "{error}");
+    assert!(error.contains("has different states"), "{error}");
 }
 
 #[test]

@@ -42,7 +42,7 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &t,
             traces,
-            "A constant error is a bias, one that grows with time a drift; neither goes with the motion.",
+            "A constant error is a bias, one that grows with time is a drift; both are independent of the motion.",
             Axis::time("time"),
             self.residual_label(output),
         ))
@@ -56,7 +56,7 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &x,
             traces,
-            "A straight line through zero: the sensor shows a share of it.",
+            "A straight line through zero: the error is proportional to the signal.",
             Axis::new(&format!("{} as simulated", o.name), o.unit.shown()),
             self.residual_label(output),
         ))
@@ -75,7 +75,7 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &x,
             traces,
-            "A sensor that is late by a time lacks that time's worth of the slope: a falling line.",
+            "The error of a delayed sensor is proportional to the slope of the signal: a falling line.",
             Axis::new(&format!("slope of {} as simulated", o.name), o.unit.shown().per_second()),
             self.residual_label(output),
         ))
@@ -87,7 +87,7 @@ impl PlotInput<'_> {
         Some(self.scatter(
             &x,
             traces,
-            "Folded on its period, the residual is a wave.",
+            "Folded over one period, the residual is a wave.",
             Axis::time(&format!("time within a period of {frequency_hz:.3} Hz")),
             self.residual_label(output),
         ))
@@ -108,7 +108,11 @@ impl PlotInput<'_> {
         let draw = |y: &[f64]| -> Points { (t[part.clone()].to_vec(), y[part.clone()].to_vec()) };
         Some(EvidenceCurve {
             without: (vec![t[part.start], t[part.end - 1]], vec![0.0, 0.0]),
-            ..traces.all(draw).curve("Where it shows best.", Axis::time("time"), self.residual_label(output))
+            ..traces.all(draw).curve(
+                "The part of the record where it is clearest.",
+                Axis::time("time"),
+                self.residual_label(output),
+            )
         })
     }
 }

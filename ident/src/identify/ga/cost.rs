@@ -100,7 +100,7 @@ impl Cost<'_> {
     pub fn report(&self, best: f64) -> ControlFlow<()> {
         let share = (self.evaluations as f64 / self.most.max(1) as f64).min(1.0);
         let detail = || format!("best cost {:.6e}", best.exp());
-        self.watch.step("searches with a genetic algorithm", detail, Some(share))
+        self.watch.step("searching with a genetic algorithm", detail, Some(share))
     }
 }
 
