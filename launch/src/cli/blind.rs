@@ -19,8 +19,7 @@ use super::quantity::{hertz, interval};
     args_conflicts_with_subcommands = true,
     after_help = "Examples:\n  \
     whirlstand blind --trials 100 --seed 1\n  \
-    whirlstand blind --trials 50 --vehicle mine.toml --input out/excite/inputs.csv --kinds single --out \
-    out/blind\n  \
+    whirlstand blind --trials 50 --vehicle mine.toml --input out/excite/inputs.csv --kinds single --out out/blind\n  \
     whirlstand blind --only 1000017 --keep out/trial\n  \
     whirlstand blind --trials 5000 --shard 3/8 --json part-3.json\n  \
     whirlstand blind merge part-*.json --json blind.json\n\n\

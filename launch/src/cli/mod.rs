@@ -62,8 +62,7 @@ pub(crate) use tune::{TuneArgs, TunedLaw};
                   can fix; 3 the time budget was used up; 128 + n ended by signal n, with the results so far.\n\n\
                   Examples:\n  \
                   whirlstand run                                    the quadrotor under sliding-mode control\n  \
-                  whirlstand run quadrotor-compare --mode lockstep  pole placement, sliding mode and LQR side by \
-                  side\n  \
+                  whirlstand run quadrotor-compare --mode lockstep  pole placement, sliding mode and LQR side by side\n  \
                   whirlstand launch show quadrotor > mine.toml      a launch file to start from\n  \
                   whirlstand doctor                                 is this machine fit for real time?"
 )]

@@ -70,10 +70,10 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
     })
     .map_err(|e| if is_mendable(&e) { Failure::mend(e) } else { Failure::run(e) })?;
     if wrong > 0 {
-        print(&format!("{}\n", style::bad(&format!("wrong: {wrong}"))))?;
+        print(&format!("{}\n", style::bad(&format!("{wrong} checks failed"))))?;
     }
     if unknown > 0 {
-        print(&format!("{}\n", style::bad(&format!("not checked: {unknown}"))))?;
+        print(&format!("{}\n", style::bad(&format!("{unknown} checks were not possible"))))?;
     }
     Ok(ExitCode::from(u8::from(wrong + unknown > 0)))
 }

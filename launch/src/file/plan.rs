@@ -219,9 +219,7 @@ impl Planner<'_> {
             Some(0) => fail("segments", "at least 1 file must be kept".into()),
             Some(_) if recorder.max_size.is_none() && recorder.max_duration.is_none() => fail(
                 "segments",
-                "without a limit no new file is started: set max_size or max_duration as \
-                                  well"
-                    .into(),
+                "files are never full without max_size or max_duration: set one of them".into(),
             ),
             _ => Ok(()),
         }
