@@ -36,7 +36,7 @@ pub(crate) struct BenchArgs {
     /// SCHED_FIFO priority of the realtime measurement [default: none]
     #[arg(long, value_name = "P", value_parser = priority, allow_negative_numbers = true)]
     pub priority: Option<u8>,
-    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the ring beside them [default: the
+    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the reference ring [default: the
     /// scheduler decides]
     #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
     pub cpus: Vec<usize>,
