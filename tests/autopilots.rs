@@ -363,7 +363,7 @@ fn what_an_autopilots_bridge_cannot_be_is_refused_with_its_place() {
     for (assignments, words) in [
         (["nodes.controller.bridge=px4-hil", "bridge.mixer.roll.input=u_rol"], "u_roll, u_pitch"),
         (["nodes.controller.bridge=px4-hill", "seed=1"], "px4-hil"),
-        (["nodes.plant.bridge=px4-hil", "seed=1"], "place of the controller"),
+        (["nodes.plant.bridge=px4-hil", "seed=1"], "replaces the controller"),
         (["nodes.controller.bridge=px4-hil", "bridge.px4.link=nowhere"], "tcpin://"),
         (["nodes.controller.bridge=px4-hil", "bridge.px4.lnk=nowhere"], "'link'"),
         (["nodes.controller.bridge=betaflight-sitl", "mode=lockstep"], "realtime"),

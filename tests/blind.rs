@@ -100,7 +100,7 @@ fn an_interrupted_run_goes_on_where_it_ended() {
     assert_eq!((numbers(&resumed), &resumed["call"]), (numbers(&whole), &whole["call"]));
     let other = fly("5", &again, &["--resume", first.to_str().unwrap()]);
     assert_eq!(other.code(), 2);
-    assert!(other.stderr.contains("of another call"), "{}", other.stderr);
+    assert!(other.stderr.contains("from another call"), "{}", other.stderr);
 }
 
 #[test]
@@ -155,7 +155,7 @@ fn parts_join_to_the_whole_and_what_does_not_belong_together_is_refused() {
         assert!(ended.code() == 2 && ended.stderr.contains(words), "{words:?}: {}", ended.stderr);
     }
     let ended = fly("4", "again.json", &["--shard", "2/3", "--resume", &at("part-1.json")]);
-    assert!(ended.code() == 2 && ended.stderr.contains("of another part"), "{}", ended.stderr);
+    assert!(ended.code() == 2 && ended.stderr.contains("from another part"), "{}", ended.stderr);
 }
 
 #[test]
@@ -218,9 +218,9 @@ fn what_cannot_be_flown_is_refused_with_the_reason() {
     };
     refused(&["--effects", "input_dely"], "did you mean 'input_delay'?");
     refused(&["--vehicle", "no-such-vehicle"], "no-such-vehicle");
-    refused(&["--input", "inputs.csv"], "--input needs the --vehicle");
+    refused(&["--input", "inputs.csv"], "--input requires --vehicle");
     refused(&["--length", "60:20"], "as in 30:120");
-    refused(&["--rate", "50,fast"], "'fast' is no sampling rate");
+    refused(&["--rate", "50,fast"], "'fast' is not a sampling rate");
     let dir = tempfile::tempdir().unwrap();
     let silent = dir.path().join("silent.toml");
     let text = "A = [[-1.0]]\nB = [[1.0]]\nstates = [{ name = \"x\" }]\ninputs = [{ name = \"u\" }]\n";

@@ -211,7 +211,7 @@ fn files_that_are_not_there_are_named() {
     refused(&["node", "plnt"], &["'plant'"]);
     refused(
         &["bridge", "check", "plnt", "--launch", "quadrotor-mavlink"],
-        &["'plnt' is no bridge (did you mean 'plant'?)"],
+        &["'plnt' is not a bridge (did you mean 'plant'?)"],
     );
     refused(&["soak", "--rounds", "0"], &["--rounds"]);
 }

@@ -18,7 +18,7 @@ fn diverges(dir: &Path, name: &str, text: &str, mode: &str, transport: &str) -> 
     let (launch, out_arg) = (launch.to_str().unwrap(), out.to_str().unwrap());
     let end = run(["run", launch, "--mode", mode, "--transport", transport, "--out", out_arg]);
     assert_eq!(end.code(), 1, "{name}: {}\n{}", end.stdout, end.stderr);
-    assert!(!end.stderr.contains("started again"), "{name}: {}", end.stderr);
+    assert!(!end.stderr.contains("restarting it"), "{name}: {}", end.stderr);
     let info = run(["log", "info", out.join("log.mcap").to_str().unwrap(), "--json"]).success();
     let summary = json(out.join("summary.json"));
     assert!(summary["runs"][0]["ended"]["how"] == "failed", "{name}: {}", summary["runs"][0]["ended"]);

@@ -38,7 +38,7 @@ fn flies_alike(python: &Path, vehicle: &str, folder: &Path) {
     run(simulate.into_iter().chain(["--noise", "--seed", SEED])).success();
     // The seed of the file is another one: the tool's counts.
     let said = run(["vehicle", "fmu", vehicle, "--out", &path("v.fmu"), "--seed", "1"]).success();
-    assert!(said.stderr.contains("in steps of 0.005 s") || said.stdout.contains("in steps of 0.005 s"));
+    assert!(said.stderr.contains("with steps of 0.005 s") || said.stdout.contains("with steps of 0.005 s"));
     let mut fly = Command::new(python);
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fmi/fly.py");
     fly.arg(script).args([path("v.fmu"), path("out.csv")]).args(["--seed", SEED]);

@@ -113,7 +113,7 @@ fn finds_the_quadrotor(log: &Path, names: [&str; 3]) {
     let (told, answer) = call(&["--align"]);
     let moved: Vec<f64> = told
         .lines()
-        .filter(|l| l.contains(": moved"))
+        .filter(|l| l.contains(": shifted"))
         .map(|l| l.split("by ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap())
         .collect();
     assert_eq!(moved.len(), 2, "{told}");

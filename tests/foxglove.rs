@@ -58,7 +58,7 @@ fn a_client_sees_the_bench_by_name_and_steers_it() -> Outcome {
     assert!((0.1..HUNG.as_secs_f64()).contains(&span), "all channels have bench time: {times:?}");
     let answers: Vec<_> = seen["answers"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
     let wanted = [
-        "nothing is taken on topic /control/guess",
+        "topic /control/guess is not accepted",
         "beyond the limits",
         "setpoint of roll",
         "gust on roll_rate",
@@ -202,10 +202,10 @@ fn the_layouts_show_what_is_in_a_log() -> Outcome {
 }
 
 fn an_address_that_is_none_is_told() -> Outcome {
-    refused(&["run", "--foxglove", "nowhere"], &["nowhere", "is no address"]);
+    refused(&["run", "--foxglove", "nowhere"], &["nowhere", "is not an address"]);
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    refused(&["run", "--foxglove", &port], &["nothing can be served on", &port]);
+    refused(&["run", "--foxglove", &port], &["cannot serve on", &port]);
     Ok(())
 }
 

@@ -69,9 +69,12 @@ fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome 
     assert_eq!(page.value(&format!("{take}.disabled")), true, "it is armed first");
     page.value("document.querySelector('#stick-armed').click()");
     page.value(&format!("{take}.click()"));
-    page.wait_for("document.querySelector('#answer.good').textContent.startsWith('the stick is yours')");
+    page.wait_for("document.querySelector('#answer.good').textContent.startsWith('you have the stick')");
     let (code, text) = control(&url, r#"{"do":"stick","hand":5,"at":{"u_roll":0.1}}"#);
-    assert!(code == "422" && text.contains("not yours"), "another viewer has no stick: {code} {text}");
+    assert!(
+        code == "422" && text.contains("you do not have the stick"),
+        "another viewer has no stick: {code} {text}"
+    );
 
     // A quarter of the way to the right, of 25 % of what the input can do: 20 * 0.25 * 0.25.
     page.value("document.querySelector('#stick-pad').scrollIntoView({ block: 'center' })");

@@ -70,7 +70,7 @@ fn runs_are_compared_and_the_best_is_named() -> Outcome {
     assert_eq!(plots(&dom), 4 + 2 + 4 + 5, "no spectrogram of several runs");
     assert!(before(&dom, "quadrotor-lqr is best in ", "</header>"));
     let refused = run(["compare", &smc, &lqr, "--vehicle", "quadrotor"]);
-    assert!(refused.code() == 2 && refused.stderr.contains("leave it out"), "{}", refused.stderr);
+    assert!(refused.code() == 2 && refused.stderr.contains("omit it"), "{}", refused.stderr);
     let refused = run(["compare", &smc]);
     assert!(refused.code() == 2 && refused.stderr.contains("--vehicle V"), "{}", refused.stderr);
     Ok(())

@@ -85,7 +85,7 @@ fn the_next_start_removes_what_five_killed_benches_left() {
     let out = dir.path().to_str().unwrap();
     let end = run(["run", "--mode", "lockstep", "--duration", "1", "--set", FAULTS_ALLOWED, "--out", out])
         .success();
-    assert!(end.stderr.contains("that killed runs left"), "{}", end.stderr);
+    assert!(end.stderr.contains("left behind by killed runs"), "{}", end.stderr);
     names.iter().for_each(|name| assert!(end.stderr.contains(&unique(name)), "{name}: {}", end.stderr));
     assert_eq!(left(), before);
 }

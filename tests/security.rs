@@ -181,7 +181,7 @@ fn on_an_open_bench_counts_saturate_files_are_bounded_and_no_node_is_killed() {
     assert!((2..=4).contains(&logs.len()), "one for each start that the plant may have: {logs:?}");
     assert!(logs.iter().map(|l| forged_in(l)).sum::<usize>() > 0, "the attack reaches an open bench");
     assert!(ended.stderr.contains("Truth restarts"), "{}", ended.stderr);
-    assert!(ended.stderr.contains("in the name of 'plant'"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("a Health message named 'plant'"), "{}", ended.stderr);
 }
 
 fn a_node_by_hand_finds_the_secret_of_its_user() {

@@ -50,7 +50,7 @@ fn a_killed_node_is_started_again_and_the_loop_recovers() {
             let mut running = start(&format!("kill-{node}"), "2", dir.path(), &[]);
             let pid = ready(&mut running, node);
             signal(pid, libc::SIGKILL);
-            running.wait_for_stderr("is started again");
+            running.wait_for_stderr("restarting it");
             assert_ne!(ready(&mut running, node), pid);
             let end = running.finish();
             assert_eq!(end.code(), 0, "{node}\n{}\n{}", end.stdout, end.stderr);
@@ -68,7 +68,7 @@ fn a_node_that_hangs_is_killed_and_started_again() {
         let mut running = start("hang", "4", dir.path(), &["--set", "nodes.controller.hang_timeout_s=0.5"]);
         let pid = ready(&mut running, "controller");
         signal(pid, libc::SIGSTOP);
-        let line = running.wait_for_stderr("is started again");
+        let line = running.wait_for_stderr("restarting it");
         assert!(line.contains("controller") && line.contains("no Health for 0.5 s"), "{line}");
         ready(&mut running, "controller");
         let end = running.finish();
@@ -229,5 +229,5 @@ fn a_node_that_must_be_killed_at_the_end_is_told_of_once() {
     running.signal(libc::SIGTERM);
     let end = running.finish();
     let told: Vec<_> = end.stderr.lines().filter(|l| l.contains("deaf") && l.contains("killed")).collect();
-    assert_eq!(told, ["deaf did not end within 0.2 s and was killed"], "{}", end.stderr);
+    assert_eq!(told, ["deaf did not stop within 0.2 s and was killed"], "{}", end.stderr);
 }

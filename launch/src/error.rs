@@ -35,9 +35,11 @@ impl Failure {
     /// A file or folder that cannot be used; `doing` says for what, as in "write the report to".
     pub fn file(doing: &str, path: &Path, error: &std::io::Error) -> Self {
         let advice = match error.kind() {
-            ErrorKind::StorageFull => ": the disk is full; make room, or choose another folder with --out",
+            ErrorKind::StorageFull => {
+                ": the disk is full; free some space, or choose another folder with --out"
+            }
             ErrorKind::QuotaExceeded => {
-                ": your share of the disk is used up; make room, or choose another folder"
+                ": your disk quota is used up; free some space, or choose another folder"
             }
             _ => "",
         };

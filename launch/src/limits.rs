@@ -34,12 +34,13 @@ pub(crate) fn check_for_bench() -> Result<(), Failure> {
 fn verdict(files: Option<u64>, memory: Option<u64>) -> Option<String> {
     if let Some(files) = files.filter(|n| *n < LEAST_FILES) {
         return Some(format!(
-            "a process may have {files} files open here, and a bench needs {LEAST_FILES}: raise the limit (ulimit -n {LEAST_FILES})"
+            "a process may open only {files} files here, but a bench needs {LEAST_FILES}: raise the limit (ulimit \
+             -n {LEAST_FILES})"
         ));
     }
     let memory = memory.filter(|n| *n < LEAST_MEMORY)?;
     Some(format!(
-        "a process may have {} MB of memory here, and a bench needs {}: raise the limit (ulimit -v {})",
+        "a process may use only {} MB of memory here, but a bench needs {}: raise the limit (ulimit -v {})",
         memory >> 20,
         LEAST_MEMORY >> 20,
         LEAST_MEMORY >> 10
@@ -54,9 +55,11 @@ mod tests {
     fn what_is_too_little_is_told_with_what_is_enough() {
         assert_eq!(verdict(None, None), None);
         assert_eq!(verdict(Some(LEAST_FILES), Some(LEAST_MEMORY)), None);
-        assert!(verdict(Some(32), None).unwrap().contains("32 files open here, and a bench needs 256"));
+        assert!(verdict(Some(32), None).unwrap().contains("only 32 files here, but a bench needs 256"));
         assert!(
-            verdict(None, Some(100 << 20)).unwrap().contains("100 MB of memory here, and a bench needs 512")
+            verdict(None, Some(100 << 20))
+                .unwrap()
+                .contains("only 100 MB of memory here, but a bench needs 512")
         );
     }
 }

@@ -74,9 +74,10 @@ fn give_up(bytes: usize) -> ! {
     let mut digits = [0; 20];
     let number = decimal(bytes, &mut digits);
     for part in [
-        b"error: the system has no memory left (".as_slice(),
+        b"error: out of memory (".as_slice(),
         number,
-        b" bytes more were asked for): give this process more (ulimit -v, or the limit of its container), or it a shorter record\n",
+        b" more bytes were requested): allow this process more memory (ulimit -v, or its container's limit), or \
+          use a shorter record\n",
     ] {
         // SAFETY: write(2) reads the slice, which lives; what it could not write cannot be told anywhere else.
         unsafe { libc::write(libc::STDERR_FILENO, part.as_ptr().cast(), part.len()) };

@@ -8,7 +8,7 @@ class Controls {
   // Asks, and says what became of it; whether it was done.
   async ask(control) {
     this.answer.className = "note";
-    this.answer.textContent = "asked …";
+    this.answer.textContent = "sent …";
     const reply = await this.post(control);
     this.told(reply);
     return reply.ok;
@@ -20,7 +20,7 @@ class Controls {
         body: JSON.stringify(control) });
       return { ok: reply.ok, text: await reply.text() };
     } catch (error) {
-      return { ok: false, text: "nobody answers: " + error.message };
+      return { ok: false, text: "no answer: " + error.message };
     }
   }
 
@@ -109,7 +109,7 @@ class Controls {
       this.halt.type = "button";
       this.halt.addEventListener("click", () => this.ask({ do: "play", key: "paused", value: this.isHalted ? 0 : 1 }));
       const speed = input("speed", "1"), times = label();
-      times.textContent = "× as fast";
+      times.textContent = "× real time";
       form.append(this.place, this.halt, speed, times, button("Set"));
       return () => ({ do: "play", key: "speed", value: Number(speed.value) });
     });
@@ -119,7 +119,7 @@ class Controls {
   played(play) {
     if (!this.place) return;
     this.isHalted = play.paused;
-    this.halt.textContent = play.paused ? "Go on" : "Halt";
+    this.halt.textContent = play.paused ? "Resume" : "Halt";
     this.place.max = play.end_s;
     if (document.activeElement !== this.place) this.place.value = play.at_s;
   }

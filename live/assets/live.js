@@ -131,11 +131,11 @@ function status() {
   const speed = pace.length > 2 ? (last[1] - first[1]) / (last[0] - first[0]) : 0;
   const parts = [];
   if (speed > 0) parts.push(speed > 0.95 && speed < 1.05 ? "real time" : speed.toPrecision(2) + " × real time");
-  if (thinned > 1.01) parts.push(`one row for ${thinned.toFixed(0)} steps`);
+  if (thinned > 1.01) parts.push(`one row per ${thinned.toFixed(0)} steps`);
   text("pace", parts.join(", "));
   const notices = [];
   if (over) notices.push(over);
-  if (missed) notices.push(`This page was too slow for ${missed} frames, which are missing in the plots; the log has everything.`);
+  if (missed) notices.push(`This page was too slow for ${missed} frames, which are missing from the plots; the log has everything.`);
   if (lost) notices.push(`${lost} messages came faster than they could be shown; the log has everything.`);
   text("notice", notices.join(" "));
   show("notice", notices.length > 0);

@@ -6,10 +6,10 @@ class StickControl {
   constructor(controls, scene, form) {
     Object.assign(this, { controls, names: scene.inputs.map((i) => i.name), at: [0, 0], more: [0, 0], hand: null, plugged: false });
     const [x, y = x] = this.names;
-    this.x = select("input across", this.names);
-    this.y = select("input along", this.names);
+    this.x = select("horizontal input", this.names);
+    this.y = select("vertical input", this.names);
     [this.x.value, this.y.value] = [x, y];
-    this.share = select("greatest deflection", ["10 %", "25 %", "50 %", "100 %"]);
+    this.share = select("maximum deflection", ["10 %", "25 %", "50 %", "100 %"]);
     this.share.value = "25 %";
     this.armed = document.createElement("input");
     Object.assign(this.armed, { type: "checkbox", id: "stick-armed" });

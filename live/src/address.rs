@@ -13,7 +13,7 @@ const TOKEN_LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrs
 
 /// What is wrong with an address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no address: write a port, IP, IP:PORT or [IP]:PORT, such as 8480 or 192.0.2.2:8480")]
+#[error("'{0}' is not an address: write a port, IP, IP:PORT or [IP]:PORT, such as 8480 or 192.0.2.2:8480")]
 pub struct AddressError(String);
 
 /// Where the page is served.

@@ -97,7 +97,7 @@ pub type Answer = Result<String, String>;
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// The address cannot be had.
-    #[error("nothing can be served on {socket}: {source}; give another address")]
+    #[error("cannot serve on {socket}: {source}; choose another address")]
     Listen {
         /// The address.
         socket: SocketAddr,
@@ -105,7 +105,7 @@ pub enum ServerError {
         source: std::io::Error,
     },
     /// The system gives no thread or poller.
-    #[error("nothing can be served: {0}")]
+    #[error("cannot serve: {0}")]
     Start(std::io::Error),
 }
 
@@ -250,7 +250,7 @@ fn page() -> String {
 }
 
 fn refused() -> Response {
-    let text = "This page needs the address that whirlstand printed, with its token.\n";
+    let text = "Open this page at the address that whirlstand printed, including its token.\n";
     (StatusCode::FORBIDDEN, text).into_response()
 }
 
@@ -274,7 +274,7 @@ async fn events(State(shared): State<Arc<Shared>>, uri: Uri, headers: HeaderMap)
         return refused();
     }
     if shared.hub.viewers() >= MOST_VIEWERS {
-        return (StatusCode::SERVICE_UNAVAILABLE, "There are as many viewers as there can be.\n")
+        return (StatusCode::SERVICE_UNAVAILABLE, "The maximum number of viewers is connected.\n")
             .into_response();
     }
     Sse::new(frames(&shared.hub)).keep_alive(KeepAlive::default()).into_response()
@@ -307,7 +307,7 @@ async fn control(State(shared): State<Arc<Shared>>, uri: Uri, headers: HeaderMap
         return refused();
     }
     let answer = match serde_json::from_slice::<Control>(&body) {
-        Err(e) => Err(format!("this control is not understood: {e}")),
+        Err(e) => Err(format!("this control cannot be parsed: {e}")),
         Ok(control) => {
             // A stick waits for nobody: late it would be of no use.
             let _turn = match control {

@@ -7,7 +7,7 @@ pub fn refusal(verdict: AdjustmentVerdict, key: &str) -> String {
     match verdict {
         AdjustmentVerdict::Asked | AdjustmentVerdict::Done => "it is not refused".into(),
         AdjustmentVerdict::Closed => {
-            format!("the bench accepts no such message from outside: start it with --set {key}=true")
+            format!("the bench does not accept such messages from outside: start it with --set {key}=true")
         }
         AdjustmentVerdict::Unusable => "its value has no meaning here".into(),
         AdjustmentVerdict::NoSuchState => "the vehicle has no such state".into(),

@@ -76,7 +76,7 @@ impl Flyer {
         let scratch = tempfile::Builder::new()
             .prefix("whirlstand-campaign-")
             .tempdir()
-            .map_err(|e| Failure::Run(format!("no folder can be made for the logs of the flights: {e}")))?;
+            .map_err(|e| Failure::Run(format!("cannot create a folder for the logs of the flights: {e}")))?;
         let name =
             path.file_stem().map_or_else(|| "campaign".into(), |stem| stem.to_string_lossy().into_owned());
         let mut flyer = Self {
@@ -201,7 +201,7 @@ impl Flyer {
         match catch_unwind(AssertUnwindSafe(|| self.flown(number, plan, figures))) {
             Ok(Ok(flight)) => flight,
             Ok(Err(why)) => failed(why),
-            Err(_) => failed("the program failed in this flight, which is a bug".into()),
+            Err(_) => failed("the program failed in this flight; this is a bug".into()),
         }
     }
 
@@ -261,14 +261,15 @@ fn launch_file(campaign: &Campaign, path: &Path) -> Result<FoundFile, Failure> {
 fn check_alone(file: &LaunchFile, launch: &str) -> Result<(), Failure> {
     if !file.variants.is_empty() {
         return Err(Failure::Mend(format!(
-            "{launch} has variants; a campaign flies one bench, and lets for example controller.law vary"
+            "{launch} has variants, but a campaign flies one bench: vary controller.law or another key instead"
         )));
     }
     let not_ours =
         file.nodes.iter().find(|(_, node)| node.exec.is_some() || node.external || node.bridge.is_some());
     match not_ours {
         Some((name, _)) => Err(Failure::Mend(format!(
-            "node {name} of {launch} is a program or hardware of its own; a campaign flies in one thread, without it"
+            "node {name} of {launch} is an external program or hardware, which a campaign cannot fly: it flies in \
+             one thread"
         ))),
         None => Ok(()),
     }

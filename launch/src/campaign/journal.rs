@@ -70,7 +70,7 @@ fn earlier(path: &Path, info: &TableInfo) -> Result<BTreeMap<u64, Flight>, Failu
     let same = serde_json::from_str::<TableInfo>(&head).is_ok_and(|head| head == *info);
     if !same {
         return Err(Failure::Mend(format!(
-            "--resume: {} is of another campaign, part or version; remove it, or take another folder with --out",
+            "--resume: {} is from another campaign, part or version; remove it, or choose another folder with --out",
             path.display()
         )));
     }

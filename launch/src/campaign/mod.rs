@@ -49,7 +49,8 @@ fn fly(args: &CampaignFlyArgs) -> Result<ExitCode, Failure> {
     let campaign = flyer.campaign();
     if args.until_width.is_some() && !campaign.method.may_stop_early() {
         return Err(Failure::Mend(format!(
-            "--until-width: the first flights of method \"{}\" are no sample of the whole: take \"random\" or \"sobol\"",
+            "--until-width: the first flights of method \"{}\" are not a sample of the whole: use \"random\" or \
+             \"sobol\"",
             campaign.method.word()
         )));
     }

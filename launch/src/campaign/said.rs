@@ -96,7 +96,7 @@ impl Said<'_> {
         let found = &self.findings;
         let flown = found.violated.of;
         if self.partial {
-            writeln!(text, "partial: {flown} of {} flights, go on with --resume", self.planned)?;
+            writeln!(text, "partial: {flown} of {} flights, continue with --resume", self.planned)?;
         }
         write!(
             text,
@@ -104,7 +104,7 @@ impl Said<'_> {
             self.launch, self.method, self.seed
         )?;
         if self.enough {
-            write!(text, ", which is enough: {} were planned", self.planned)?;
+            write!(text, ", fewer than the {} planned: the interval is narrow enough", self.planned)?;
         }
         match self.wall_s {
             Some(wall) if self.flown_now > 0 => writeln!(
@@ -118,7 +118,7 @@ impl Said<'_> {
         }
         writeln!(text, "  violated    {}", share(&found.violated))?;
         if found.failed.count > 0 {
-            writeln!(text, "  not ended   {}", share(&found.failed))?;
+            writeln!(text, "  unfinished  {}", share(&found.failed))?;
         }
         let figures = &self.columns.figures;
         let unit = |key: &str| {
@@ -138,7 +138,7 @@ impl Said<'_> {
         for figure in found.figures.iter().filter(|f| found.limits.iter().any(|l| l.key == f.key)) {
             let unit = ShownUnit::named(&figure.unit, &figure.shown);
             let [_, low, middle, high, most] = figure.quantiles.map(|q| unit.text(q));
-            writeln!(text, "  {:<24} median {middle}, 5 to 95 % {low} to {high}, most {most}", figure.key)?;
+            writeln!(text, "  {:<24} median {middle}, 5 to 95 % {low} to {high}, max {most}", figure.key)?;
             let moved: Vec<String> = figure
                 .sensitivities
                 .iter()
@@ -152,7 +152,7 @@ impl Said<'_> {
             let how = match (&worst.of_limit, &worst.ended) {
                 (_, Some(why)) => why.clone(),
                 (Some(share), None) => format!("{} at {} of its limit", worst.key, number(*share)),
-                (None, None) => format!("{} without an end", worst.key),
+                (None, None) => format!("{} unfinished", worst.key),
             };
             let replay = format!("whirlstand campaign replay {} --flight {}", self.campaign, worst.flight);
             writeln!(text, "  worst       flight {}: {how}\n              {replay}", worst.flight)?;

@@ -9,11 +9,11 @@ use whirlstand_campaign::Shard;
 use super::JsonArg;
 use super::quantity::{hertz, interval};
 
-/// Hide effects in simulated records, diagnose these, and count what is found.
+/// Hide effects in simulated records, diagnose the records, and count what is found.
 ///
 /// A generator that shares nothing with the diagnosis draws a record and seals the answer; `whirlstand diagnose` sees
-/// the record and the nominal vehicle only. With a vehicle and an excitation of your own this tells before a flight
-/// what that flight could reveal.
+/// the record and the nominal vehicle only. With your own vehicle and excitation, this shows before a flight what
+/// that flight could reveal.
 #[derive(Debug, Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -23,7 +23,7 @@ use super::quantity::{hertz, interval};
     whirlstand blind --only 1000017 --keep out/trial\n  \
     whirlstand blind --trials 5000 --shard 3/8 --json part-3.json\n  \
     whirlstand blind merge part-*.json --json blind.json\n\n\
-    Exit code 1 when a goal is missed. Ctrl-C ends a run early: what was done by then counts; exit code 130."
+    Exit code 1 when a goal is missed. Ctrl-C ends a run early, with the results so far; exit code 130."
 )]
 pub(crate) struct BlindArgs {
     #[command(subcommand)]
@@ -38,7 +38,7 @@ pub(crate) enum BlindCommand {
     Merge(BlindMergeArgs),
 }
 
-/// Join the parts of a run; the result is that of a run in one piece, but for the seconds that each diagnosis took.
+/// Join the parts of a run; the result is that of an undivided run, except for the duration of each diagnosis.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
     whirlstand blind merge part-*.json --json blind.json")]
@@ -59,7 +59,7 @@ pub(crate) struct BlindRunArgs {
     /// Number of trials.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub trials: usize,
-    /// Seed; trial K of it has the number SEED 000000 + K.
+    /// Seed; trial K has the number SEED x 1000000 + K.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// Built-in vehicle or path, the same in all trials [default: drawn]
@@ -68,10 +68,10 @@ pub(crate) struct BlindRunArgs {
     /// Record with the inputs of that vehicle, flown in all trials [default: drawn]
     #[arg(long, value_name = "FILE")]
     pub input: Option<PathBuf>,
-    /// Takes an input from another column, for example u_roll=in_lat; may be repeated.
+    /// Take an input from another column, for example u_roll=in_lat; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
-    /// What trials are drawn from.
+    /// Distributions that the trials are drawn from.
     #[arg(long, value_enum, value_name = "NAME", default_value_t = BlindGenerator::Reference)]
     pub generator: BlindGenerator,
     /// Whether a law flies the vehicle; --input is flown as it is.
@@ -80,7 +80,8 @@ pub(crate) struct BlindRunArgs {
     /// Shortest and longest drawn record, in seconds or with units [default: the generator's, 30:120 and 20:100]
     #[arg(long, value_name = "FROM:TO", value_parser = lengths, conflicts_with = "input")]
     pub length: Option<(f64, f64)>,
-    /// Sampling rates that are drawn from, in Hz or with a unit, separated by commas [default: the generator's, 50,100,200 and 40,80,125,250]
+    /// Sampling rates to draw from, in Hz or with a unit, separated by commas [default: the generator's, 50,100,200
+    /// and 40,80,125,250]
     #[arg(long, value_name = "FREQUENCY,...", value_parser = rate, value_delimiter = ',', conflicts_with = "input")]
     pub rate: Option<Vec<f64>>,
     /// Only these effects of the table, separated by commas.
@@ -92,10 +93,10 @@ pub(crate) struct BlindRunArgs {
     /// Only the trial of this number.
     #[arg(long, value_name = "NUMBER", conflicts_with_all = ["trials", "seed", "effects", "kinds"])]
     pub only: Option<u64>,
-    /// Only the part K of N of the trials; `blind merge` joins what --json writes of each. Missed goals are told of the whole.
+    /// Only part K of N of the trials; `blind merge` joins their --json files. Goals are judged after merging.
     #[arg(long, value_name = "K/N", requires = "json", conflicts_with = "only")]
     pub shard: Option<Shard>,
-    /// Goes on where an interrupted run of the same call ended: what its results (its --json) hold is not flown again.
+    /// Resume an interrupted run of the same call: trials in its results (its --json) are not flown again.
     #[arg(long, value_name = "FILE", conflicts_with = "only")]
     pub resume: Option<PathBuf>,
     /// Trials at a time [default: one for each CPU]
@@ -103,13 +104,15 @@ pub(crate) struct BlindRunArgs {
     pub jobs: Option<NonZeroUsize>,
     #[command(flatten)]
     pub json: JsonArg,
-    /// Folder for blind.json, blind.txt, the list of seals, and the records of trials that did not end as they should.
+    /// Folder for blind.json, blind.txt, the list of seals, and the records of trials that were not answered
+    /// correctly.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Folder for the records, answers and diagnoses of all trials.
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
-    /// Another program to be judged, called as `PROGRAM diagnose trial.csv --vehicle nominal.toml --json diagnosis.json`.
+    /// Another program to evaluate, called as `PROGRAM diagnose trial.csv --vehicle nominal.toml --json
+    /// diagnosis.json`.
     #[arg(long, value_name = "PROGRAM")]
     pub program: Option<PathBuf>,
 }
@@ -128,7 +131,7 @@ pub(crate) enum BlindGenerator {
 pub(crate) enum BlindLoop {
     /// The commands are drawn.
     Open,
-    /// A law gives the commands, from noisy measurements.
+    /// A law computes the commands from noisy measurements.
     Closed,
     /// Every other trial is flown by a law.
     Both,
@@ -164,7 +167,7 @@ fn lengths(text: &str) -> Result<(f64, f64), String> {
     match interval(text) {
         Ok((from, to)) if from >= 5.0 && to <= 3600.0 => Ok((from, to)),
         _ => Err(format!(
-            "'{text}' is no range of lengths: write FROM:TO, as in 30:120 or \"30 s:2 min\", from 5 s to 3600 s"
+            "'{text}' is not a range of lengths: write FROM:TO, as in 30:120 or \"30 s:2 min\", from 5 s to 3600 s"
         )),
     }
 }
@@ -173,6 +176,8 @@ fn lengths(text: &str) -> Result<(f64, f64), String> {
 fn rate(text: &str) -> Result<f64, String> {
     match hertz(text) {
         Ok(hz) if (5.0..=1000.0).contains(&hz) => Ok(hz),
-        _ => Err(format!("'{text}' is no sampling rate: write Hz, from 5 to 1000, as in 200 or \"0.2 kHz\"")),
+        _ => Err(format!(
+            "'{text}' is not a sampling rate: write Hz, from 5 to 1000, as in 200 or \"0.2 kHz\""
+        )),
     }
 }

@@ -8,10 +8,10 @@ use whirlstand_campaign::Shard;
 
 use super::JsonArg;
 
-/// Fly a launch file many times while something varies, and say how often a limit is broken, and by what.
+/// Fly a launch file many times with varying parameters, and report how often limits are broken, and by what.
 ///
-/// A campaign file names the launch file, what varies in it and how many flights there are (see docs/campaign.md). Every
-/// flight is the launch file in lockstep and in one thread; what it draws follows from its number alone.
+/// A campaign file names the launch file, what varies in it and how many flights there are (see docs/campaign.md).
+/// Every flight runs in lockstep and in one thread; its draws depend on its number alone.
 #[derive(Debug, Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -22,8 +22,8 @@ use super::JsonArg;
     whirlstand campaign gusts.toml --out out/gusts --shard 3/8 --resume\n  \
     whirlstand campaign merge out/gusts/part-*.parquet --out out/gusts\n  \
     whirlstand campaign replay gusts.toml --flight 417\n\n\
-    Ctrl-C lets the flights under way come to their end and keeps what is done, for --resume; exit code 130. Broken limits \
-    are what is counted here, and no failure: exit code 0."
+    Ctrl-C lets the current flights finish and keeps the results for --resume; exit code 130. Broken limits are \
+    counted and are not a failure: exit code 0."
 )]
 pub(crate) struct CampaignArgs {
     #[command(subcommand)]
@@ -51,20 +51,21 @@ pub(crate) struct CampaignFlyArgs {
     /// Flights at a time [default: one for each processor]
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
-    /// Flies the part K of N only, into part-K-of-N.parquet; `campaign merge` joins the parts.
+    /// Fly only part K of N, into part-K-of-N.parquet; `campaign merge` joins the parts.
     #[arg(long, value_name = "K/N", requires = "out")]
     pub shard: Option<Shard>,
-    /// Goes on where an interrupted or killed call of the same file, folder and part ended; from the start if there is none.
+    /// Resume an interrupted or killed campaign with the same file, folder and part; start from the beginning if
+    /// there is none.
     #[arg(long, requires = "out")]
     pub resume: bool,
-    /// Ends as soon as the interval (95 %) of the share of flights that break a limit is so narrow, for example 0.02
+    /// Stop as soon as the 95 % interval of the share of flights that break a limit is this narrow, for example 0.02
     #[arg(long, value_name = "WIDTH", value_parser = width, conflicts_with = "shard")]
     pub until_width: Option<f64>,
     #[command(flatten)]
     pub json: JsonArg,
 }
 
-/// Fly one flight of a campaign again, over processes and with a full log.
+/// Repeat one flight of a campaign as separate processes and with a full log.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
     whirlstand campaign replay gusts.toml --flight 417 --out out/worst")]
@@ -81,7 +82,7 @@ pub(crate) struct CampaignReplayArgs {
     pub json: JsonArg,
 }
 
-/// Join the parts of a campaign; the result is that of a campaign that was flown in one piece, byte for byte.
+/// Join the parts of a campaign; the result is byte for byte that of an undivided campaign.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
     whirlstand campaign merge out/gusts/part-*.parquet --out out/gusts")]

@@ -21,7 +21,7 @@ pub(crate) struct DesignArgs {
     /// Rate of the control loop, in Hz or with a unit.
     #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = 200.0)]
     pub rate: f64,
-    /// Sets an option of [controller] as a launch file has it, for example --set boundary_layer=0.2
+    /// Set an option of [controller] as in a launch file, for example --set boundary_layer=0.2
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     #[command(flatten)]
@@ -38,48 +38,48 @@ pub(crate) struct DesignArgs {
 pub(crate) struct SimulateArgs {
     /// Built-in vehicle or path of a vehicle file.
     pub vehicle: String,
-    /// Record with the inputs: CSV (first column t in s, heads `name` or `name[unit]`), MCAP, PX4 ULog, ArduPilot
+    /// Record with the inputs: CSV (first column t in s, headers `name` or `name[unit]`), MCAP, PX4 ULog, ArduPilot
     /// DataFlash or Betaflight blackbox.
     #[arg(long, value_name = "FILE")]
     pub input: PathBuf,
-    /// CSV to write: time, inputs and outputs, in SI.
+    /// CSV to write: time, inputs and outputs, in SI units.
     #[arg(long, value_name = "FILE")]
     pub output: PathBuf,
-    /// Takes a signal from another column, for example u_roll=in_lat or roll=phi[deg]; may be repeated.
+    /// Take a signal from another column, for example u_roll=in_lat or roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
     /// Rate of the simulation, in Hz or with a unit [default: that of the record]
     #[arg(long, value_name = "FREQUENCY", value_parser = hertz)]
     pub rate: Option<f64>,
-    /// Simulate what is random too: sensor noise, quantization, dropouts, turbulence.
+    /// Include random effects: sensor noise, quantization, dropouts, turbulence.
     #[arg(long)]
     pub noise: bool,
-    /// Seed of the sensors' noise.
+    /// Seed of the sensor noise.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 }
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum LogCommand {
-    /// What a log holds: signals, units, rates, length, and the files inside it.
+    /// Show what a log contains: signals, units, rates, length, and the files inside it.
     Info {
         /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
         log: PathBuf,
         #[command(flatten)]
         json: JsonArg,
     },
-    /// Writes a log as CSV, with a unit in every column head.
+    /// Export a log as CSV, with a unit in every column header.
     Export {
         /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
         log: PathBuf,
         /// CSV to write; - for standard output.
         #[arg(long, short, value_name = "FILE", default_value = "-")]
         output: PathBuf,
-        /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+        /// Take a signal from another column, for example roll=phi[deg]; may be repeated.
         #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
         map: Vec<String>,
     },
-    /// Names the first message and field that differ between two logs (Health and wall-clock times aside).
+    /// Find the first message and field that differ between two logs (ignoring Health and wall-clock times).
     Diff {
         /// First log.
         a: PathBuf,
@@ -90,19 +90,18 @@ pub(crate) enum LogCommand {
     },
 }
 
-/// Draft a first vehicle file from a record: inputs and outputs by name and unit, structures by predictions of held-out
-/// data.
+/// Draft a vehicle file from a record: inputs and outputs by name and unit, structure by prediction of held-out data.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand vehicle new flight.ulg --output mine.toml\n  \
     whirlstand vehicle new log.csv --input in_lat --measure 'roll_rate=wx[deg/s]'\n  \
     whirlstand identify flight.ulg --vehicle mine.toml\n\n\
-    --output names the file; outputs of the vehicle are chosen with --measure. The file says what the log calls the \
-    signals, so that it needs no --map.")]
+    --output names the file; outputs of the vehicle are chosen with --measure. The file contains the log's signal \
+    names, so no --map is needed.")]
 pub(crate) struct VehicleNewArgs {
     /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
     pub log: PathBuf,
-    /// Writes the vehicle file; without it, the file follows on the terminal.
+    /// Vehicle file to write; without it, the file is printed.
     #[arg(long, value_name = "V.toml")]
     pub output: Option<PathBuf>,
     /// An input of the vehicle, as SIGNAL[unit] or NAME=SIGNAL[unit]; may be repeated [default: those known by name]
@@ -115,10 +114,10 @@ pub(crate) struct VehicleNewArgs {
     /// The time column of a CSV whose first column is not t, as COLUMN[unit].
     #[arg(long, value_name = "COLUMN")]
     pub time: Option<String>,
-    /// Start of the part that is used, by the record's clock, in seconds or with a unit.
+    /// Start of the part to use, by the record's clock, in seconds or with a unit.
     #[arg(long, value_name = "TIME", value_parser = moment, allow_negative_numbers = true)]
     pub from: Option<f64>,
-    /// End of the part that is used, by the record's clock, in seconds or with a unit.
+    /// End of the part to use, by the record's clock, in seconds or with a unit.
     #[arg(long, value_name = "TIME", value_parser = moment, allow_negative_numbers = true)]
     pub to: Option<f64>,
     #[command(flatten)]
@@ -128,17 +127,17 @@ pub(crate) struct VehicleNewArgs {
 #[derive(Debug, Subcommand)]
 pub(crate) enum VehicleCommand {
     New(VehicleNewArgs),
-    /// Lists the built-in vehicles.
+    /// List the built-in vehicles.
     List {
         #[command(flatten)]
         json: JsonArg,
     },
-    /// Prints a vehicle file.
+    /// Print a vehicle file.
     Show {
         /// Built-in vehicle or path.
         vehicle: String,
     },
-    /// Reads a vehicle file and tells what it is: states, inputs, outputs, effects, poles.
+    /// Check a vehicle file and summarize it: states, inputs, outputs, effects, poles.
     Check {
         /// Built-in vehicle or path.
         vehicle: String,
@@ -148,11 +147,11 @@ pub(crate) enum VehicleCommand {
     Fmu(VehicleFmuArgs),
 }
 
-/// Export a vehicle as a functional mock-up unit (FMU) of FMI 3.0 for co-simulation, as Simulink, Dymola, OpenModelica and
-/// FMPy take it.
+/// Export a vehicle as an FMI 3.0 functional mock-up unit (FMU) for co-simulation in Simulink, Dymola, OpenModelica
+/// or FMPy.
 ///
-/// It flies with all effects and sensors, as the plant does. It contains the vehicle file and a library for this kind
-/// of machine; whoever uses it needs neither Whirlstand nor a compiler.
+/// It simulates all effects and sensors, as the plant does. It contains the vehicle file and a library for this kind
+/// of machine; using it requires neither Whirlstand nor a compiler.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  whirlstand vehicle fmu mine.toml --out mine.fmu")]
 pub(crate) struct VehicleFmuArgs {
@@ -164,19 +163,19 @@ pub(crate) struct VehicleFmuArgs {
     /// Rate at which sensors measure and inputs act, in Hz or with a unit.
     #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = 200.0)]
     pub rate: f64,
-    /// Seed of the sensors' noise, where the tool sets no other.
+    /// Seed of the sensor noise, unless the tool sets another.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 }
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum LaunchCommand {
-    /// Lists the built-in launch files.
+    /// List the built-in launch files.
     List {
         #[command(flatten)]
         json: JsonArg,
     },
-    /// Prints a launch file.
+    /// Print a launch file.
     Show {
         /// Built-in launch file or path.
         launch: String,

@@ -7,7 +7,7 @@ use clap::Args;
 /// Where JSON goes, if it is asked for.
 #[derive(Debug, Clone, Default, Args)]
 pub(crate) struct JsonArg {
-    /// Writes JSON to FILE; without FILE, or for -, JSON is all that is printed.
+    /// Write JSON to FILE; without FILE, or with -, print only JSON.
     #[arg(id = "json", long = "json", value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     pub path: Option<PathBuf>,
 }

@@ -26,13 +26,13 @@ pub(crate) struct WhichBenchArgs {
     pub overrides: OverrideArgs,
 }
 
-/// Push the vehicle of a running bench: a gust on one or several states.
+/// Disturb the vehicle of a running bench: a gust on one or more states.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand run quadrotor --bench lab --set plant.inject=true\n  \
     whirlstand inject lab roll_rate=\"150 deg/s^2\" pitch_rate=\"-80 deg/s^2\" --for \"200 ms\"\n\n\
-    A gust is added to the derivative of the state, from the next step on, for its length in bench time, beside all others. \
-    Exit code 2 when the bench refuses it.")]
+    A gust is added to the derivative of the state, from the next step on, for its length in bench time, in \
+    addition to all others. Exit code 2 when the bench refuses it.")]
 pub(crate) struct InjectArgs {
     #[command(flatten)]
     pub bench: WhichBenchArgs,
@@ -46,15 +46,16 @@ pub(crate) struct InjectArgs {
     pub json: JsonArg,
 }
 
-/// Set something on a running bench: a setpoint, the gain of the law, the state of the engine, the end of the run.
+/// Change a running bench: a setpoint, the gain of the law, the state of the engine, the end of the run.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand run quadrotor --bench lab --set plant.inject=true --set controller.pilot=true\n  \
     whirlstand set lab setpoint.roll=\"5 deg\" setpoint.pitch=0rad\n  \
     whirlstand set lab gain=1.5 engine=on\n\n\
-    A setpoint takes the place of the launch file's. The gain, 0.1 to 10, is a factor on all feedback. The engine is off, on \
-    (on the ground) or flying, and sets the vibration that the sensors feel. effect.N switches \
-    the Nth effect, those of the vehicle file first, if it has from_s or until_s. run=stop ends the run in order. Exit code 2 when the bench refuses one.")]
+    A setpoint replaces the launch file's. The gain, 0.1 to 10, is a factor on all feedback. The engine is off, on \
+    (on the ground) or flying, and sets the vibration that the sensors feel. effect.N switches the Nth effect, \
+    those of the vehicle file first, if it has from_s or until_s. run=stop ends the run cleanly. Exit code 2 when \
+    the bench refuses one.")]
 pub(crate) struct SetArgs {
     #[command(flatten)]
     pub bench: WhichBenchArgs,
@@ -70,14 +71,15 @@ pub(crate) struct SetArgs {
 #[command(after_help = "Examples:\n  \
     whirlstand echo lab imu\n  \
     whirlstand echo lab truth --count 1 --json\n\n\
-    Topics: imu, odometry, outputs, estimate, command, setpoint, truth, disturbance, finding, sent, autopilot, health, progress, adjusted, and from \
-    outside inject, pilot, adjust, stick. Angles are in degrees, in JSON (one message a line) all is SI.")]
+    Topics: imu, odometry, outputs, estimate, command, setpoint, truth, disturbance, finding, sent, autopilot, \
+    health, progress, adjusted, and from outside inject, pilot, adjust, stick. Angles are in degrees; JSON (one \
+    message per line) is in SI units.")]
 pub(crate) struct EchoArgs {
     #[command(flatten)]
     pub bench: WhichBenchArgs,
     /// The topic.
     pub topic: String,
-    /// Stops after N messages.
+    /// Stop after N messages.
     #[arg(long, value_name = "N")]
     pub count: Option<NonZeroU64>,
     #[command(flatten)]
@@ -91,8 +93,9 @@ pub(crate) struct EchoArgs {
     whirlstand watch lab\n  \
     whirlstand watch lab --tui\n  \
     whirlstand watch lab --launch lab.toml    # from another host\n\n\
-    The page takes what `whirlstand inject` and `set` take, where the bench is open to it. Beyond this machine (--listen \
-    0.0.0.0) its address has a token. It ends with the bench, or with Ctrl-C; in the terminal q leaves.")]
+    The page offers the same controls as `whirlstand inject` and `set`, if the bench allows them. Served beyond \
+    this machine (--listen 0.0.0.0), its address includes a token. It ends with the bench or on Ctrl-C; in the \
+    terminal, q quits.")]
 pub(crate) struct WatchArgs {
     #[command(flatten)]
     pub bench: WhichBenchArgs,
@@ -112,12 +115,12 @@ pub(super) fn foxglove_address(text: &str) -> Result<Address, AddressError> {
     Address::parse(text, FOXGLOVE_PORT)
 }
 
-/// Show a finished log as if it flew now, at any speed.
+/// Replay a finished log as if it were flying now, at any speed.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand play out/quadrotor-2026-11-23-120000/log.mcap\n  \
     whirlstand play out/quadrotor-2026-11-23-120000 --speed 10\n\n\
-    Speed, pause and place can be changed on the page. Ctrl-C ends it; in the terminal it ends with the log, or with q.")]
+    Speed, pause and position can be changed on the page. Ctrl-C ends it; in the terminal, it ends with the log or on q.")]
 pub(crate) struct PlayArgs {
     /// A log of a bench, or the folder of its run.
     pub log: PathBuf,

@@ -7,13 +7,13 @@ use super::bench_tune::BenchTuneArgs;
 use super::mirror::BenchMirrorArgs;
 use super::quantity::seconds;
 
-/// Measure latency, jitter and throughput beside the bare floor of this machine.
+/// Measure latency, jitter and throughput, compared with the limits of this machine.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand bench lockstep recorded\n  \
     whirlstand bench realtime --realtime-seconds 60 --priority 80\n\n\
-    Processes that are compared run on the same CPUs. The realtime measurement runs cyclictest (Debian: rt-tests) \
-    at the same priority beside it.")]
+    Processes that are compared run on the same CPUs. The realtime measurement also runs cyclictest (Debian: \
+    rt-tests) at the same priority.")]
 #[command(args_conflicts_with_subcommands = true)]
 pub(crate) struct BenchArgs {
     #[command(subcommand)]
@@ -21,13 +21,13 @@ pub(crate) struct BenchArgs {
     /// What to measure: plant, inproc, flight, lockstep, recorded, zenoh, realtime, transports,
     /// vehicles, autopilots [default: all]
     pub what: Vec<String>,
-    /// Measure the bridges alone: wire to bus and back, beside a bare echo.
+    /// Measure only the bridges: wire to bus and back, compared with a plain echo.
     #[arg(long)]
     pub bridge: bool,
     /// Length of each throughput measurement, in seconds or with a unit.
     #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 2.0)]
     pub seconds: f64,
-    /// How often each throughput is measured.
+    /// Number of repetitions of each throughput measurement.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     pub repeat: u32,
     /// Length of the realtime measurement, in seconds or with a unit.
@@ -36,7 +36,7 @@ pub(crate) struct BenchArgs {
     /// SCHED_FIFO priority of the realtime measurement [default: none]
     #[arg(long, value_name = "P", value_parser = priority, allow_negative_numbers = true)]
     pub priority: Option<u8>,
-    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the ring beside them [default: the
+    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the reference ring [default: the
     /// scheduler decides]
     #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
     pub cpus: Vec<usize>,
@@ -47,14 +47,14 @@ pub(crate) struct BenchArgs {
     pub member: bool,
 }
 
-/// What is measured of something else than this machine.
+/// Measurements of something other than this machine.
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
     Mirror(BenchMirrorArgs),
     Tune(BenchTuneArgs),
 }
 
-/// Tell whether this machine is fit for real time, and what to change.
+/// Check whether this machine is fit for real time, and say what to change.
 #[derive(Debug, Args)]
 pub(crate) struct DoctorArgs {
     #[command(flatten)]

@@ -7,16 +7,17 @@ use clap::Args;
 use super::JsonArg;
 use super::quantity::hertz;
 
-/// Measure the live mirror: flights with an effect that begins at a random time, and clean ones.
+/// Measure the live mirror: flights with an effect that starts at a random time, and clean ones.
 ///
-/// Flies in this process, in lockstep: what is measured does not depend on how busy the machine is. Of each effect it tells how
-/// often the right name stood 10 s after its begin (among the flights whose information suffices), how often a wrong one or
-/// none, and the median delay of the alarm beside the least that any test could have (Lorden's bound).
+/// Flies in this process, in lockstep: the results do not depend on how busy the machine is. For each effect it
+/// reports how often the right name was given 10 s after the onset (among the flights with sufficient information),
+/// how often a wrong one or none, and the median alarm delay compared with the shortest that any test could reach
+/// (Lorden's bound).
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand bench mirror --trials 50 --clean 2 --seed 1\n  \
     whirlstand bench mirror --effects backlash,limit --clean 0 --show\n\n\
-    Exit code 1 when a goal is missed. Ctrl-C ends it early: what was flown by then counts; exit code 130.")]
+    Exit code 1 when a goal is missed. Ctrl-C ends it early, with the results so far; exit code 130.")]
 pub(crate) struct BenchMirrorArgs {
     /// Flights with each effect.
     #[arg(long, value_name = "N", default_value_t = 10)]
@@ -24,7 +25,7 @@ pub(crate) struct BenchMirrorArgs {
     /// Clean flight of the quadrotor, hours.
     #[arg(long, value_name = "HOURS", default_value_t = 0.5, value_parser = hours)]
     pub clean: f64,
-    /// Seed; flight K of it has the number SEED 000000 + K.
+    /// Seed; flight K has the number SEED x 1000000 + K.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// Only these effects, separated by commas, for example lag,stuck-sensor [default: all twelve]
@@ -36,7 +37,7 @@ pub(crate) struct BenchMirrorArgs {
     /// Flights at the same time [default: one for each processor]
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
-    /// Print what was said in every flight in which a wrong name or none was given, and in clean ones.
+    /// Print the findings of every flight with a wrong name or none, and of clean flights with alarms.
     #[arg(long)]
     pub show: bool,
     #[command(flatten)]

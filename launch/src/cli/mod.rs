@@ -58,8 +58,8 @@ pub(crate) use tune::{TuneArgs, TunedLaw};
     version,
     propagate_version = true,
     max_term_width = 110,
-    after_help = "Exit codes: 0 all well; 1 a run or an expectation failed, or two logs differ; 2 something that you can mend; 3 a diagnosis \
-                  whose budget of time was spent; 128 + n ended by signal n, with what was known by then.\n\n\
+    after_help = "Exit codes: 0 success; 1 a run or an expectation failed, or two logs differ; 2 an error that you \
+                  can fix; 3 the time budget was used up; 128 + n ended by signal n, with the results so far.\n\n\
                   Examples:\n  \
                   whirlstand run                                    the quadrotor under sliding-mode control\n  \
                   whirlstand run quadrotor-compare --mode lockstep  pole placement, sliding mode and LQR side by side\n  \
@@ -69,7 +69,7 @@ pub(crate) use tune::{TuneArgs, TunedLaw};
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub command: Command,
-    /// What to tell on standard error: error, warn, info, debug, trace, or a filter as in RUST_LOG.
+    /// Log level on standard error: error, warn, info, debug, trace, or a filter as in RUST_LOG.
     #[arg(long, global = true, value_name = "LEVEL")]
     pub log_level: Option<String>,
 }
@@ -87,16 +87,17 @@ pub(crate) enum Command {
     Excite(ExciteArgs),
     Blind(BlindArgs),
     Campaign(CampaignArgs),
-    /// Look into logs: what they hold, as CSV, and where two of them differ.
+    /// Inspect logs: show what they contain, export them as CSV, find where two of them differ.
     #[command(subcommand)]
     Log(LogCommand),
-    /// Draft, list, show and check vehicle files.
+    /// Draft, list, show, check and export vehicle files.
     #[command(subcommand)]
     Vehicle(VehicleCommand),
     /// List and show launch files.
     #[command(subcommand)]
     Launch(LaunchCommand),
-    /// Keys of benches over Zenoh: make them for several hosts, show what a program needs to join a running bench.
+    /// Manage keys of benches over Zenoh: create them for several hosts, show what a program needs to join a running
+    /// bench.
     #[command(subcommand)]
     Keys(KeysCommand),
     Inject(InjectArgs),
@@ -105,10 +106,10 @@ pub(crate) enum Command {
     Watch(WatchArgs),
     Play(PlayArgs),
     Bench(BenchArgs),
-    /// Look at real hardware that takes a node's place.
+    /// Check real hardware that replaces a node.
     #[command(subcommand)]
     Bridge(BridgeCommand),
-    /// Let a controller fly that is no program of a bench: over UDP, or in ROS 2.
+    /// Connect a controller over UDP or in ROS 2.
     #[command(subcommand)]
     Relay(RelayCommand),
     Doctor(DoctorArgs),
@@ -150,7 +151,8 @@ pub(crate) struct GuardArgs {
     pub remove: Vec<PathBuf>,
 }
 
-/// Remove what killed runs left on this machine: shared memory, sockets, keys, claims of names. Live benches are not touched.
+/// Remove what killed runs left on this machine: shared memory, sockets, keys, name locks. Running benches are not
+/// touched.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand clean --dry-run\n  \
@@ -164,14 +166,14 @@ pub(crate) struct CleanArgs {
     pub json: JsonArg,
 }
 
-/// Run a bench: start its nodes, watch them, and leave a log and a report.
+/// Run a bench: start its nodes, supervise them, and write a log and a report.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand run\n  \
     whirlstand run quadrotor-smc --transport zenoh --duration 20\n  \
     whirlstand run --live --set plant.inject=true --set controller.pilot=true\n  \
     whirlstand run mine.toml --set controller.law=lqr --set 'plant.initial.roll=\"10 deg\"' --out out/lqr\n\n\
-    Ctrl-C ends the run in order: the plant goes to neutral, the recorder closes the log, the report is written.")]
+    Ctrl-C stops the run cleanly: the inputs go to neutral, the recorder closes the log, the report is written.")]
 pub(crate) struct RunArgs {
     /// Built-in launch file (see `whirlstand launch list`) or a path; without it, the quadrotor under
     /// sliding-mode control with a disturbance at 6 s.
@@ -197,7 +199,7 @@ pub(crate) struct RunArgs {
     pub json: JsonArg,
 }
 
-/// Run one node: for the launcher, and by hand on another host.
+/// Run one node: used by the launcher, or by hand on another host.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example, the controller on a second host (the bench runs there as `--bench NAME`):\n  \
@@ -209,7 +211,7 @@ pub(crate) struct NodeArgs {
     /// Resolved configuration as JSON: a file, or - for standard input (what the launcher uses).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["launch", "set", "mode", "duration", "seed"])]
     pub config: Option<PathBuf>,
-    /// Launch file that the node is taken from [default: quadrotor]
+    /// Launch file that defines the node [default: quadrotor]
     #[arg(long, value_name = "LAUNCH")]
     pub launch: Option<String>,
     /// Name of the bench, the same for all its nodes [default: WHIRLSTAND_BENCH, or the launch file's name]
@@ -234,16 +236,16 @@ pub(crate) enum BridgeCommand {
     Check(BridgeCheckArgs),
 }
 
-/// Check axis by axis, live and disarmed, that signs, scales and channels are right, and say which is wrong.
+/// Check, axis by axis, live and disarmed, that signs, scales and channels are right, and say which are wrong.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
     whirlstand bridge check plant --launch quad-on-usb.toml\n\n\
-    For a vehicle: lift it and follow the words; then each channel is moved by 100 us and read back. Take the propellers \
-    off. An armed vehicle is refused.\n  \
-    For an autopilot: the simulated vehicle is tilted about each axis, and the attitude that the autopilot tells its ground \
-    station must follow.")]
+    For a vehicle: take the propellers off, lift it and follow the instructions; then each channel is moved by 100 \
+    us and read back. An armed vehicle is refused.\n  \
+    For an autopilot: the simulated vehicle is tilted about each axis, and the attitude that the autopilot reports \
+    to its ground station must follow.")]
 pub(crate) struct BridgeCheckArgs {
-    /// The node that is a bridge: plant or controller.
+    /// The bridge node: plant or controller.
     pub node: String,
     /// Launch file with the bridge.
     #[arg(long, value_name = "LAUNCH")]
@@ -251,17 +253,17 @@ pub(crate) struct BridgeCheckArgs {
     /// How long to wait for the vehicle and for each axis, in seconds or with a unit.
     #[arg(long, value_name = "TIME", value_parser = seconds, default_value = "20")]
     pub timeout: f64,
-    /// A vehicle: leave out the channels, listen only.
+    /// For a vehicle: skip the channels and only listen.
     #[arg(long)]
     pub no_outputs: bool,
-    /// An autopilot: where it speaks to its ground station [default: udpin://0.0.0.0:14550, Betaflight:
+    /// For an autopilot: where it sends telemetry to its ground station [default: udpin://0.0.0.0:14550, Betaflight:
     /// tcpout://127.0.0.1:5761]
     #[arg(long, value_name = "ADDRESS")]
     pub telemetry: Option<String>,
-    /// An autopilot: arm it as well, and see that its outputs push back.
+    /// For an autopilot: arm it as well, and check that its outputs counteract the tilt.
     #[arg(long)]
     pub arm: bool,
-    /// Sets any key of the launch file; may be repeated.
+    /// Set any key of the launch file; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }

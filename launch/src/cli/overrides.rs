@@ -9,7 +9,7 @@ use super::quantity::seconds;
 pub(crate) enum ModeArg {
     /// The plant wakes at absolute deadlines; a late command is a miss.
     Realtime,
-    /// The plant waits for each command: as fast as the processes can go.
+    /// The plant waits for each command: runs as fast as the processes allow.
     Lockstep,
 }
 
@@ -48,13 +48,13 @@ impl TransportArg {
 /// What may be changed in a launch file without editing it.
 #[derive(Debug, Clone, PartialEq, Default, Args)]
 pub(crate) struct OverrideArgs {
-    /// Who keeps the time.
+    /// Timing mode.
     #[arg(long)]
     pub mode: Option<ModeArg>,
-    /// What carries the messages.
+    /// Transport of the messages.
     #[arg(long)]
     pub transport: Option<TransportArg>,
-    /// Bench time of the run, in seconds or with a unit ("2 min").
+    /// Duration of the run in bench time, in seconds or with a unit ("2 min").
     #[arg(long, value_name = "TIME", value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<f64>,
     /// Seed of every random number.
@@ -63,7 +63,7 @@ pub(crate) struct OverrideArgs {
     /// In lockstep, longest wait for a command, in seconds or with a unit [default: as long as the nodes live].
     #[arg(long, value_name = "TIME", value_parser = seconds, allow_negative_numbers = true)]
     pub answer_timeout: Option<f64>,
-    /// Sets any key of the launch file, for example controller.law=lqr or effects.0.at_s=3; may be repeated.
+    /// Set any key of the launch file, for example controller.law=lqr or effects.0.at_s=3; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }

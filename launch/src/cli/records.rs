@@ -10,13 +10,13 @@ use super::quantity::{hertz, interval, moment, seconds};
 /// Which part of a record is used, and how.
 #[derive(Debug, Default, Args)]
 pub(crate) struct RecordArgs {
-    /// Takes a signal from another column, for example roll=phi[deg]; may be repeated.
+    /// Take a signal from another column, for example roll=phi[deg]; may be repeated.
     #[arg(long = "map", value_name = "SIGNAL=NAME[UNIT]")]
     pub map: Vec<String>,
-    /// Start of the part that is used, by the record's clock, in seconds or with a unit.
+    /// Start of the part to use, by the record's clock, in seconds or with a unit.
     #[arg(long, value_name = "TIME", value_parser = moment, allow_negative_numbers = true)]
     pub from: Option<f64>,
-    /// End of the part that is used, by the record's clock, in seconds or with a unit.
+    /// End of the part to use, by the record's clock, in seconds or with a unit.
     #[arg(
         long,
         visible_alias = "until",
@@ -35,7 +35,7 @@ pub(crate) struct RecordArgs {
 pub(crate) struct ResultArgs {
     #[command(flatten)]
     pub json: JsonArg,
-    /// Folder for report.html, and for the files that are not named otherwise.
+    /// Folder for report.html and all files without a path of their own.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
@@ -46,8 +46,8 @@ pub(crate) struct ResultArgs {
     whirlstand compare flight.csv --vehicle helicopter-hover --map roll=phi --map u_roll=in_lat --out out/compare\n  \
     whirlstand compare out/before out/after --out out/both")]
 pub(crate) struct CompareArgs {
-    /// With --vehicle a record: MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox. Without, the logs of two
-    /// or more runs of benches, or the folders that they are in.
+    /// With --vehicle, a record: MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox. Without it, the
+    /// logs of two or more bench runs, or their folders.
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// Built-in vehicle or path of a vehicle file.
@@ -77,27 +77,26 @@ pub(crate) struct DiagnoseArgs {
     pub vehicle: String,
     #[command(flatten)]
     pub part: RecordArgs,
-    /// Fits the free parameters of the vehicle anew beside every cause; done anyway for a vehicle file that
-    /// `identify` wrote.
+    /// Refit the vehicle's free parameters together with every cause; always done for a vehicle file that `identify`
+    /// wrote.
     #[arg(long)]
     pub refit: bool,
-    /// Horizon over which predictions are judged, in seconds or with a unit [default: from the vehicle's time
-    /// constants]
+    /// Prediction horizon, in seconds or with a unit [default: from the vehicle's time constants]
     #[arg(long, value_name = "TIME", value_parser = seconds)]
     pub horizon: Option<f64>,
-    /// Stops the search after this time and reports what is known by then, in seconds or with a unit; exit code 3.
+    /// Stop the search after this time and report the results so far, in seconds or with a unit; exit code 3.
     #[arg(long, value_name = "TIME", value_parser = super::seconds)]
     pub budget: Option<f64>,
-    /// Vehicle that the flight mode may change to, beside the built-in ones; may be repeated.
+    /// Vehicle to consider for a change of flight mode, besides the built-in ones; may be repeated.
     #[arg(long, value_name = "VEHICLE")]
     pub mode: Vec<String>,
-    /// Record on the ground with the engine on: tells a tone of the engine from one of the airframe.
+    /// Record on the ground with the engine on: distinguishes engine tones from airframe tones.
     #[arg(long, value_name = "LOG")]
     pub engine_on: Option<PathBuf>,
-    /// Record with the engine off: tells a tone of the sensor.
+    /// Record with the engine off: identifies sensor tones.
     #[arg(long, value_name = "LOG")]
     pub engine_off: Option<PathBuf>,
-    /// Writes the extended vehicle file [default: vehicle.toml in the folder of --out]
+    /// Extended vehicle file to write [default: vehicle.toml in the folder of --out]
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     #[command(flatten)]
@@ -124,7 +123,7 @@ pub(crate) struct IdentifyArgs {
     /// Model of the residuals [default: kalman for closed loops and models that are not stable, else white]
     #[arg(long, value_enum)]
     pub noise: Option<IdentifyNoise>,
-    /// The records were taken with a controller in the loop (own logs say it themselves).
+    /// The records were taken with a controller in the loop (Whirlstand's own logs say so).
     #[arg(long)]
     pub closed_loop: bool,
     /// Validation data: further logs, which are not fitted; may be repeated.
@@ -136,38 +135,39 @@ pub(crate) struct IdentifyArgs {
     /// Estimate a constant offset of every output too: sensor bias, trim.
     #[arg(long)]
     pub offsets: bool,
-    /// Take the means over the fitted part off every input and output first: the model is about that level.
+    /// First subtract the mean over the fitted part from every input and output: the model describes deviations from
+    /// it.
     #[arg(long, conflicts_with = "offsets")]
     pub detrend: bool,
     #[command(flatten)]
     pub part: RecordArgs,
-    /// Takes the delay out of a signal that was logged late, for example roll=0.06; may be repeated.
+    /// Remove the delay of a signal that was logged late, for example roll=0.06; may be repeated.
     #[arg(long, value_name = "SIGNAL=TIME", value_parser = delay)]
     pub delay: Vec<(String, f64)>,
-    /// Estimates by how much an output lags the output that is its derivative (an angle and its rate on different
-    /// topics), and takes that delay out.
+    /// Estimate how far an output lags the output that is its derivative (an angle and its rate on different topics),
+    /// and remove that delay.
     #[arg(long)]
     pub align: bool,
-    /// Seed of everything random.
+    /// Seed of the random numbers.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Most simulations of the genetic algorithm.
+    /// Maximum number of simulations of the genetic algorithm.
     #[arg(long, value_name = "N", default_value_t = 400_000)]
     pub evaluations: usize,
-    /// Stops the search after this time and reports the best that was found, in seconds or with a unit; exit code 3.
+    /// Stop the search after this time and report the best result so far, in seconds or with a unit; exit code 3.
     #[arg(long, value_name = "TIME", value_parser = super::seconds)]
     pub budget: Option<f64>,
     /// Generations without progress after which the genetic algorithm stops.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub stagnation: usize,
-    /// Writes the fitted vehicle file.
+    /// Fitted vehicle file to write.
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     #[command(flatten)]
     pub result: ResultArgs,
 }
 
-/// Design a test flight: inputs that tell parameters and effects apart, within limits, and what they will tell.
+/// Design a test flight: inputs that distinguish parameters and effects within limits, and the accuracy to expect.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand excite quadrotor --kind multisine --out out/excite\n  \
@@ -193,25 +193,25 @@ pub(crate) struct ExciteArgs {
     /// Highest frequency, in Hz or with a unit.
     #[arg(long, value_name = "FREQUENCY", value_parser = hertz, default_value_t = 2.0)]
     pub highest: f64,
-    /// Largest test signal: an input as a share of its limit in the vehicle file, else in its unit; a setpoint as a
-    /// share of the limit of its output.
+    /// Largest test signal: for an input, a share of its limit in the vehicle file, or a value in its unit without a
+    /// limit; for a setpoint, a share of the limit of its output.
     #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
     pub amplitude: f64,
-    /// The controller that stays on: lqr, ppc or smc. The test input is added to its command. Without, the flight is
+    /// Controller that stays on: lqr, ppc or smc. The test input is added to its command. Without it, the flight is
     /// open loop.
     #[arg(long, value_name = "LAW")]
     pub controller: Option<String>,
-    /// Moves the setpoint of this state instead; may be repeated.
+    /// Move the setpoint of this state instead; may be repeated.
     #[arg(long = "setpoint", value_name = "STATE")]
     pub setpoint: Vec<String>,
     /// An option of the law, for example bandwidth=4; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Largest predicted value of an output, for example roll="10 deg"; may be repeated. Angles stay
-    /// below 20 deg unless this says otherwise.
+    /// Largest predicted value of an output, for example roll="10 deg"; may be repeated. Angles stay below 20 deg by
+    /// default.
     #[arg(long = "limit", value_name = "OUTPUT=VALUE")]
     pub limit: Vec<String>,
-    /// Seed of what is random.
+    /// Seed of the random numbers.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// Folder for inputs.csv and flight.toml.
@@ -244,7 +244,7 @@ pub(crate) enum IdentifyMethod {
     Ga,
     /// Gauss-Newton and Levenberg-Marquardt with analytic sensitivities.
     Pem,
-    /// The second from where the first ends.
+    /// Genetic algorithm first, then pem from its result.
     #[value(name = "ga+pem")]
     GaPem,
 }
@@ -252,7 +252,7 @@ pub(crate) enum IdentifyMethod {
 /// How residuals are modelled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum IdentifyNoise {
-    /// Output error: the free-running simulation comes as near as it can.
+    /// Output error: fits the open-loop simulation.
     White,
     /// Output error with autoregressive residuals.
     Coloured,

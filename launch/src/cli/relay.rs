@@ -10,14 +10,15 @@ pub(crate) enum RelayCommand {
     Ros2(RelayRos2Args),
 }
 
-/// A controller behind a UDP port: sends it every Estimate, and takes its Commands.
+/// Relay to a controller on a UDP port: sends it every Estimate and receives its Commands.
 #[derive(Debug, Args)]
 #[command(after_help = "In a launch file:\n  \
     [nodes.controller]\n  \
     exec = [\"whirlstand\", \"relay\", \"udp\", \"--peer\", \"127.0.0.1:47801\"]\n\n\
-    A datagram holds the schema hash and the message in postcard, as docs/wire-format.md says; examples/c has a controller.")]
+    A datagram contains the schema hash and the message in postcard (docs/wire-format.md); examples/c has a \
+    controller.")]
 pub(crate) struct RelayUdpArgs {
-    /// Where the controller listens; datagrams from elsewhere are not heard.
+    /// Where the controller listens; datagrams from elsewhere are ignored.
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub peer: SocketAddr,
     /// Where this relay listens.
@@ -25,7 +26,8 @@ pub(crate) struct RelayUdpArgs {
     pub listen: SocketAddr,
 }
 
-/// A controller or a viewer in ROS 2 with rmw_zenoh: publishes imu, odom and /tf, and as the node `controller` obeys command.
+/// Relay to a controller or viewer in ROS 2 with rmw_zenoh: publishes imu, odom and /tf; as the node `controller` it
+/// follows command.
 #[derive(Debug, Args)]
 #[command(
     after_help = "In a launch file, to fly the vehicle from ROS 2 (any other name of the node only publishes):\n  \
@@ -35,7 +37,7 @@ pub(crate) struct RelayUdpArgs {
     the inputs in the vehicle's order, SI)."
 )]
 pub(crate) struct RelayRos2Args {
-    /// Domain of ROS 2 [default: ROS_DOMAIN_ID, or 0]
+    /// ROS 2 domain [default: ROS_DOMAIN_ID, or 0]
     #[arg(long, value_name = "N")]
     pub domain: Option<u32>,
     /// Namespace of the node and its topics.

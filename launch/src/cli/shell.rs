@@ -16,7 +16,7 @@ pub(crate) struct CompletionsArgs {
     pub shell: Shell,
 }
 
-/// Write the manual pages, one for each call.
+/// Write the manual pages, one for each command.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
     whirlstand man ~/.local/share/man/man1 && man whirlstand-run")]

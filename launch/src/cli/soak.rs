@@ -8,8 +8,8 @@ use super::quantity::seconds;
 
 /// Inject faults into a bench at random times, again and again, and check that it survives.
 ///
-/// After each fault the loop must fly again, and what a fault may not cost must be there: messages, steps of the log,
-/// trust in who speaks. Exit code 1 when something was lost.
+/// After each fault the loop must recover, without losing messages or log steps that the fault should not affect and
+/// without accepting forged messages. Exit code 1 on any loss.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand soak --fault kill --rounds 50 --seed 1 --json soak.json\n  \
@@ -22,10 +22,10 @@ pub(crate) struct SoakArgs {
     /// The fault to inject.
     #[arg(long, value_enum, default_value_t = FaultArg::Kill)]
     pub fault: FaultArg,
-    /// Number of faults: for each node (kill, stop, memory), or for the bench.
+    /// Number of faults: per node (kill, stop, memory) or for the whole bench.
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub rounds: u32,
-    /// How long a fault lasts, in seconds or with a unit; a kill does not.
+    /// How long a fault lasts, in seconds or with a unit; not used for kill.
     #[arg(long, visible_alias = "stop-for", value_name = "TIME", value_parser = seconds, default_value = "2",
           allow_negative_numbers = true)]
     pub lasting: f64,
@@ -45,13 +45,13 @@ pub(crate) enum FaultArg {
     Kill,
     /// A node gets SIGSTOP, and SIGCONT later.
     Stop,
-    /// The log's file system is full; where none can be made, the recorder may write no byte more.
+    /// The log's file system is full; if the soak cannot mount its own, the recorder is kept from writing.
     Disk,
-    /// A node gets no memory beyond what it has.
+    /// A node cannot allocate any more memory.
     Memory,
-    /// A stranger forges messages: over zenoh without a key of the bench, else on a bridge's UDP ports.
+    /// A stranger forges messages: over zenoh without a key of the bench, otherwise on a bridge's UDP ports.
     Forge,
-    /// Ten thousand messages a second: nonsense on a bridge's UDP ports, else disturbances on the topic inject.
+    /// Ten thousand messages per second: garbage on a bridge's UDP ports, otherwise disturbances on the topic inject.
     Flood,
     /// Every processor is busy.
     Load,

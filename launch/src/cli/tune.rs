@@ -7,13 +7,14 @@ use whirlstand_nodes::config::LawKind;
 
 use super::{JsonArg, RecordArgs};
 
-/// From a record to a better law: diagnosis, extended vehicle, new law, and the gain over many flights of both.
+/// Improve a control law from a record: diagnose it, extend the vehicle, design a new law, and compare both over many
+/// flights.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     whirlstand tune out/flight --launch mine.toml --out out/tuned\n  \
     whirlstand tune flight.ulg --launch mine.toml --law lqr --draws 500 --out out/tuned --json -\n\n\
-    --out gets tuned.toml, which run takes, vehicle.toml, which law and filter are designed for, and report.html. The old \
-    law stays where the gain is not certain.")]
+    --out receives tuned.toml (a launch file to run), vehicle.toml (the model for which law and filter are \
+    designed) and report.html. The old law is kept unless the gain is certain.")]
 pub(crate) struct TuneArgs {
     /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox; several are diagnosed together.
     #[arg(required = true, value_name = "LOG")]
@@ -21,22 +22,22 @@ pub(crate) struct TuneArgs {
     /// Built-in launch file or path: vehicle, law, disturbances and expectations of the flights.
     #[arg(long)]
     pub launch: String,
-    /// Another law than the launch file's.
+    /// Law to design instead of the launch file's.
     #[arg(long, value_enum)]
     pub law: Option<TunedLaw>,
-    /// Number of draws that both laws fly.
+    /// Number of draws flown with each law.
     #[arg(long, default_value_t = 200)]
     pub draws: u64,
-    /// Chooses the weights of the new law anew, against the launch file's expectations: R and the rates' Q of lqr, the bandwidth
-    /// of ppc, the boundary layer of smc. They are chosen on other draws than they are judged on.
+    /// Retune the weights of the new law against the launch file's expectations: R and the rates' Q of lqr, the
+    /// bandwidth of ppc, the boundary layer of smc. Tuning and evaluation use different draws.
     #[arg(long)]
     pub retune: bool,
-    /// Peak of the sensitivity, filter included, that --retune may not pass.
+    /// Largest peak sensitivity, filter included, that --retune accepts.
     #[arg(long, default_value_t = TuneArgs::MAX_SENSITIVITY, requires = "retune", value_name = "PEAK")]
     pub max_sensitivity: f64,
     #[command(flatten)]
     pub part: RecordArgs,
-    /// Vehicle file that is the truth, where that is known: the laws and one that is designed on it fly it as well.
+    /// Vehicle file of the true vehicle, if known: both laws and one designed for it are flown on it as well.
     #[arg(long, value_name = "VEHICLE")]
     pub truth: Option<String>,
     /// Folder for tuned.toml, vehicle.toml and report.html.

@@ -27,7 +27,7 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
         }
     }
     let program = std::env::current_exe()
-        .map_err(|e| Failure::Run(format!("this program cannot find itself, to start it again: {e}")))?;
+        .map_err(|e| Failure::Run(format!("the path of this executable is unknown: {e}")))?;
     let mut what = args.what.clone();
     if args.bridge {
         what.extend(["vehicles".into(), "autopilots".into()]);

@@ -37,7 +37,7 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
     let place = if bridge.kind.is_vehicle() { "plant" } else { "controller" };
     if args.node != place {
         return Err(Failure::Mend(format!(
-            "node '{}' is no bridge{}: in {} the {place} is ({})",
+            "node '{}' is not a bridge{}: in {} the bridge is the {place} ({})",
             args.node,
             did_you_mean(&args.node, [place]),
             args.launch,
@@ -70,10 +70,10 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
     })
     .map_err(|e| if is_mendable(&e) { Failure::mend(e) } else { Failure::run(e) })?;
     if wrong > 0 {
-        print(&format!("{}\n", style::bad(&format!("{wrong} findings are wrong"))))?;
+        print(&format!("{}\n", style::bad(&format!("{wrong} checks failed"))))?;
     }
     if unknown > 0 {
-        print(&format!("{}\n", style::bad(&format!("{unknown} things were not checked"))))?;
+        print(&format!("{}\n", style::bad(&format!("{unknown} checks were not possible"))))?;
     }
     Ok(ExitCode::from(u8::from(wrong + unknown > 0)))
 }

@@ -59,7 +59,7 @@ pub(crate) fn clean(args: &CleanArgs) -> Result<ExitCode, Failure> {
 /// Removes what killed runs left, and says so. That something stays is no reason not to fly.
 pub(crate) fn tidy(quiet: bool) {
     let left = stale().unwrap_or_else(|e| {
-        tracing::warn!("cannot look for what killed runs left: {e}");
+        tracing::warn!("cannot search for what killed runs left behind: {e}");
         Vec::new()
     });
     let mut removed = Vec::new();
@@ -73,14 +73,14 @@ pub(crate) fn tidy(quiet: bool) {
     if !quiet && !removed.is_empty() {
         let names: Vec<_> = removed.iter().map(|run| run.bench.as_str()).collect();
         let bytes = size(removed.iter().map(|run| run.bytes).sum());
-        let text = format!("removed {bytes} that killed runs left: {}", names.join(", "));
+        let text = format!("removed {bytes} left behind by killed runs: {}", names.join(", "));
         style::say(&style::dim(&text));
     }
 }
 
 fn text(cleaned: &Cleaned) -> String {
     if cleaned.benches.is_empty() {
-        return "nothing is left of killed runs\n".into();
+        return "killed runs left nothing behind\n".into();
     }
     let mut text = String::new();
     for Bench { left, removed, problem } in &cleaned.benches {

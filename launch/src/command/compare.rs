@@ -26,7 +26,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, Failure> {
                 .into(),
         )),
         (_, Some(_)) => Err(Failure::Mend(
-            "--vehicle compares one record with the simulation, and several are named: leave it out to compare runs \
+            "--vehicle compares one record with the simulation, but several are given: omit it to compare runs \
              with each other"
                 .into(),
         )),
@@ -86,7 +86,7 @@ fn options(args: &CompareArgs) -> Result<CompareOptions, Failure> {
         && from >= until
     {
         return Err(Failure::Mend(format!(
-            "--from {from} lies behind --to {until}: nothing is left to compare"
+            "--from {from} is after --to {until}: nothing is left to compare"
         )));
     }
     Ok(CompareOptions {
@@ -109,13 +109,13 @@ fn runs(logs: &[PathBuf], args: &CompareArgs) -> Result<ExitCode, Failure> {
     if vehicles.len() > 1 {
         let all: Vec<_> = vehicles.into_iter().collect();
         return Err(Failure::Mend(format!(
-            "the runs are of different vehicles ({}), whose signals do not stand beside each other",
+            "the runs are of different vehicles ({}), whose signals cannot be compared",
             all.join(", ")
         )));
     }
     let figures: Vec<RunSummary> = runs.iter().map(|run| run.figures.clone()).collect();
     let verdict = whirlstand_report::winner(&figures, &[])
-        .unwrap_or_else(|| "No figure tells these runs apart.".into());
+        .unwrap_or_else(|| "No figure distinguishes these runs.".into());
     let report = args.result.out.as_ref().map(|folder| folder.join("report.html"));
     if let Some(path) = &report {
         let outcome = Outcome { verdict: format!("{} compared.", names.join(", ")), ..Outcome::default() };

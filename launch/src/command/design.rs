@@ -140,10 +140,10 @@ fn design_text(d: &Design) -> String {
         None => {}
         Some(LoopFigures::Absent { why }) => text.push_str(&format!("\nwith the filter: {why}\n")),
         Some(LoopFigures::Known(e)) => {
-            text.push_str(&format!("\n{}\n", style::strong("margins with the filter, as the loop flies")));
+            text.push_str(&format!("\n{}\n", style::strong("margins with the filter, as flown")));
             text.push_str(&margins_text(inputs, &e.loop_margins, &e.multivariable_margins));
             if e.spectral_radius >= 1.0 {
-                text.push_str("  UNSTABLE: law and filter together do not hold this vehicle\n");
+                text.push_str("  UNSTABLE: law and filter together do not stabilize this vehicle\n");
             }
         }
     }

@@ -64,9 +64,7 @@ pub(crate) fn check_part(part: &RecordArgs) -> Result<(), Failure> {
     if let (Some(from), Some(to)) = (part.from, part.to)
         && from >= to
     {
-        return Err(Failure::Mend(format!(
-            "--from {from} lies behind --to {to}: nothing is left to diagnose"
-        )));
+        return Err(Failure::Mend(format!("--from {from} is after --to {to}: nothing is left to diagnose")));
     }
     Ok(())
 }

@@ -62,10 +62,10 @@ impl Ended {
             return ExitCode::SUCCESS;
         }
         if self.stop.load(Ordering::Relaxed) {
-            crate::style::say("interrupted: this is what was known by then");
+            crate::style::say("interrupted: these are the results so far");
             return ExitCode::from(INTERRUPTED);
         }
-        crate::style::say("the time budget is used up: this is what was known by then");
+        crate::style::say("the time budget is used up: these are the results so far");
         ExitCode::from(PARTIAL)
     }
 }

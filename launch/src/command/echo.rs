@@ -35,11 +35,11 @@ pub(crate) fn echo(args: &EchoArgs) -> Result<ExitCode, Failure> {
         Ok(if left == Some(0) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     })?;
     if ended.lost > 0 {
-        tracing::warn!("{} messages came faster than they could be printed and were left out", ended.lost);
+        tracing::warn!("{} messages came faster than they could be printed and were dropped", ended.lost);
     }
     if left.is_some_and(|left| left > 0) && ended.signal.is_none() {
         return Err(Failure::Run(format!(
-            "bench '{}' was over after {} messages on {}",
+            "bench '{}' ended after {} messages on {}",
             args.bench.name, ended.shown, args.topic
         )));
     }

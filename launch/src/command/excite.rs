@@ -61,7 +61,7 @@ fn closed_loop(args: &ExciteArgs, vehicle: &Vehicle) -> Result<Option<ClosedLoop
     let Some(law) = &args.controller else {
         return match (args.setpoint.first(), args.set.first()) {
             (Some(name), _) => Err(Failure::Mend(format!(
-                "--setpoint {name}: a setpoint moves only under a controller: give --controller lqr, ppc or smc"
+                "--setpoint {name}: moving a setpoint requires a controller: give --controller lqr, ppc or smc"
             ))),
             (_, Some(set)) => Err(Failure::Mend(format!("--set {set}: give --controller lqr, ppc or smc"))),
             _ => Ok(None),

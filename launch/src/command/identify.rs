@@ -80,7 +80,7 @@ fn check(args: &IdentifyArgs) -> Result<(), Failure> {
     if let (Some(from), Some(to)) = (args.part.from, args.part.to)
         && from >= to
     {
-        return Err(Failure::Mend(format!("--from {from} lies behind --to {to}: nothing is left to fit")));
+        return Err(Failure::Mend(format!("--from {from} is after --to {to}: nothing is left to fit")));
     }
     Ok(())
 }
@@ -172,15 +172,14 @@ fn aligned(record: Record, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Rec
         let period = record.duration() / record.len().max(2) as f64;
         match (args.align, lag.certain) {
             (true, true) => {
-                crate::style::say(&format!("{}: {shift}: moved", record.origin));
+                crate::style::say(&format!("{}: {shift}: shifted", record.origin));
                 delays.push((lag.output, lag.lag_s));
             }
-            (true, false) => crate::style::say(&format!(
-                "{}: {shift}: too little in common to be sure, not moved",
-                record.origin
-            )),
+            (true, false) => {
+                crate::style::say(&format!("{}: {shift}: not certain, so not shifted", record.origin))
+            }
             (false, true) if lag.lag_s.abs() > 1.5 * period.max(0.01) => {
-                crate::style::say(&format!("{}: {shift}: --align moves it", record.origin));
+                crate::style::say(&format!("{}: {shift}: use --align to shift it", record.origin));
             }
             _ => {}
         }

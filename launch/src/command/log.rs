@@ -121,7 +121,7 @@ fn read_with(
 fn flown_by_the_controller(record: Record) -> Result<Record, Failure> {
     let Some(charge) = InCharge::of(&record).filter(|charge| !charge.is_whole()) else { return Ok(record) };
     if charge.is_never() {
-        let why = "the controller was never in charge, so nothing can be learned from it";
+        let why = "the controller never had control, so nothing can be learned from it";
         return Err(Failure::Mend(format!("{}: {why}", record.origin)));
     }
     style::say(&format!("{}: {}", record.origin, charge.text()));
@@ -181,7 +181,7 @@ fn info_text(info: &LogInfo) -> String {
     for file in &info.files {
         let ending = match file.ending {
             Ending::Complete => "complete",
-            Ending::Truncated => "cut off: its recorder was killed, or still writes",
+            Ending::Truncated => "truncated: its recorder was killed or is still writing",
         };
         row("file", format!("{}, {} bytes, {ending}", file.path.display(), file.bytes));
     }
@@ -240,7 +240,7 @@ fn diff_text(diff: &Diff) -> String {
     let mut text = String::new();
     for topic in &diff.topics {
         let verdict = if topic.is_made_of_others {
-            style::dim("made of the others, not compared")
+            style::dim("derived from the others, not compared")
         } else if topic.set_aside {
             style::dim("wall-clock, not compared")
         } else if topic.first.is_none() {

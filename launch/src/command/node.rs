@@ -121,7 +121,7 @@ pub(crate) fn exec(args: &ExecArgs) -> Result<ExitCode, Failure> {
         .map_err(|e| Failure::Mend(format!("--realtime: these are not real-time options: {e}")))?;
     apply_realtime(&options).map_err(Failure::mend)?;
     let Some((program, arguments)) = args.command.split_first() else {
-        return Err(Failure::Mend("a program is expected behind --".into()));
+        return Err(Failure::Mend("a program is expected after --".into()));
     };
     let error = std::process::Command::new(program).args(arguments).exec();
     Err(Failure::Mend(format!("{program} cannot be started: {error}")))

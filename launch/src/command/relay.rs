@@ -36,7 +36,7 @@ pub(crate) fn relay(command: &RelayCommand) -> Result<ExitCode, Failure> {
 fn udp(place: &Place, args: &RelayUdpArgs, stop: &StopFlag) -> Result<(), Failure> {
     if place.node != Role::Controller.name() {
         return Err(Failure::Mend(format!(
-            "a UDP relay takes the controller's place, and this node is '{}': write it under [nodes.controller]",
+            "a UDP relay replaces the controller, but this node is '{}': write it under [nodes.controller]",
             place.node
         )));
     }
@@ -52,7 +52,7 @@ fn ros2(place: &Place, args: &RelayRos2Args, stop: &StopFlag) -> Result<(), Fail
     let domain = match (args.domain, var("ROS_DOMAIN_ID")) {
         (Some(domain), _) => domain,
         (None, Ok(text)) => text.parse().map_err(|_| {
-            Failure::Mend(format!("ROS_DOMAIN_ID is '{text}': a number from 0 on is expected"))
+            Failure::Mend(format!("ROS_DOMAIN_ID is '{text}': a number of at least 0 is expected"))
         })?,
         (None, Err(_)) => 0,
     };
@@ -90,14 +90,15 @@ fn told(name: &str) -> Result<String, Failure> {
             "{name} is not set: a relay is started by a launch file, with exec = [\"whirlstand\", \"relay\", ...] under \
              [nodes.controller]"
         )),
-        VarError::NotUnicode(_) => Failure::Mend(format!("{name} is no text")),
+        VarError::NotUnicode(_) => Failure::Mend(format!("{name} is not valid text")),
     })
 }
 
 impl Place {
     fn from_environment() -> Result<Self, Failure> {
-        let wrong =
-            |name: &str, text: &str| Failure::Mend(format!("{name} is '{text}', which no launcher says"));
+        let wrong = |name: &str, text: &str| {
+            Failure::Mend(format!("{name} is '{text}', which a launcher never sets"))
+        };
         let (bench, node) = (told("WHIRLSTAND_BENCH")?, told("WHIRLSTAND_NODE")?);
         let name = "WHIRLSTAND_TRANSPORT";
         let text = told(name)?;

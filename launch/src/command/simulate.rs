@@ -43,10 +43,7 @@ fn inputs<'r>(vehicle: &Vehicle, record: &'r Record) -> Result<Vec<&'r [f64]>, F
             ))
         })?;
         if !signal.values.iter().any(|v| v.is_finite()) {
-            return Err(Failure::Mend(format!(
-                "{}: the input {} has no value at all",
-                record.origin, u.name
-            )));
+            return Err(Failure::Mend(format!("{}: the input {} has no values", record.origin, u.name)));
         }
         Ok(signal.values.as_slice())
     };
@@ -80,8 +77,8 @@ pub(super) fn commands(
     let steps = (record.duration() / period_s).floor() + 1.0;
     if steps > MOST_STEPS {
         return Err(Failure::Mend(format!(
-            "{}: {} s in steps of {} s are {steps:.0} steps, and at most {MOST_STEPS:.0} are simulated: choose a lower \
-             --rate, or a shorter part of the record",
+            "{}: {} s in steps of {} s are {steps:.0} steps, but at most {MOST_STEPS:.0} are simulated: choose a \
+             lower --rate, or a shorter part of the record",
             record.origin,
             clean(record.duration()),
             clean(period_s)
@@ -116,7 +113,7 @@ fn respond(
         let y = simulator.measure();
         if let Some(i) = y.iter().position(|y| !y.is_finite()) {
             return Err(Failure::Run(format!(
-                "{}: {} is beyond all numbers from {} s on: the vehicle is unstable or the input too large",
+                "{}: {} overflows from {} s on: the vehicle is unstable or the input too large",
                 vehicle.name,
                 vehicle.outputs[i].name,
                 clean(clock.at(step))

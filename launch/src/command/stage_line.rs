@@ -78,7 +78,7 @@ impl Shown {
         if let Some(share) = self.told.share {
             text.push_str(&format!(", {:.0} %", 100.0 * share));
             if share > 0.0 {
-                text.push_str(&format!(", {:.0} s left of this", running * (1.0 - share) / share));
+                text.push_str(&format!(", {:.0} s left in this stage", running * (1.0 - share) / share));
             }
         }
         text.push_str(&format!("; {:.0} s so far", self.begun.elapsed().as_secs_f64()));
@@ -140,10 +140,16 @@ mod tests {
         shown.stage_begun = now - Duration::from_secs(6);
         shown.hear(told("looks for a cause", "", Some(0.25)));
         let text = shown.text();
-        assert!(text.starts_with("looks for a cause, 25 %, 18 s left of this; 12 s so far, 3"), "{text}");
+        assert!(
+            text.starts_with("looks for a cause, 25 %, 18 s left in this stage; 12 s so far, 3"),
+            "{text}"
+        );
         // The time of a stage goes on while what it has reached changes.
         shown.hear(told("looks for a cause", "the best so far 7", Some(0.5)));
         let text = shown.text();
-        assert!(text.starts_with("looks for a cause: the best so far 7, 50 %, 6 s left of this"), "{text}");
+        assert!(
+            text.starts_with("looks for a cause: the best so far 7, 50 %, 6 s left in this stage"),
+            "{text}"
+        );
     }
 }

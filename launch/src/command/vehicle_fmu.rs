@@ -26,7 +26,7 @@ pub(crate) fn vehicle_fmu(vehicle: &Vehicle, args: &VehicleFmuArgs) -> Result<()
     }
     std::fs::write(&args.out, archive.into_inner()).map_err(|e| Failure::file("write", &args.out, &e))?;
     crate::style::say(&format!(
-        "{}: an FMU of FMI 3.0 in steps of {} s written to {}",
+        "{}: FMI 3.0 FMU with steps of {} s written to {}",
         vehicle.name,
         clean(settings.period_s),
         args.out.display()

@@ -17,7 +17,7 @@ pub(crate) fn vehicle_new(args: &VehicleNewArgs) -> Result<(), Failure> {
         && from >= to
     {
         return Err(Failure::Mend(format!(
-            "--from {from} lies behind --to {to}: nothing is left to draft from"
+            "--from {from} is after --to {to}: nothing is left to draft from"
         )));
     }
     let stem = args.output.as_deref().and_then(Path::file_stem);

@@ -66,7 +66,7 @@ fn list_text(vehicles: &[Vehicle]) -> String {
 fn poles(vehicle: &Vehicle) -> Result<Vec<(f64, f64)>, Failure> {
     let poles = vehicle.poles().map_err(|e| {
         Failure::Mend(format!(
-            "{}: A: its poles cannot be computed: {e}; give the states other units",
+            "{}: A: its poles cannot be computed: {e}; use other units for the states",
             vehicle.name
         ))
     })?;

@@ -64,9 +64,7 @@ fn ended(seen: Seen, over: &str) -> Result<ExitCode, Failure> {
 }
 
 fn no_terminal(error: std::io::Error) -> Failure {
-    Failure::Mend(format!(
-        "there is no terminal to draw in ({error}): without --tui it is a page for a browser"
-    ))
+    Failure::Mend(format!("no terminal to draw in ({error}): omit --tui to get a page for a browser"))
 }
 
 /// Runs `whirlstand play`.
@@ -90,7 +88,7 @@ pub(crate) fn play(args: &PlayArgs) -> Result<ExitCode, Failure> {
     let steered = playback.clone();
     let act = move |control: &Control| match control {
         Control::Play { key, value } => steered.set(key, *value).map(|()| format!("{key} {value}")),
-        _ => Err("a finished log takes nothing from outside".into()),
+        _ => Err("a finished log accepts no commands".into()),
     };
     let server = Server::start(args.listen, hub.clone(), act).map_err(Failure::mend)?;
     let mut feed = LogFeed::open(log, collector, hub.clone(), playback).map_err(Failure::mend)?;
@@ -110,7 +108,7 @@ fn scene_of(log: &Log) -> Result<(Scene, Vehicle), Failure> {
     let path = log.path().display().to_string();
     let (Some(info), Some(text)) = (log.info(), log.vehicle_text()) else {
         return Err(Failure::Mend(format!(
-            "{path} is not a log of a bench with its vehicle file in it; whirlstand compare looks at other logs"
+            "{path} is not a bench log that contains its vehicle file; use whirlstand compare for other logs"
         )));
     };
     let vehicle = Vehicle::parse(text, &path)

@@ -87,7 +87,7 @@ fn throttling(runtime: &Option<String>) -> Check {
     match runtime.as_deref() {
         Some("-1") => check("RT throttling", Grade::Ok, "off", ""),
         Some(us) => {
-            check("RT throttling", Grade::Warn, format!("SCHED_FIFO may run {us} us a second"), advice)
+            check("RT throttling", Grade::Warn, format!("SCHED_FIFO may run {us} us per second"), advice)
         }
         None => check("RT throttling", Grade::Unknown, "not reported by this kernel", ""),
     }
@@ -127,7 +127,8 @@ fn governor() -> Check {
         cpus.filter_map(|cpu| first_line(cpu.path().join("cpufreq/scaling_governor").to_str()?)).collect();
     governors.sort();
     governors.dedup();
-    let advice = "`cpupower frequency-set -g performance` keeps the clock from falling between two steps";
+    let advice =
+        "`cpupower frequency-set -g performance` keeps the clock frequency from dropping between steps";
     match governors.as_slice() {
         [] => check(
             "CPU frequency",
@@ -180,7 +181,7 @@ fn isolation_advice(usable: &[usize]) -> String {
     let names: Vec<_> = usable[usable.len() - count..].iter().map(usize::to_string).collect();
     match names.join(",") {
         list if list.is_empty() => {
-            "one CPU cannot be kept for the nodes alone: use a machine with 4 cores or more".into()
+            "no CPU can be reserved for the nodes: use a machine with 4 cores or more".into()
         }
         list => format!(
             "boot with `isolcpus={list} nohz_full={list} rcu_nocbs={list}` and give {} to the nodes with `cpus` in the launch file",
@@ -241,10 +242,10 @@ fn virtualisation(cpuinfo: &str) -> Check {
             "virtual machine",
             Grade::Warn,
             "yes: the host may pause this machine at any time",
-            "run on the bare machine, or pin its virtual CPUs on the host",
+            "run on bare metal, or pin its virtual CPUs on the host",
         )
     } else {
-        check("virtual machine", Grade::Ok, "no sign of one", "")
+        check("virtual machine", Grade::Ok, "none detected", "")
     }
 }
 
@@ -268,7 +269,7 @@ mod tests {
         assert!(advice(&[0, 1, 2, 3]).contains("`isolcpus=2,3 "));
         assert!(advice(&(0..64).collect::<Vec<_>>()).contains("`isolcpus=61,62,63 "));
         assert!(advice(&[4, 6, 8]).contains("`isolcpus=8 "));
-        assert!(advice(&[0]).contains("one CPU"));
+        assert!(advice(&[0]).contains("no CPU"));
         assert_eq!(cpu_list("\t0-2,8\n"), [0, 1, 2, 8]);
         assert!(!usable_cpus().is_empty());
     }

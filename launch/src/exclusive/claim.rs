@@ -42,7 +42,8 @@ impl Claim {
             Holder { sockets: Some(sockets.path().into()), keys: Some(keys.clone()), ..Holder::here() };
         let lock = LockFile::take(&path, &holder).map_err(|e| match e {
             Refused::Held(holder) => Failure::Mend(format!(
-                "the bench '{bench}' is already run by {}: give this run another name with --bench, or wait for that one's end",
+                "the bench '{bench}' is already running in {}: give this run another name with --bench, or wait \
+                 until that run ends",
                 Refused::holder(holder.as_ref())
             )),
             Refused::System(e) => Failure::file("claim the bench's name by the file", &path, &e),

@@ -73,13 +73,14 @@ impl OutFolder {
             Ok(lock) => Some(lock),
             Err(Refused::Held(holder)) => {
                 return Err(Failure::Mend(format!(
-                    "the run of {} writes into the folder {}: give this run another one with --out, or wait for that one's end",
+                    "the run of {} is writing to the folder {}: give this run another one with --out, or wait \
+                     until that run ends",
                     Refused::holder(holder.as_ref()),
                     path.display()
                 )));
             }
             Err(Refused::System(e)) if knows_no_locks(&e) => {
-                tracing::warn!("{}: {e}: other runs into this folder are not kept away", file.display());
+                tracing::warn!("{}: {e}: this folder is not protected from other runs", file.display());
                 None
             }
             Err(Refused::System(e)) => return Err(Failure::file("lock the folder by the file", &file, &e)),

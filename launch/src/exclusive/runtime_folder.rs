@@ -64,7 +64,7 @@ fn private_folder(path: &Path, user: u32) -> Result<PathBuf, Failure> {
     if !found.is_dir() || found.uid() != user {
         let path = path.display();
         return Err(Failure::Mend(format!(
-            "{path} is not a folder of this user, and runs keep their locks and keys there: have it removed"
+            "{path} does not belong to this user, but runs keep their locks and keys there: have it removed"
         )));
     }
     if found.mode() & 0o077 != 0 {
@@ -89,7 +89,9 @@ mod tests {
 
         let link = base.path().join("link");
         std::os::unix::fs::symlink(&path, &link).unwrap();
-        assert!(private_folder(&link, user).unwrap_err().to_string().contains("not a folder of this user"));
+        assert!(
+            private_folder(&link, user).unwrap_err().to_string().contains("does not belong to this user")
+        );
         assert!(private_folder(&path, user + 1).unwrap_err().to_string().contains("removed"));
     }
 }

@@ -121,7 +121,7 @@ impl Visitor<'_> for BytesVisitor {
             None => {
                 let names: Vec<_> = SIZES.iter().map(|(name, _)| *name).collect();
                 Err(E::custom(format!(
-                    "'{text}' is no size: a number and one of {} is expected",
+                    "'{text}' is not a size: a number and one of {} is expected",
                     names.join(", ")
                 )))
             }

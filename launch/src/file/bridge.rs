@@ -24,16 +24,16 @@ impl Planner<'_> {
         if let Some((second, other)) = asked.next() {
             return fail(
                 second,
-                format!("a bench has one bridge, and node {name} asks for {kind} beside {other}"),
+                format!("a bench can have only one bridge, but node {name} asks for {kind} besides {other}"),
             );
         }
         let place = if kind.is_vehicle() { Role::Plant } else { Role::Controller };
         if name != place.name() {
-            return fail(name, format!("the bridge {kind} takes the place of the {place}, not of '{name}'"));
+            return fail(name, format!("the bridge {kind} replaces the {place}, not '{name}'"));
         }
         if file.transport == Transport::Inproc {
             let message =
-                "a bridge is a process of its own: transport = \"iceoryx2\" or \"zenoh\" is expected";
+                "a bridge runs as a separate process: transport = \"iceoryx2\" or \"zenoh\" is expected";
             return Err(self.document.error_at(at!["transport"], message));
         }
         self.check_bare_angles()?;

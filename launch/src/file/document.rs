@@ -141,7 +141,7 @@ impl Document {
         for (i, change) in self.overrides.iter().enumerate() {
             let at = self.text.len() + 1 + i;
             let steps = dotted(&change.key).ok_or_else(|| {
-                "the key is not readable: write names with dots between, such as plant.initial.roll"
+                "the key cannot be parsed: write names separated by dots, such as plant.initial.roll"
                     .to_string()
             })?;
             let value = DeTable::parse(&change.value).map_err(|e| e.message().to_string())?;
@@ -312,10 +312,7 @@ fn assign<'d>(
             })?;
             assign(chosen, rest, value, at)
         }
-        other => Err(format!(
-            "there is nothing below '{first}' to set: the key before it is a {}",
-            other.type_str()
-        )),
+        other => Err(format!("'{first}' cannot be set: the key before it is a {}", other.type_str())),
     }
 }
 
@@ -377,7 +374,7 @@ mod tests {
             ("name", "KEY=VALUE"),
             ("steps.3.at_s=1", "0 to 0"),
             ("name.x=1", "string"),
-            ("a b=1", "not readable"),
+            ("a b=1", "the key cannot be parsed"),
         ] {
             let error = document.clone().set("--set", assignment).unwrap_err();
             assert!(error.message.contains(words), "{assignment}: {error}");

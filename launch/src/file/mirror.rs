@@ -16,13 +16,13 @@ impl Planner<'_> {
             "tell" => OnFinding::Tell,
             "failsafe" if file.has_autopilot() => {
                 return fail(
-                    "an autopilot has its own failsafe, which the bench does not reach: use \"tell\"".into(),
+                    "an autopilot has its own failsafe, which the bench cannot trigger: use \"tell\"".into(),
                 );
             }
             "failsafe" => OnFinding::Failsafe,
             "law" if file.has_autopilot() => {
                 return fail(
-                    "an autopilot has its own laws, which the bench does not design: use \"tell\"".into(),
+                    "an autopilot has its own laws, which the bench cannot redesign: use \"tell\"".into(),
                 );
             }
             "law" if file.controller.law == LawKind::Manual => {
@@ -32,7 +32,8 @@ impl Planner<'_> {
             }
             "law" if is_foreign(file) => {
                 return fail(
-                    "a controller that is a program of its own designs its own laws: use \"tell\"".into(),
+                    "an external controller has its own laws, which the bench cannot redesign: use \"tell\""
+                        .into(),
                 );
             }
             "law" => OnFinding::Law,
@@ -86,7 +87,7 @@ mod tests {
         assert!(stick.message.contains("no law to design"), "{stick}");
         let foreign =
             plan("[mirror]\non_finding = 'law'\n[nodes.controller]\nexec = ['true']\n").unwrap_err();
-        assert!(foreign.message.contains("program of its own"), "{foreign}");
+        assert!(foreign.message.contains("external controller"), "{foreign}");
         for (value, word) in [("tel", "did you mean 'tell'"), ("x", "known are")] {
             let error = plan(&format!("[mirror]\non_finding = '{value}'\n")).unwrap_err();
             assert!(error.place.contains("line 4") && error.message.contains(word), "{error}");

@@ -68,7 +68,7 @@ impl Planner<'_> {
         }
         if section.bridge.is_some() && (section.exec.is_some() || section.external) {
             let key = if section.external { "external" } else { "exec" };
-            return fail(key, "a bridge is a node of our own: it goes with neither exec nor external".into());
+            return fail(key, "a bridge is a built-in node: it cannot have exec or external".into());
         }
         let local = section.exec.is_some() || section.external;
         if local && file.transport == Transport::Inproc {
@@ -90,7 +90,7 @@ impl Planner<'_> {
         if section.lock_memory && section.exec.is_some() {
             return fail(
                 "lock_memory",
-                "locked memory does not outlast exec: let the program call mlockall itself".into(),
+                "locked memory does not survive exec: let the program call mlockall itself".into(),
             );
         }
         for (key, time) in [

@@ -189,12 +189,12 @@ impl Planner<'_> {
         self.check_recorder(&file.recorder)?;
         if file.plant.misses_to_failsafe == 0 {
             let here = at!["plant", "misses_to_failsafe"];
-            return Err(self.document.error_at(here, "at least 1 miss must come before the failsafe"));
+            return Err(self.document.error_at(here, "at least 1 is required"));
         }
         for (i, endpoint) in file.zenoh.listen.iter().enumerate() {
             if !endpoint.ends_with(":0") {
                 let message = format!(
-                    "every node listens here, and only one could have the port of '{endpoint}': end it with :0, or \
+                    "every node listens here, but only one can use the port of '{endpoint}': end it with :0, or \
                      set `listen` of one node under [nodes.NAME]"
                 );
                 return Err(self.document.error_at(at!["zenoh", "listen", i], message));
@@ -217,9 +217,10 @@ impl Planner<'_> {
         }
         match recorder.segments {
             Some(0) => fail("segments", "at least 1 file must be kept".into()),
-            Some(_) if recorder.max_size.is_none() && recorder.max_duration.is_none() => {
-                fail("segments", "no file is ever full: give max_size or max_duration as well".into())
-            }
+            Some(_) if recorder.max_size.is_none() && recorder.max_duration.is_none() => fail(
+                "segments",
+                "files are never full without max_size or max_duration: set one of them".into(),
+            ),
             _ => Ok(()),
         }
     }
@@ -347,7 +348,8 @@ impl Planner<'_> {
             };
             let at_s = self.si(at![key, i, "at_s"], at, &Unit::SECOND)?;
             if at_s < changes.last().map_or(0.0, |c| c.at_s) {
-                let message = format!("steps must be in time order, from 0 on; {at_s} s comes too late here");
+                let message =
+                    format!("steps must be in time order, from 0 on; {at_s} s is out of order here");
                 return Err(self.document.error_at(at![key, i, "at_s"], message));
             }
             let mut values = BTreeMap::new();

@@ -47,7 +47,7 @@ impl Planner<'_> {
             (None, _) if own => Ok(Security::Open),
             (Some(_), _) if own => wrong(
                 "mode",
-                "[zenoh] config brings a protection of its own: leave out one of them, or say mode = \"open\"",
+                "[zenoh] config has its own security settings: remove one of them, or set mode = \"open\"",
             ),
             _ => match secret_beyond_its_reach(&endpoints) {
                 None => Ok(Security::Secret),

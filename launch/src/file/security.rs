@@ -17,9 +17,9 @@ pub(crate) enum Security {
 pub(crate) fn secret_beyond_its_reach(endpoints: &[String]) -> Option<String> {
     let beyond = endpoints.iter().find(|e| !is_on_loopback(e))?;
     Some(format!(
-        "the bench can be reached at '{beyond}', which a secret of this host does not protect: say [security] mode = \"tls\" \
-         with keys from `whirlstand keys new`, or mode = \"open\" (--set security.mode=open) where everybody on that \
-         network may fly it"
+        "the bench can be reached at '{beyond}', which the secret of this host does not protect: set [security] \
+         mode = \"tls\" with keys from `whirlstand keys new`, or mode = \"open\" (--set security.mode=open) if \
+         everybody on that network may fly it"
     ))
 }
 

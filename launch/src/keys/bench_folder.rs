@@ -70,7 +70,7 @@ pub(crate) fn configuration(bench: &str, name: &str) -> Result<PathBuf, Failure>
         let running = benches_with_keys()?;
         let hint = did_you_mean(bench, running.iter().map(String::as_str));
         return Err(Failure::Mend(format!(
-            "no bench \"{bench}\" of yours runs over zenoh on this host{hint}: running are {}",
+            "no bench \"{bench}\" of yours runs over zenoh on this host{hint}: running benches are {}",
             listed(running)
         )));
     };

@@ -42,7 +42,7 @@ pub(crate) fn ask(card: &BenchCard, wanted: &[Wanted]) -> Result<Vec<Adjustment>
 /// Nobody has answered.
 pub(super) fn no_answer(card: &BenchCard) -> Failure {
     Failure::Run(format!(
-        "bench '{}' did not answer within {} s: its loop stands still, or the node that would answer is not there",
+        "bench '{}' did not answer within {} s: its loop has stopped, or the node that should answer is missing",
         card.bench,
         PATIENCE.as_secs()
     ))
@@ -56,7 +56,7 @@ pub(super) fn is_open(card: &BenchCard, one: &Wanted) -> Result<(), Failure> {
     let closed = if one.is_for_the_plant() { &card.plant_closed } else { &card.controller_closed };
     let Some(why) = closed else { return Ok(()) };
     let what = if one.is_for_the_plant() { "gust or engine" } else { "setpoint, gain or stick" };
-    Err(Failure::Mend(format!("bench '{}' takes no {what} from outside: {why}", card.bench)))
+    Err(Failure::Mend(format!("bench '{}' accepts no {what} from outside: {why}", card.bench)))
 }
 
 /// Sends what is not answered yet, again and again, until all is answered or the time is over.

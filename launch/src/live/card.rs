@@ -18,7 +18,7 @@ use crate::keys::{configuration, write_private};
 const FILE: &str = "bench.json";
 
 /// What is said of the setting that opens a bench, where there is room for it.
-const OPENS: &str = " opens the bench to them";
+const OPENS: &str = " enables them";
 
 /// A running bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -63,7 +63,7 @@ impl BenchCard {
         };
         let closed = |bridged: Option<&str>, role: Role, is_open: bool, key: &str| match bridged {
             Some(why) => Some(why.to_string()),
-            None if is_foreign(role) => Some(format!("the {role} is a program of its own")),
+            None if is_foreign(role) => Some(format!("the {role} is an external program")),
             None if !is_open => Some(format!("--set {key}=true{OPENS}")),
             None => None,
         };
@@ -97,7 +97,7 @@ impl BenchCard {
         match &which.launch {
             Some(launch) => Self::elsewhere(&which.name, launch, &which.overrides, &which.connect),
             None if which.overrides != OverrideArgs::default() => Err(Failure::Mend(
-                "what changes a launch file needs --launch, of a bench on another host".into(),
+                "options that change a launch file require --launch, for a bench on another host".into(),
             )),
             None => Self::of(&which.name),
         }
@@ -148,7 +148,7 @@ impl BenchCard {
         let sockets = sockets_of(bench)?.ok_or_else(absent)?;
         let text = std::fs::read_to_string(sockets.join(FILE)).map_err(|_| absent())?;
         serde_json::from_str(&text).map_err(|e| {
-            Failure::Mend(format!("bench '{bench}' is run by another version of whirlstand, which says: {e}"))
+            Failure::Mend(format!("bench '{bench}' is run by another version of whirlstand: {e}"))
         })
     }
 
@@ -174,8 +174,8 @@ impl BenchCard {
         if self.transport == Transport::Inproc && !self.is_own {
             let bench = &self.bench;
             return Err(Failure::Mend(format!(
-                "bench '{bench}' runs in one process, which nothing from outside reaches: start it with --transport iceoryx2 \
-                 or zenoh"
+                "bench '{bench}' runs in one process and cannot be reached from outside: start it with --transport \
+                 iceoryx2 or zenoh"
             )));
         }
         let mut config = BusConfig::new(&self.bench, member, self.transport);
@@ -212,7 +212,7 @@ impl BenchCard {
         let closed = closed.collect::<Vec<_>>().join("; ");
         let open = if open.is_empty() { "nothing from outside".into() } else { open.join(" and ") };
         let closed = if closed.is_empty() { String::new() } else { format!(" ({closed})") };
-        format!("bench {} over {} takes {open}{closed}", self.bench, self.transport)
+        format!("bench {} over {} accepts {open}{closed}", self.bench, self.transport)
     }
 }
 
@@ -232,13 +232,13 @@ mod tests {
         let closed = card("quadrotor", &[]);
         assert_eq!(
             closed.line(),
-            "bench lab over iceoryx2 takes nothing from outside (gusts, engine: --set plant.inject=true; setpoints, gain, \
+            "bench lab over iceoryx2 accepts nothing from outside (gusts, engine: --set plant.inject=true; setpoints, gain, \
              stick: --set controller.pilot=true)"
         );
         let open = card("quadrotor", &["plant.inject=true", "controller.pilot=true"]);
         assert_eq!(
             open.line(),
-            "bench lab over iceoryx2 takes gusts, engine (topics inject, adjust) and setpoints, gain, stick (topics pilot, \
+            "bench lab over iceoryx2 accepts gusts, engine (topics inject, adjust) and setpoints, gain, stick (topics pilot, \
              adjust, stick)"
         );
         let px4 = card("quadrotor-px4", &["plant.inject=true", "controller.pilot=true"]);

@@ -47,7 +47,7 @@ impl Hands {
                 // Whoever asked may have gone.
                 let _ = tell.send(Ok(answer));
                 if is_ours && let Err(e) = held.hold(id, &said) {
-                    tracing::warn!("the stick is let go: {e}");
+                    tracing::warn!("the stick is released: {e}");
                 }
             }
             Err(e) => {
@@ -71,7 +71,7 @@ impl Hands {
         // A move that finds one waiting is left out: the next is newer.
         match own.map(|own| own.moves.try_send(u)) {
             Some(Ok(()) | Err(TrySendError::Full(_))) => Ok(String::new()),
-            _ => Err("the stick is not yours: the law flies, or somebody else".into()),
+            _ => Err("you do not have the stick: the law or somebody else is flying".into()),
         }
     }
 

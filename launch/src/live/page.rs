@@ -60,7 +60,7 @@ impl LivePage {
             let (shown, hands) = (shown.clone(), Arc::<Hands>::default());
             move |control: &Control| {
                 let card = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                card.map_or_else(|| Err("no bench runs".into()), |card| act(&card, &hands, control))
+                card.map_or_else(|| Err("no bench is running".into()), |card| act(&card, &hands, control))
             }
         };
         let server = addresses.page.map(|address| Server::start(address, hub.clone(), act.clone()));
@@ -106,7 +106,7 @@ impl LivePage {
             let is_told = || told.load(Ordering::Relaxed);
             let pause = |until: Instant| std::thread::sleep(until.saturating_duration_since(Instant::now()));
             if let Err(e) = look.until_over(true, is_told, pause) {
-                tracing::warn!("the live page shows nothing more of this run: {e}");
+                tracing::warn!("the live page can no longer show this run: {e}");
             }
         };
         let thread =
@@ -148,11 +148,11 @@ fn act(card: &BenchCard, hands: &Hands, control: &Control) -> Answer {
             Wanted::Stick(None)
         }
         Control::Stop {} => Wanted::Stop,
-        Control::Play { .. } => return Err("only a finished log is played".into()),
+        Control::Play { .. } => return Err("only a finished log can be played".into()),
     };
     let answers = ask(card, &[wanted]).map_err(text)?;
     let told = answers.first().map(|answer| Told::new(&wanted, answer, &vehicle));
-    let told = told.ok_or("the bench gave no answer")?;
+    let told = told.ok_or("the bench did not answer")?;
     if told.refused.is_some() { Err(told.sentence()) } else { Ok(told.sentence()) }
 }
 
@@ -172,7 +172,7 @@ fn deflected(vehicle: &Vehicle, at: &BTreeMap<String, f64>) -> Result<[f64; MAX_
         }
         let end = if *share < 0.0 { input.lower } else { input.upper };
         if !end.is_finite() {
-            return Err(format!("{name} has no limit in the vehicle file, and so no stick"));
+            return Err(format!("{name} has no limit in the vehicle file, so it has no stick"));
         }
         u[index] = input.neutral() + share.abs() * (end - input.neutral());
     }

@@ -25,14 +25,14 @@ impl Remote {
     pub fn new(plan: &Plan, connect: &[String]) -> Result<Self, Failure> {
         if plan.config.transport != Transport::Zenoh {
             return Err(Failure::Mend(format!(
-                "a bench over {} is not reached from another host: it needs transport = \"zenoh\"",
+                "a bench over {} cannot be reached from another host: it needs transport = \"zenoh\"",
                 plan.config.transport
             )));
         }
         if plan.security == Security::Secret {
             return Err(Failure::Mend(
-                "a bench with a secret of its host is not reached from another: say [security] mode = \"tls\" with keys from \
-                 `whirlstand keys new`, or mode = \"open\""
+                "a bench protected by its host's secret cannot be reached from another host: set [security] mode = \
+                 \"tls\" with keys from `whirlstand keys new`, or mode = \"open\""
                     .into(),
             ));
         }
@@ -40,8 +40,8 @@ impl Remote {
         let connect: Vec<_> = listening.chain(connect).cloned().collect();
         if connect.is_empty() {
             return Err(Failure::Mend(
-                "nobody says where the bench is: give `listen` to the nodes in the launch file ([nodes.plant] listen = \
-                 [\"tls/192.0.2.1:7447\"] and so on), or --connect ENDPOINT for each of them"
+                "the address of the bench is unknown: set `listen` for the nodes in the launch file ([nodes.plant] \
+                 listen = [\"tls/192.0.2.1:7447\"] and so on), or --connect ENDPOINT for each of them"
                     .into(),
             ));
         }

@@ -25,7 +25,7 @@ impl Told {
         let refused = match verdict {
             Some(AdjustmentVerdict::Done) => None,
             Some(verdict) => Some(refusal(verdict, wanted.key())),
-            None => Some(format!("for reason {}, which this version does not know", answer.verdict)),
+            None => Some(format!("for reason {}, which this version does not recognize", answer.verdict)),
         };
         Self {
             what: wanted.text(vehicle),

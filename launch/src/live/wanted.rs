@@ -168,7 +168,7 @@ impl Wanted {
             }
             Self::Gain(factor) => format!("gain {factor}"),
             Self::Stop => "end of the run".into(),
-            Self::Stick(Some(_)) => "the stick is yours".into(),
+            Self::Stick(Some(_)) => "you have the stick".into(),
             Self::Stick(None) => "the law flies".into(),
             Self::Effect { effect, on } => {
                 format!("effect {} {}", effect + 1, if on { "on" } else { "off" })
@@ -179,9 +179,9 @@ impl Wanted {
 
 fn assignment<'t>(text: &'t str, example: &str) -> Result<(&'t str, &'t str), Failure> {
     let parts = text.split_once('=').map(|(name, value)| (name.trim(), value.trim()));
-    parts
-        .filter(|(name, value)| !name.is_empty() && !value.is_empty())
-        .ok_or_else(|| Failure::Mend(format!("'{text}' is no assignment: write NAME=VALUE, as in {example}")))
+    parts.filter(|(name, value)| !name.is_empty() && !value.is_empty()).ok_or_else(|| {
+        Failure::Mend(format!("'{text}' is not an assignment: write NAME=VALUE, as in {example}"))
+    })
 }
 
 /// Effects are numbered from 1, those of the vehicle file first.

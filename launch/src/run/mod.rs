@@ -93,7 +93,7 @@ pub(crate) fn fly_all(
         }
     }
     if let Some(page) = page {
-        page.end("The run is over; its report and log are in the folder that the terminal names.");
+        page.end("The run is over; its report and log are in the folder shown in the terminal.");
     }
     let whole = summary::whole(jobs, &runs);
     // The verdict is told even where no file can be written any more.

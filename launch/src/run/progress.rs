@@ -121,14 +121,14 @@ impl Observer for Progress {
             }
             Event::Restarted { node, how, attempt, allowed } => {
                 self.restarts += 1;
-                self.say(&format!("{node} {how}; it is started again (restart {attempt} of {allowed})"));
+                self.say(&format!("{node} {how}; restarting it (restart {attempt} of {allowed})"));
             }
             Event::KilledAtEnd { node, after } => {
-                self.say(&format!("{node} did not end within {} s and was killed", after.as_secs_f64()));
+                self.say(&format!("{node} did not stop within {} s and was killed", after.as_secs_f64()));
             }
             Event::Ending(Ending::Interrupted(signal)) => {
                 let name = signal_hook::low_level::signal_name(*signal).unwrap_or("a signal");
-                self.say(&format!("{name}: the bench is stopped in order (a second signal kills it)"));
+                self.say(&format!("{name}: stopping the bench cleanly (a second signal kills it)"));
             }
             Event::Ending(_) => {}
         }
@@ -144,8 +144,8 @@ impl Observer for Progress {
         if failsafe != std::mem::replace(&mut self.failsafe, failsafe) {
             let t = step as f64 * self.period_s;
             self.say(&match failsafe {
-                true => format!("the plant is in its failsafe (inputs neutral) at {t:.2} s"),
-                false => format!("the plant has left its failsafe at {t:.2} s"),
+                true => format!("the plant entered failsafe (inputs neutral) at {t:.2} s"),
+                false => format!("the plant left failsafe at {t:.2} s"),
             });
         }
         if self.quiet.as_mut().is_some_and(|q| q.is_due(now)) {

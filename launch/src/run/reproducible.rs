@@ -19,12 +19,12 @@ pub(super) fn reasons_against(
     count(timing.lost, "message was lost", "messages were lost");
     let starts = restarts.iter().filter(|(_, n)| *n > 0);
     reasons.extend(
-        starts.map(|(node, n)| format!("{node} was started again ({n} times)").replace("(1 times)", "once")),
+        starts.map(|(node, n)| format!("{node} was restarted ({n} times)").replace("(1 times)", "once")),
     );
     let outside = [
-        (config.plant.inject, "disturbances are taken from outside (plant.inject)"),
-        (config.controller.pilot, "setpoints are taken from outside (controller.pilot)"),
-        (config.bridge.is_some(), "a bridge speaks to something that has its own clock"),
+        (config.plant.inject, "disturbances are accepted from outside (plant.inject)"),
+        (config.controller.pilot, "setpoints are accepted from outside (controller.pilot)"),
+        (config.bridge.is_some(), "a bridge talks to a system with its own clock"),
     ];
     reasons.extend(outside.into_iter().filter(|(is, _)| *is).map(|(_, why)| why.to_string()));
     reasons
@@ -48,8 +48,8 @@ mod tests {
             [
                 "2 steps had no command in time",
                 "1 message was lost",
-                "plant was started again once",
-                "disturbances are taken from outside (plant.inject)",
+                "plant was restarted once",
+                "disturbances are accepted from outside (plant.inject)",
             ]
         );
     }

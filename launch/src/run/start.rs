@@ -96,7 +96,7 @@ impl HealthSource for Listener {
 
     fn reachable(&mut self, locators: &[String]) {
         if let Some(Err(e)) = self.folder.as_ref().map(|folder| folder.update(locators)) {
-            tracing::warn!("programs from outside cannot join: {e}");
+            tracing::warn!("external programs cannot join: {e}");
         }
     }
 
@@ -319,7 +319,7 @@ pub(crate) fn folder_name(name: &str) -> String {
 pub(crate) fn sweep(bench: &str) -> Result<(), Failure> {
     whirlstand_bus::remove_residue(bench)
         .map(|_| ())
-        .map_err(|e| Failure::Run(format!("shared memory of the bench {bench} is left behind: {e}")))
+        .map_err(|e| Failure::Run(format!("shared memory of the bench {bench} could not be removed: {e}")))
 }
 
 /// A timer that is due once a period, for lines that shall not come too often.

@@ -50,7 +50,7 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
     let name = variant.unwrap_or(&plan.name).to_string();
     let mut problems: Vec<String> = ran.residue.into_iter().collect();
     for node in &ran.outcome.killed_at_end {
-        problems.push(format!("{node} did not end when it was asked and had to be killed"));
+        problems.push(format!("{node} did not stop when asked and had to be killed"));
     }
     let recorded = ran.log.as_deref().and_then(|log| match Run::open(log, &name, None) {
         Ok(run) => Some(run),
@@ -112,7 +112,7 @@ fn gaps(run: &Run, health: &HealthTable) -> Vec<String> {
     let end_s = health.get("plant").map_or(0.0, |plant| plant.latest.head.step as f64 * figures.period_s);
     if figures.duration_s + LOG_END_S < end_s {
         gaps.push(format!(
-            "the log ends at {:.3} s, the run at {end_s:.3} s: what came then could not be written",
+            "the log ends at {:.3} s, the run at {end_s:.3} s: the rest could not be written",
             figures.duration_s
         ));
     }

@@ -78,7 +78,7 @@ fn of_run(run: &Summarised) -> String {
     if run.timing.failsafe_steps > 0 {
         row("failsafe", style::bad(&format!("{} steps", run.timing.failsafe_steps)));
     }
-    for (share, what) in [(run.timing.disarmed_share, "disarmed"), (run.timing.pilot_share, "the pilot's")] {
+    for (share, what) in [(run.timing.disarmed_share, "disarmed"), (run.timing.pilot_share, "pilot")] {
         if share > 0.0 {
             row(what, style::bad(&format!("{:.1} % of the flight", 100.0 * share)));
         }
@@ -92,7 +92,7 @@ fn of_run(run: &Summarised) -> String {
     }
     if run.plan.config.mode == Mode::Lockstep && !run.not_reproducible.is_empty() {
         let why = run.not_reproducible.join("; ");
-        row("bit for bit", style::bad(&format!("another run can differ: {why}")));
+        row("bit for bit", style::bad(&format!("another run may differ: {why}")));
     }
     for problem in &run.problems {
         row("problem", style::bad(problem));
@@ -129,7 +129,7 @@ fn response(figures: &RunSummary, at_s: f64) -> String {
     // Most bands are the same share of their peak: rounding is not to order these.
     moved.sort_by_key(|(_, _, d)| std::cmp::Reverse((1e3 * d.peak / d.band.max(1e-12)).round() as u64));
     if moved.is_empty() {
-        return "nothing that could be seen".into();
+        return "nothing measurable".into();
     }
     moved.truncate(MOST_OUTPUTS);
     moved.sort_by_key(|(name, _, _)| name.as_str());

@@ -194,7 +194,7 @@ impl FaultInjector {
         self.calm = 0;
         self.written = written(health);
         self.phase = match dealt {
-            0 => self.give_up("nothing of the fault was carried out".into()),
+            0 => self.give_up("the fault was not carried out".into()),
             _ => Phase::Recovering { since: Instant::now() },
         };
     }

@@ -86,7 +86,7 @@ pub(super) fn losses(
     }
     if forged + check.forged > 0 {
         problems.push(format!(
-            "forged messages were believed: {forged} reached the launcher, {} are in the log",
+            "forged messages were accepted: {forged} reached the launcher, {} are in the log",
             check.forged
         ));
     }
@@ -94,11 +94,11 @@ pub(super) fn losses(
         return problems;
     }
     if check.untold > 0 {
-        problems.push(format!("{} steps are missing in the log, and nothing tells of them", check.untold));
+        problems
+            .push(format!("{} steps are missing from the log, and it does not report them", check.untold));
     }
     if fault == FaultArg::Disk && check.told == 0 {
-        problems
-            .push("the recorder could write all the time: let the faults be longer with --lasting".into());
+        problems.push("the recorder could always write: make the faults longer with --lasting".into());
     }
     let recorder = Role::Recorder.name();
     for (node, health) in outcome.health.iter() {
@@ -106,14 +106,14 @@ pub(super) fn losses(
         if fault == FaultArg::Disk && node == recorder {
             if lost != check.told {
                 let told = check.told;
-                problems.push(format!("{node} lost {lost} messages, and the log tells of {told}"));
+                problems.push(format!("{node} lost {lost} messages, but the log reports {told}"));
             }
         } else if lost > 0 && (mode == Mode::Lockstep || node == recorder) {
             problems.push(format!("{node} lost {lost} messages"));
         }
     }
     let restarted =
-        outcome.restarts.iter().map(|(node, times)| format!("{node} was started again {times} times"));
+        outcome.restarts.iter().map(|(node, times)| format!("{node} was restarted {times} times"));
     problems.extend(restarted);
     problems
 }

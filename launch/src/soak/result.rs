@@ -85,7 +85,7 @@ impl SoakResult {
             .filter_map(|f| f.problem.as_ref().map(|p| format!("{} at {:.2} s: {p}", f.node, f.at_s)))
             .collect();
         if injector.left() > 0 {
-            problems.push(format!("{} faults were never reached", injector.left()));
+            problems.push(format!("{} faults were never injected", injector.left()));
         }
         if let Ending::Failed(failure) = &ran.outcome.ending {
             let words = failure.last_lines.join(" / ");
@@ -165,7 +165,7 @@ impl SoakResult {
             text.push_str(&format!("{} {problem}\n", style::bad("problem:")));
         }
         if self.ok {
-            let all = "The bench survived every fault: nothing is lost that must not be, nothing is left in shared memory.";
+            let all = "The bench survived every fault: no unexpected losses, nothing left in shared memory.";
             text.push_str(&format!("{}\n", style::good(all)));
         }
         text

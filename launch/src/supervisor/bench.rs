@@ -203,8 +203,8 @@ impl Bench<'_> {
             self.table.update(health, now);
         } else if !std::mem::replace(&mut self.strange_health, true) {
             tracing::warn!(
-                "a Health in the name of '{name}' is of process {}, which is not that node: it and all others like it are \
-                 left out",
+                "a Health message named '{name}' came from process {}, which is not that node: it and all others \
+                 like it are ignored",
                 health.pid
             );
         }

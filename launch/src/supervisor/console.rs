@@ -128,7 +128,7 @@ impl LineQuota {
     fn take_left_out(&mut self) -> Option<String> {
         match std::mem::take(&mut self.left_out) {
             0 => None,
-            n => Some(format!("({n} lines are left out: it writes more than {MOST_LINES} a second)")),
+            n => Some(format!("({n} lines dropped: it writes more than {MOST_LINES} per second)")),
         }
     }
 }
@@ -187,8 +187,8 @@ mod tests {
         assert!(quota.shown(lines.clone(), now, false).is_empty());
         let next = quota.shown(lines, now + WINDOW, true);
         assert_eq!(next.len() as u64, MOST_LINES + 2);
-        assert!(next[0].starts_with("(1000 lines are left out"), "{}", next[0]);
-        assert!(next.last().unwrap().starts_with("(400 lines are left out"));
+        assert!(next[0].starts_with("(1000 lines dropped"), "{}", next[0]);
+        assert!(next.last().unwrap().starts_with("(400 lines dropped"));
     }
 
     #[test]

@@ -75,7 +75,7 @@ impl Guard {
     fn say(&mut self, order: &str) {
         // Somebody who kills the guard as well leaves the nodes to the kernel's SIGTERM.
         if let Some(Err(e)) = self.orders.as_mut().map(|pipe| writeln!(pipe, "{order}")) {
-            tracing::debug!("the guard of the bench does not listen: {e}");
+            tracing::debug!("the guard of the bench does not respond: {e}");
         }
     }
 }

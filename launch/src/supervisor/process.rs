@@ -139,7 +139,7 @@ pub(crate) fn ending(status: ExitStatus) -> String {
         (Some(code), _) => format!("ended with exit code {code}"),
         (None, Some(signal)) => {
             let name = signal_hook::low_level::signal_name(signal).unwrap_or("an unknown signal");
-            let why = if signal == libc::SIGBUS { ", most likely because /dev/shm ran full" } else { "" };
+            let why = if signal == libc::SIGBUS { ", most likely because /dev/shm was full" } else { "" };
             format!("was ended by {name} (signal {signal}){why}")
         }
         (None, None) => format!("ended: {status}"),

@@ -253,10 +253,10 @@ fn unchanged(verdict: Verdict) -> Gain {
     let why = match verdict {
         Verdict::Inconclusive => "the diagnosis is inconclusive, so there is nothing to design a new one for",
         Verdict::Unexplained => {
-            "what is wrong is no effect of the table, so there is nothing to design a new one for"
+            "the cause is not an effect in the table, so there is nothing to design a new one for"
         }
         Verdict::Consistent | Verdict::Explained | Verdict::PartlyExplained => {
-            "the diagnosis found nothing that the law does not know"
+            "the diagnosis found nothing that the law does not already account for"
         }
     };
     Gain {

@@ -37,7 +37,8 @@ impl Pilot {
                 Failure::Mend(format!("{} cannot be designed for {}: {e}", options.name(), model.name))
             })?),
         };
-        let refuse = |e: EstimatorError| Failure::Mend(format!("no filter for {}: {e}", model.name));
+        let refuse =
+            |e: EstimatorError| Failure::Mend(format!("no filter can be designed for {}: {e}", model.name));
         let estimator =
             filter_of(model, &plant, &config.estimator, config.plant.engine.into()).map_err(refuse)?;
         let model = VehicleSource { origin: origin.into(), text: model.to_toml() };

@@ -87,7 +87,8 @@ struct Knobs {
 impl Knobs {
     fn new(pilot: &Pilot) -> Result<Self, Failure> {
         let refuse = |why: &str| Failure::Mend(format!("--retune: {why}"));
-        let design = pilot.design.as_ref().ok_or_else(|| refuse("the stick has no weights to choose"))?;
+        let design =
+            pilot.design.as_ref().ok_or_else(|| refuse("manual control has no weights to choose"))?;
         let plant = &design.plant;
         let options = design.options.resolved(plant).map_err(Failure::mend)?;
         let inputs = 0..plant.input_count();
@@ -103,9 +104,7 @@ impl Knobs {
                 knobs
             }
             LawOptions::Ppc(o) if o.poles.is_some() => {
-                return Err(refuse(
-                    "controller.poles says where the poles are, so there is no bandwidth to choose",
-                ));
+                return Err(refuse("controller.poles fixes the poles, so there is no bandwidth to choose"));
             }
             LawOptions::Ppc(_) => vec![Knob::Bandwidth],
             LawOptions::Smc(_) => inputs.map(Knob::Layer).collect(),
@@ -227,7 +226,7 @@ impl Search<'_> {
         let numbers = self.wanted.first_draw..self.wanted.first_draw + CHOICE;
         let Some(flown) = self.wanted.trials.fly(&[&pilot], numbers, &|_| {})? else {
             self.counts.interrupted.set(true);
-            return Err(Failure::Run("a signal ended the search".into()));
+            return Err(Failure::Run("the search was interrupted by a signal".into()));
         };
         let each = flown.iter().flatten().map(|trial| counted(&trial.judged).min(LOST));
         Ok(each.sum::<f64>() / CHOICE as f64)

@@ -55,7 +55,7 @@ fn lines(t: &Tuning) -> Vec<LawLine> {
     };
     margin("stable with its filter", &|l| if l.spectral_radius < 1.0 { "yes".into() } else { "no".into() });
     margin("peak sensitivity", &|l| number(l.multivariable_margins.max_sensitivity));
-    margin("further delay borne", &|l| {
+    margin("delay margin", &|l| {
         let least = l.loop_margins.iter().filter_map(|m| m.delay_s).fold(f64::INFINITY, f64::min);
         if least.is_finite() { shown(least, "s") } else { "any".into() }
     });
@@ -96,7 +96,7 @@ fn retuned_text(t: &Tuning) -> String {
     let Some(r) = &t.retuned else { return String::new() };
     let factors = r.factors.iter().map(|(name, factor)| format!("{name} x {}", number(*factor)));
     format!(
-        "\n{}  {}\n  {} {} -> {} on draws {} to {}; {} tried, {} refused; peak sensitivity {} of at most {}\n",
+        "\n{}  {}\n  {} {} -> {} on draws {} to {}; {} tried, {} rejected; peak sensitivity {} of at most {}\n",
         style::strong("weights"),
         factors.collect::<Vec<_>>().join(", "),
         r.against,

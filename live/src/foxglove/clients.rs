@@ -33,14 +33,14 @@ impl Clients {
     fn understood(&self, channel: &ClientChannel, payload: &[u8]) -> Result<Control, String> {
         if channel.topic != self.topic {
             return Err(format!(
-                "nothing is taken on topic {}: controls go to the topic that whirlstand printed in its terminal",
+                "topic {} is not accepted: publish controls to the topic that whirlstand printed in its terminal",
                 channel.topic
             ));
         }
         if payload.len() > LONGEST {
             return Err(format!("a control has at most {LONGEST} bytes"));
         }
-        serde_json::from_slice(payload).map_err(|e| format!("this control is not understood: {e}"))
+        serde_json::from_slice(payload).map_err(|e| format!("this control cannot be parsed: {e}"))
     }
 }
 

@@ -29,7 +29,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, board: &Board) {
     let state = board.over.clone().unwrap_or(time);
     let title =
         Line::from(vec![Span::raw(board.title.as_str()).bold(), Span::raw("   "), Span::raw(state).cyan()]);
-    let second = Line::from(format!("{}   (q leaves)", board.subtitle)).dim();
+    let second = Line::from(format!("{}   (q quits)", board.subtitle)).dim();
     frame.render_widget(Paragraph::new(vec![title, second]), head);
     frame.render_widget(signals(board, "Outputs", &board.outputs, &OUTPUT, outputs), outputs);
     frame.render_widget(signals(board, "Inputs", &board.inputs, &INPUT, inputs), inputs);

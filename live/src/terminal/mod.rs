@@ -32,7 +32,7 @@ impl Terminal {
     /// There is none.
     pub fn open(hub: &Hub) -> io::Result<Self> {
         if !io::IsTerminal::is_terminal(&io::stdout()) {
-            return Err(io::Error::other("standard output is none"));
+            return Err(io::Error::other("standard output is not a terminal"));
         }
         let (told, frames, _) = hub.join();
         let mut board = Board::default();

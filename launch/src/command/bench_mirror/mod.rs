@@ -60,7 +60,7 @@ pub(crate) fn bench_mirror(args: &BenchMirrorArgs) -> Result<ExitCode, Failure> 
         let (flight, effect) = ((index - clean) / names.len() as u64, (index - clean) % names.len() as u64);
         let what = names[effect as usize];
         let hangar = hangar_of(what, &hangars)
-            .ok_or_else(|| Failure::Run(format!("{what} is hidden in no vehicle that is ready")))?;
+            .ok_or_else(|| Failure::Run(format!("no vehicle was prepared for {what}")))?;
         hangar.hide(what, first + flight).map(Flown::Hidden)
     };
     let jobs = args.jobs.map(std::num::NonZero::get);
@@ -83,7 +83,7 @@ pub(crate) fn bench_mirror(args: &BenchMirrorArgs) -> Result<ExitCode, Failure> 
     report(args, &tally)?;
     if interrupted {
         style::say(&format!(
-            "interrupted: {} of {} flights were flown, and count above",
+            "interrupted: the results above cover {} of {} flights",
             bar.position(),
             todo.len()
         ));
@@ -102,7 +102,7 @@ fn report(args: &BenchMirrorArgs, tally: &Tally) -> Result<(), Failure> {
     let mut text = tally.text().replace("MISSED", &style::bad("MISSED"));
     if args.show {
         for trial in tally.trials.iter().filter(|t| t.right != Some(true) || t.wrong_ever) {
-            let best = trial.bound_s.map_or("later than the flight".into(), |b| format!("{b:.2} s"));
+            let best = trial.bound_s.map_or("after the end of the flight".into(), |b| format!("{b:.2} s"));
             text += &format!("\nflight {}: {}, best detection {best}\n", trial.number, trial.hidden);
             trial.said.iter().for_each(|line| text += &format!("  {line}\n"));
         }

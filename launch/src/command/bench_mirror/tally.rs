@@ -172,8 +172,8 @@ impl CleanRow {
 
     fn text(&self) -> String {
         format!(
-            "clean flight: {} false alarms in {:.2} h, {:.2} an hour (95 %: {:.2} to {:.2}); a step of the mirror takes {:.1} us, \
-             {:.1} % of a core at 1 kHz\n",
+            "clean flight: {} false alarms in {:.2} h, {:.2} per hour (95 %: {:.2} to {:.2}); a step of the mirror \
+             takes {:.1} us, {:.1} % of a core at 1 kHz\n",
             self.alarms,
             self.hours,
             self.per_h,
@@ -221,7 +221,7 @@ impl Tally {
         let summed = CleanRow::new(&clean, period_s);
         if let Some(row) = &summed {
             goals.push(Goal {
-                goal: format!("false alarms, at most {MOST_FALSE_PER_H} an hour"),
+                goal: format!("false alarms, at most {MOST_FALSE_PER_H} per hour"),
                 value: row.per_h,
                 met: row.per_h <= MOST_FALSE_PER_H,
             });

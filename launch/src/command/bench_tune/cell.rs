@@ -23,7 +23,7 @@ pub(super) fn fly(scene: &Scene, draws: u64, processes: Option<Processes>) -> Re
     let folder = tempfile::Builder::new()
         .prefix("whirlstand-bench-tune-")
         .tempdir()
-        .map_err(|e| Failure::Run(format!("no folder can be made for the flights: {e}")))?;
+        .map_err(|e| Failure::Run(format!("cannot create a folder for the flights: {e}")))?;
     let result = match tuned(scene, draws, processes, folder.path()) {
         Ok(None) => return Ok(None),
         Ok(Some(answer)) => answer,
@@ -102,7 +102,9 @@ fn named(tuning: &Tuning) -> Vec<String> {
 }
 
 fn outcome(tuning: &Tuning) -> Answer {
-    let Some(truth) = &tuning.truth else { return Answer::Failed("no law flew the truth".into()) };
+    let Some(truth) = &tuning.truth else {
+        return Answer::Failed("no law was flown on the true vehicle".into());
+    };
     Answer::Flown(Box::new(Outcome {
         named: named(tuning),
         kept: tuning.gain.certain,

@@ -68,7 +68,7 @@ fn read(path: &Path) -> Result<Vec<Cell>, Failure> {
     let parse = |(number, line): (usize, &str)| {
         serde_json::from_str(line).map_err(|e| {
             Failure::Mend(format!(
-                "{}, line {}: a cell of this command is expected ({e}); without that line it is flown again",
+                "{}, line {}: a cell of this command is expected ({e}); delete that line to fly it again",
                 path.display(),
                 number + 1
             ))

@@ -139,8 +139,8 @@ impl Tally {
     pub fn summary(&self) -> String {
         let share = self.median_share.map_or("none".into(), |share| format!("{share:.2}"));
         let mut text = format!(
-            "{} cells, the old law kept in {}. Something to gain in {}: median share {share}, {} of them at least \
-             {LEAST_SHARE}. Lost before and held by the law that knows the truth: {}, of which held after: {}.\n",
+            "{} cells, the old law kept in {}. Room for improvement in {}: median share {share}, {} of them at least \
+             {LEAST_SHARE}. Lost before, but not by the law designed for the truth: {}, of which not lost after: {}.\n",
             self.cells.len(),
             self.kept_old,
             self.to_gain,
@@ -151,7 +151,7 @@ impl Tally {
         let lists = [
             ("Share below the goal", &self.missed),
             ("Worse than before, beyond its interval", &self.worse),
-            ("Lost after, and held by the law that knows the truth", &self.unsaved),
+            ("Lost after, but not by the law designed for the truth", &self.unsaved),
             ("Not flown", &self.failed),
         ];
         for (what, names) in lists {

@@ -58,7 +58,7 @@ fn run(args: &BlindRunArgs) -> Result<ExitCode, Failure> {
     let is_part = part.is_some();
     let code = report(&args.out, &args.json, args.only.is_some(), Results { tally, part })?;
     if cut.is_some() {
-        crate::style::say(&format!("interrupted: {done} of {} trials were done, and count above", all.len()));
+        crate::style::say(&format!("interrupted: the results above cover {done} of {} trials", all.len()));
         return Ok(ExitCode::from(INTERRUPTED));
     }
     // Whether a goal is met is a question to the whole.
@@ -97,7 +97,7 @@ fn report(
         let painted = text.replace("MISSED", &style::bad("MISSED"));
         let again = match tally.failures().next() {
             Some(_) => {
-                "\nrepeat one: whirlstand blind --only NUMBER --keep DIR, with the same vehicle and input\n"
+                "\nto repeat one: whirlstand blind --only NUMBER --keep DIR, with the same vehicle and input\n"
             }
             None => "",
         };
@@ -112,10 +112,10 @@ fn earlier(path: &Path, args: &BlindRunArgs, part: Option<&Part>) -> Result<Vec<
     let Results { tally, part: of } = Results::read(path).map_err(mend)?;
     let (was, is) = (parts::of_call(&tally), call(args));
     if was != is {
-        return Err(mend(format!("these are of another call: '{was}', not '{is}'")));
+        return Err(mend(format!("these results are from another call: '{was}', not '{is}'")));
     }
     if of.as_ref() != part {
-        return Err(mend("these are of another part, vehicle, record or version".into()));
+        return Err(mend("these results are from another part, vehicle, record or version".into()));
     }
     Ok(tally.trials)
 }
@@ -126,7 +126,7 @@ fn setting(args: &BlindRunArgs) -> Result<Setting, Failure> {
     let setting = Setting { vehicle, commands: None, lengths_s: args.length, rates_hz: args.rate.clone() };
     let Some(path) = &args.input else { return Ok(setting) };
     let Some(vehicle) = &setting.vehicle else {
-        return Err(Failure::Mend("--input needs the --vehicle whose inputs it has".into()));
+        return Err(Failure::Mend("--input requires --vehicle: the vehicle whose inputs it contains".into()));
     };
     let record = super::log::read(path, &args.map)?;
     let period_s = simulate::period(&record, None)?;

@@ -82,7 +82,7 @@ pub(super) fn joined(paths: &[PathBuf]) -> Result<Tally, Failure> {
     for (path, results) in parts {
         if of_call(&results.tally) != results.tally.call {
             return Err(Failure::Mend(format!(
-                "{path} was interrupted: go on with its call and --resume {path}"
+                "{path} was interrupted: repeat its call with --resume {path}"
             )));
         }
         let of_part = |what: fn(&Part) -> &str| results.part.as_ref().map(what) != of.as_ref().map(what);

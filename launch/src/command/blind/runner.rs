@@ -52,9 +52,8 @@ impl TrialRunner {
             Some(program) => {
                 std::path::absolute(program).map_err(|e| Failure::file("find the program", program, &e))?
             }
-            None => std::env::current_exe().map_err(|e| {
-                Failure::Run(format!("this program cannot find itself, to start it again: {e}"))
-            })?,
+            None => std::env::current_exe()
+                .map_err(|e| Failure::Run(format!("the path of this executable is unknown: {e}")))?,
         };
         let wanted = args.keep.as_ref().or(args.out.as_ref());
         let (root, temporary) = match wanted {
@@ -65,7 +64,7 @@ impl TrialRunner {
             }
             None => {
                 let folder = tempfile::tempdir()
-                    .map_err(|e| Failure::Run(format!("no folder can be made for the trials: {e}")))?;
+                    .map_err(|e| Failure::Run(format!("cannot create a folder for the trials: {e}")))?;
                 (folder.path().to_path_buf(), Some(folder))
             }
         };
@@ -126,7 +125,7 @@ impl TrialRunner {
                     None => all.1 += 1,
                 }
                 bar.inc(1);
-                bar.set_message(format!("{} not as they should be", all.2));
+                bar.set_message(format!("{} not answered correctly", all.2));
             }
             Ok(())
         };
@@ -200,7 +199,7 @@ impl TrialRunner {
         }
         let mut child = command
             .spawn()
-            .map_err(|e| Failure::Run(format!("{} does not start: {e}", self.program.display())))?;
+            .map_err(|e| Failure::Run(format!("{} cannot be started: {e}", self.program.display())))?;
         let until = Instant::now() + DIAGNOSIS_TIMEOUT;
         let status = loop {
             let status = child.wait_timeout(GLANCE).map_err(Failure::run)?;
@@ -217,10 +216,10 @@ impl TrialRunner {
         let path = folder.join("diagnosis.json");
         let words = || {
             let all = std::fs::read_to_string(&said).unwrap_or_default();
-            all.lines().find(|l| !l.trim().is_empty()).unwrap_or("without a word").to_string()
+            all.lines().find(|l| !l.trim().is_empty()).unwrap_or("no message").to_string()
         };
         Ok(match std::fs::read_to_string(&path) {
-            Ok(text) => serde_json::from_str(&text).map_err(|e| format!("its JSON is not understood: {e}")),
+            Ok(text) => serde_json::from_str(&text).map_err(|e| format!("its JSON cannot be parsed: {e}")),
             Err(_) => Err(format!("no diagnosis ({status}): {}", words())),
         })
     }

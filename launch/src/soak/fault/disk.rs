@@ -44,15 +44,15 @@ impl Disk {
             return Err(Failure::Mend("--fault disk: a bench that records is expected".into()));
         }
         if plan.config.mode == Mode::Lockstep {
-            let why = "in lockstep the log grows without a pause: --mode realtime is expected";
+            let why = "in lockstep the log grows continuously: --mode realtime is expected";
             return Err(Failure::Mend(format!("--fault disk: {why}")));
         }
         match own_namespace().and_then(|()| mount(c"tmpfs", folder, c"tmpfs", 0, ROOMY)) {
             Ok(()) => Ok(Self::Own(folder.into())),
             Err(e) => {
                 crate::style::say(&format!(
-                    "this machine allows no file system of the soak's own ({e}): instead of a full disk, the recorder is \
-                     allowed to write no byte more"
+                    "the soak cannot mount a file system of its own ({e}): instead of filling the disk, it keeps \
+                     the recorder from writing"
                 ));
                 ignore_the_limits_signal();
                 Ok(Self::Limit)
@@ -102,7 +102,7 @@ impl Ongoing for Full {
 impl Drop for Full {
     fn drop(&mut self) {
         if let Err(e) = mount(c"tmpfs", &self.folder, c"tmpfs", libc::MS_REMOUNT, ROOMY) {
-            tracing::error!("the file system of the log cannot be given its room again: {e}");
+            tracing::error!("cannot free the space of the log's file system again: {e}");
         }
     }
 }

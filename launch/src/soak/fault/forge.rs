@@ -41,8 +41,8 @@ impl Forge {
                 Ok(Self::Zenoh { bench: plan.config.bench.clone() })
             }
             _ => Err(Failure::Mend(
-                "--fault forge: over iceoryx2 no stranger reaches the bench (its shared memory is this user's \
-                 alone): --transport zenoh, or a launch file with a bridge on a UDP port, is expected"
+                "--fault forge: over iceoryx2 a stranger cannot reach the bench (only this user can access its \
+                 shared memory): --transport zenoh, or a launch file with a bridge on a UDP port, is expected"
                     .into(),
             )),
         }
