@@ -107,15 +107,15 @@ fn a_full_disk_is_told_once_and_leaves_a_hole_that_the_verdict_names() -> Outcom
     assert!(!said.contains("restarting it"), "{said}");
     let summary = json(kept.path().join("summary.json"));
     let problem = summary["runs"][0]["problems"][0].as_str().unwrap().to_string();
-    assert!(problem.contains("the log has a hole from") && problem.contains("(disk full)"), "{problem}");
-    assert!(summary["verdict"].as_str().unwrap().contains("the log has a hole"), "{summary}");
+    assert!(problem.contains("the log has a gap from") && problem.contains("(disk full)"), "{problem}");
+    assert!(summary["verdict"].as_str().unwrap().contains("the log has a gap"), "{summary}");
     assert!(summary["runs"][0]["timing"]["nodes"]["recorder"]["lost"].as_u64().unwrap() > 500, "{summary}");
     assert_eq!(summary["runs"][0]["timing"]["nodes"]["recorder"]["restarts"], 0, "{summary}");
     let duration = summary["runs"][0]["duration_s"].as_f64().unwrap();
     assert!((duration - 6.999).abs() < 1e-6, "the end is in the log: {duration}");
     let info = text("info");
     assert!(info.contains("2 files are read in order as one log"), "{info}");
-    assert!(info.contains("the log has a hole from") && info.contains("log.2.mcap"), "{info}");
+    assert!(info.contains("the log has a gap from") && info.contains("log.2.mcap"), "{info}");
     Ok(())
 }
 

@@ -49,7 +49,7 @@ impl fmt::Display for Hole {
         let s = |ns: u64| ns as f64 * 1e-9;
         write!(
             f,
-            "the log has a hole from {:.3} s to {:.3} s: up to {} messages could not be written ({})",
+            "the log has a gap from {:.3} s to {:.3} s: up to {} messages could not be written ({})",
             s(self.from_ns),
             s(self.until_ns),
             self.messages,
@@ -73,7 +73,7 @@ mod tests {
         assert_eq!(Hole::from_map(&hole.to_map()), hole);
         assert_eq!(
             hole.to_string(),
-            "the log has a hole from 1.500 s to 2.000 s: up to 700 messages could not be written (disk full)"
+            "the log has a gap from 1.500 s to 2.000 s: up to 700 messages could not be written (disk full)"
         );
     }
 }
