@@ -1,5 +1,6 @@
 //! Which processes there are, as the kernel tells it (proc_pid_stat(5), proc_pid_environ(5)).
 
+use std::os::fd::OwnedFd;
 use std::path::Path;
 
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
@@ -20,12 +21,6 @@ impl ProcStat {
         Self::parse(&std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
     }
 
-    /// All processes that this one may see.
-    pub fn all() -> impl Iterator<Item = Self> {
-        let numbers = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-        numbers.filter_map(|e| e.file_name().to_str()?.parse().ok()).filter_map(Self::of)
-    }
-
     /// The fields behind the name, which stands in brackets and may hold anything: state, parent, group.
     fn parse(stat: &str) -> Option<Self> {
         let (_, fields) = stat.rsplit_once(')')?;
@@ -36,30 +31,41 @@ impl ProcStat {
     }
 }
 
-/// Sends a signal to the processes whose notify socket is this one, or in this folder, and that are in no group which is
-/// `reached` already; how many there are. That is who was started by a node and by what a node started, for as long as the
-/// variable is handed on.
-pub(crate) fn signal_notifiers(
-    socket: &Path,
-    reached: impl Fn(i32) -> bool,
-    signal: Option<Signal>,
-) -> usize {
-    let numbers = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-    let pids = numbers.filter_map(|e| Pid::from_raw(e.file_name().to_str()?.parse().ok()?));
-    let told = |pid: &Pid| {
-        // Held before the look, so that the signal goes to who was looked at.
-        let Ok(process) = pidfd_open(*pid, PidfdFlags::empty()) else { return false };
-        let number = pid.as_raw_pid();
-        let environment = std::fs::read(format!("/proc/{number}/environ")).unwrap_or_default();
-        let found =
-            is_notifier(&environment, socket) && ProcStat::of(number).is_some_and(|p| !reached(p.group));
-        if let Some(signal) = signal.filter(|_| found) {
-            // One that has just ended needs no signal.
-            let _ = pidfd_send_signal(&process, signal);
-        }
-        found
-    };
-    pids.filter(told).count()
+/// A process that has not ended, held so that a signal reaches no other that got its number later.
+#[derive(Debug)]
+pub(crate) struct HeldProcess {
+    /// Its number.
+    pub pid: i32,
+    /// Its process group.
+    pub group: i32,
+    handle: OwnedFd,
+}
+
+impl HeldProcess {
+    /// All processes that this one may see.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let numbers = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+        numbers.filter_map(|e| Self::of(Pid::from_raw(e.file_name().to_str()?.parse().ok()?)?))
+    }
+
+    fn of(pid: Pid) -> Option<Self> {
+        // Held before the look, so that what is seen is of the process that is held.
+        let handle = pidfd_open(pid, PidfdFlags::empty()).ok()?;
+        let pid = pid.as_raw_pid();
+        Some(Self { pid, group: ProcStat::of(pid)?.group, handle })
+    }
+
+    /// Whether its notify socket is this one, or in this folder: it was started by a node, or by what a node started, for as
+    /// long as the variable is handed on.
+    pub fn is_notifier(&self, socket: &Path) -> bool {
+        let environment = std::fs::read(format!("/proc/{}/environ", self.pid)).unwrap_or_default();
+        is_notifier(&environment, socket)
+    }
+
+    /// Sends a signal. A process that has just ended needs none.
+    pub fn signal(&self, signal: Signal) {
+        let _ = pidfd_send_signal(&self.handle, signal);
+    }
 }
 
 /// Whether an environment, its entries ended by zeros, has a notify socket at or below this path.
@@ -92,6 +98,6 @@ mod tests {
         assert_eq!(ProcStat::parse("7 (sh) Z 1 42 42 0"), None);
         assert_eq!(ProcStat::parse("7 (sh"), None);
         let own = std::process::id() as i32;
-        assert!(ProcStat::of(own).is_some_and(|p| ProcStat::all().any(|other| other.group == p.group)));
+        assert!(HeldProcess::all().any(|p| p.pid == own && ProcStat::of(own).unwrap().group == p.group));
     }
 }

@@ -4,20 +4,24 @@
 //! The kernel tells each node by SIGTERM that its launcher died (`PR_SET_PDEATHSIG`), so that actuators go to neutral; but
 //! not what an `exec` node started itself, nor a node that hangs. The guard reads from a pipe which process groups there
 //! are. The pipe's end without a word of farewell is the launcher's death, however it came. The guard also holds the
-//! launcher's locks, so that nobody takes the bench's name or folder while nodes of the dead run are still at work.
+//! launcher's locks, so that nobody takes the bench's name or folder while nodes of the dead run are still at work, and
+//! the pipes that programs write to: one that says something while it brings its actuators to neutral would be killed by
+//! SIGPIPE if nobody could read it.
 
-use std::collections::BTreeSet;
-use std::io::{self, BufRead, Write};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead, Read, Write};
 use std::os::fd::{AsRawFd, BorrowedFd};
+use std::os::unix::fs::OpenOptionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use rustix::process::{Pid, Signal, kill_process_group};
+use rustix::process::Signal;
 
 use super::process::CommandLine;
-use crate::proc_stat::{ProcStat, signal_notifiers};
+use crate::proc_stat::HeldProcess;
 
 /// What the launcher writes when all has ended in order.
 const FAREWELL: &str = "all ended";
@@ -88,76 +92,109 @@ impl Drop for Guard {
     }
 }
 
+/// Process groups that a launcher left behind, with the pipes that they write to.
+#[derive(Debug, Default)]
+pub(crate) struct LeftGroups(BTreeMap<i32, Vec<File>>);
+
 /// The guard's side: reads orders to their end. Returns the groups that the launcher left behind when it died; `None` when
 /// it took its leave.
-pub(crate) fn keep_guard(orders: impl BufRead) -> Option<BTreeSet<i32>> {
-    let mut groups = BTreeSet::new();
+pub(crate) fn keep_guard(orders: impl BufRead) -> Option<LeftGroups> {
+    let mut groups = BTreeMap::new();
     for order in orders.lines().map_while(Result::ok) {
         if order == FAREWELL {
             return None;
         }
         let (sign, number) = order.split_at_checked(1).unwrap_or_default();
         match (sign, number.parse::<i32>()) {
-            ("+", Ok(group)) => _ = groups.insert(group),
+            ("+", Ok(group)) => _ = groups.insert(group, pipes_of(group)),
             ("-", Ok(group)) => _ = groups.remove(&group),
             // The last line of a launcher that died while it wrote.
             _ => {}
         }
     }
-    Some(groups)
+    Some(LeftGroups(groups))
 }
 
-/// Ends process groups, and what left them and has its notify socket in the folder `sockets`: asks them, and kills what is
-/// still there after `grace`.
-pub(crate) fn end_groups(groups: &BTreeSet<i32>, sockets: Option<&Path>, grace: Duration) {
-    signal(groups, sockets, Signal::TERM);
-    // A stopped process hears only this.
-    signal(groups, sockets, Signal::CONT);
-    if !vanished(groups, sockets, grace) {
-        signal(groups, sockets, Signal::KILL);
-        vanished(groups, sockets, VANISH);
-    }
-}
-
-fn signal(groups: &BTreeSet<i32>, sockets: Option<&Path>, signal: Signal) {
-    let alive: BTreeSet<_> = ProcStat::all().map(|p| p.group).collect();
-    for group in groups.intersection(&alive).filter_map(|&group| Pid::from_raw(group)) {
-        // A group that is already gone needs no signal.
-        let _ = kill_process_group(group, signal);
-    }
-    if let Some(sockets) = sockets {
-        signal_notifiers(sockets, |group| groups.contains(&group), Some(signal));
-    }
-}
-
-/// Whether all of them are gone within this time.
-fn vanished(groups: &BTreeSet<i32>, sockets: Option<&Path>, limit: Duration) -> bool {
-    let until = Instant::now() + limit;
-    let are_left = || {
-        ProcStat::all().any(|p| groups.contains(&p.group))
-            || sockets.is_some_and(|sockets| signal_notifiers(sockets, |_| false, None) > 0)
+/// The reading ends of the pipes that a process has as standard output and error: the kernel opens a pipe anew by its name
+/// below /proc (proc_pid_fd(5)).
+fn pipes_of(pid: i32) -> Vec<File> {
+    let open = |fd: i32| {
+        let path = format!("/proc/{pid}/fd/{fd}");
+        let is_pipe = std::fs::read_link(&path).is_ok_and(|to| to.to_string_lossy().starts_with("pipe:"));
+        is_pipe.then(|| OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path).ok())?
     };
-    while are_left() {
-        if Instant::now() >= until {
-            return false;
+    [1, 2].into_iter().filter_map(open).collect()
+}
+
+impl LeftGroups {
+    /// Ends the groups, and what left them and has its notify socket in the folder `sockets`: asks each process once, and kills
+    /// what is still there after `grace`.
+    pub fn end(mut self, sockets: Option<&Path>, grace: Duration) {
+        let mut asked = BTreeSet::new();
+        let vanished = self.until_vanished(sockets, grace, |process| {
+            // Whoever was just being started, or was about to leave its group, is only found at a later look.
+            if asked.insert(process.pid) {
+                process.signal(Signal::TERM);
+                // A stopped process hears only this.
+                process.signal(Signal::CONT);
+            }
+        });
+        if !vanished {
+            self.until_vanished(sockets, VANISH, |process| process.signal(Signal::KILL));
         }
-        std::thread::sleep(LOOK);
     }
-    true
+
+    /// Does something to every process that is left, look by look; whether all of them are gone within this time.
+    fn until_vanished(
+        &mut self,
+        sockets: Option<&Path>,
+        limit: Duration,
+        mut each: impl FnMut(&HeldProcess),
+    ) -> bool {
+        let until = Instant::now() + limit;
+        loop {
+            let mut is_left = false;
+            let left = |p: &HeldProcess| {
+                self.0.contains_key(&p.group) || sockets.is_some_and(|sockets| p.is_notifier(sockets))
+            };
+            for process in HeldProcess::all().filter(left) {
+                is_left = true;
+                each(&process);
+            }
+            if !is_left {
+                return true;
+            }
+            if Instant::now() >= until {
+                return false;
+            }
+            self.drain();
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Takes what was written to the pipes, so that nobody who writes has to wait.
+    fn drain(&mut self) {
+        // As much as a pipe holds, and no more: somebody may write without end.
+        let mut taken = [0; 1 << 16];
+        for pipe in self.0.values_mut().flatten() {
+            // An error says that nothing is there.
+            let _ = pipe.read(&mut taken);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::io::Read;
-
     use super::*;
 
     #[test]
     fn the_pipe_tells_an_orderly_end_from_a_death_and_who_is_left() {
-        assert_eq!(keep_guard(&b"+7\n+8\n-7\nall ended\n"[..]), None);
-        assert_eq!(keep_guard(&b"+7\n+8\n-7\n"[..]), Some(BTreeSet::from([8])));
-        assert_eq!(keep_guard(&b""[..]), Some(BTreeSet::new()));
-        assert_eq!(keep_guard(&b"+7\nall en"[..]), Some(BTreeSet::from([7])));
+        let left =
+            |orders: &str| keep_guard(orders.as_bytes()).map(|left| left.0.into_keys().collect::<Vec<_>>());
+        assert_eq!(left("+7\n+8\n-7\nall ended\n"), None);
+        assert_eq!(left("+7\n+8\n-7\n"), Some(vec![8]));
+        assert_eq!(left(""), Some(vec![]));
+        assert_eq!(left("+7\nall en"), Some(vec![7]));
     }
 
     #[test]
@@ -170,11 +207,38 @@ mod tests {
             .unwrap();
         let mut word = [0; 4];
         stubborn.stdout.as_mut().unwrap().read_exact(&mut word).unwrap();
-        let groups = BTreeSet::from([stubborn.id() as i32]);
+        let group = stubborn.id() as i32;
         let began = Instant::now();
-        end_groups(&groups, None, Duration::from_millis(200));
+        LeftGroups(BTreeMap::from([(group, Vec::new())])).end(None, Duration::from_millis(200));
         assert!(began.elapsed() >= Duration::from_millis(200));
-        assert!(vanished(&groups, None, Duration::ZERO));
+        assert!(!HeldProcess::all().any(|p| p.group == group));
         stubborn.wait().unwrap();
+    }
+
+    /// A program that reports on its way to neutral more than a pipe holds, after the launcher's end of the pipe is gone.
+    #[test]
+    fn a_program_may_still_write_when_its_launcher_is_dead() {
+        let folder = tempfile::tempdir().unwrap();
+        let neutral = folder.path().join("neutral");
+        let script = "trap 'head -c 200000 /dev/zero; echo stopping >&2; : > \"$0\"; exit' TERM; echo ready; \
+                      while :; do sleep 0.01; done";
+        let mut program = Command::new("sh")
+            .args(["-c", script])
+            .arg(&neutral)
+            .process_group(0)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut word = [0; 5];
+        program.stdout.as_mut().unwrap().read_exact(&mut word).unwrap();
+        // The guard keeps the pipes; the launcher's ends go with it.
+        let group = program.id() as i32;
+        let left = LeftGroups(BTreeMap::from([(group, pipes_of(group))]));
+        assert_eq!(left.0[&group].len(), 2);
+        (program.stdout, program.stderr) = (None, None);
+        left.end(None, Duration::from_secs(20));
+        program.wait().unwrap();
+        assert!(neutral.exists(), "it was killed by what it wrote");
     }
 }

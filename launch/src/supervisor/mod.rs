@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bus::{Bus, OpenError};
 
 pub(crate) use bench::supervise;
-pub(crate) use guard::{Guard, end_groups, keep_guard};
+pub(crate) use guard::{Guard, keep_guard};
 pub(crate) use health::{Counts, HealthTable};
 pub(crate) use process::CommandLine;
 pub(crate) use signals::Signals;

@@ -9,7 +9,7 @@ use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open};
 
 use super::console::ConsoleReader;
 use super::notify::NotifySocket;
-use crate::proc_stat::{NOTIFY_SOCKET, signal_notifiers};
+use crate::proc_stat::{HeldProcess, NOTIFY_SOCKET};
 
 /// A program to start.
 #[derive(Debug, Clone)]
@@ -122,7 +122,9 @@ impl Process {
         // A group that is already gone needs no signal.
         let _ = rustix::process::kill_process_group(self.pid, signal);
         let group = self.pid.as_raw_pid();
-        signal_notifiers(self.notify.path(), |reached| reached == group, Some(signal));
+        HeldProcess::all()
+            .filter(|p| p.group != group && p.is_notifier(self.notify.path()))
+            .for_each(|p| p.signal(signal));
     }
 }
 
