@@ -134,7 +134,7 @@ fn answered(loaded: &Loaded<'_>) -> Weighed {
         Ok(baseline) => baseline,
         Err(no_baseline) => return Weighed::nothing(compose::no_prediction(&no_baseline.0, no_baseline.1)),
     };
-    let free_run = FreeRun::new(loaded.vehicle, baseline.data());
+    let free_run = FreeRun::new(loaded.vehicle, baseline.data()).watched(&loaded.options.watch);
     let selected = match Selected::new(&baseline, &free_run) {
         Ok(selected) => selected,
         Err(why) => return Weighed::nothing(compose::no_prediction(&baseline.checked, why)),

@@ -68,7 +68,9 @@ pub use read::{AnyReadError, Exported, Kind, export, kind, read, read_signals};
 pub use read_error::ReadError;
 pub use record::{Record, RecordError, Signal, SignalError};
 pub use resample::{Clock, ClockError, resample};
-pub use sampling::{Gap, LONGEST_BRIDGED, Sampling, even_period, median_interval, pauses, unbroken};
+pub use sampling::{
+    Gap, LONGEST_BRIDGED, Sampling, even_period, median_interval, pauses, repeated_every, unbroken,
+};
 pub use segments::{Segments, log_files};
 pub use series::Series;
 pub use stream::{LogStream, RawMessage};

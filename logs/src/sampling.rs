@@ -150,6 +150,25 @@ pub fn unbroken(record: &Record, signals: &[&str]) -> Result<Vec<Range<usize>>, 
     Ok(parts)
 }
 
+/// Changes of a sensor's value from which on its own rate is known.
+const LEAST_CHANGES: usize = 8;
+
+/// For a sensor slower than its record, whose last value is repeated until the next: the first sample at which the value
+/// changes, and samples from one fresh value to the next. `None` for any other. NaN is no value.
+pub fn repeated_every(values: &[f64]) -> Option<(usize, usize)> {
+    let present: Vec<usize> = (0..values.len()).filter(|k| values[*k].is_finite()).collect();
+    let changed = present.windows(2).filter(|w| values[w[1]] != values[w[0]]);
+    let changes: Vec<usize> = changed.map(|w| w[1]).collect();
+    if changes.len() < LEAST_CHANGES || changes.len() * 2 > present.len() {
+        return None;
+    }
+    let mut gaps: Vec<usize> = changes.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_unstable();
+    let every = gaps[gaps.len() / 2];
+    let regular = gaps.iter().filter(|gap| gap.is_multiple_of(every)).count();
+    (every > 1 && regular * 10 > gaps.len() * 9).then_some((changes[0], every))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

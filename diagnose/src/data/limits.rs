@@ -3,7 +3,7 @@
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
-use super::record::Data;
+use super::record::{Data, coarser_period};
 use crate::Options;
 use crate::answer::DataFinding;
 use crate::model::predictor::memories;
@@ -31,7 +31,7 @@ pub fn limits(records: &[Record], vehicle: &Vehicle, options: &Options) -> Limit
         (input.lower, input.upper) = (input.lower.min(*least), input.upper.max(*greatest));
     }
     let likeliest = |vehicle: &Vehicle| {
-        let data = Data::join(records, vehicle, options.period_s).ok()?;
+        let data = Data::join(records, vehicle, options.period_s.or_else(|| coarser_period(records))).ok()?;
         memories(vehicle, &data).first().map(|m| m.likelihood)
     };
     let answered = likeliest(vehicle).zip(likeliest(&wider)).map(|(within, open)| within.bic_gain(&open));

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crate::thresholds::{FIRST_COMMAND_SHARE, MAX_SEARCHED_STEPS};
-use whirlstand_logs::Record;
+use whirlstand_logs::{Record, repeated_every};
 use whirlstand_vehicle::{Simulator, Vehicle};
 
 use crate::DiagnoseError;
@@ -221,27 +221,14 @@ fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Chann
     gaps.sort_unstable();
     let mut stride = gaps.get(gaps.len() / 2).copied().unwrap_or(1);
     let mut first = first;
-    if let Some((start, every)) = held_rate(&all, &present) {
-        (first, stride) = (start, every);
+    if let Some((start, every)) = repeated_every(&all) {
+        (first, stride) = (start % every, every);
     }
     // One that comes late has missing samples before.
     first %= stride;
     let values: Vec<f64> = all.iter().skip(first).step_by(stride).copied().collect();
     let good = values.iter().map(|v| v.is_finite()).collect();
     Some(Channel { output: i, stride, first, values, good, declared })
-}
-
-/// First fresh step and distance of fresh values, for a slow sensor whose last value was repeated in between.
-fn held_rate(all: &[f64], present: &[usize]) -> Option<(usize, usize)> {
-    let changes: Vec<usize> = present.windows(2).filter(|w| all[w[1]] != all[w[0]]).map(|w| w[1]).collect();
-    if changes.len() < 8 || changes.len() * 2 > present.len() {
-        return None;
-    }
-    let mut gaps: Vec<usize> = changes.windows(2).map(|w| w[1] - w[0]).collect();
-    gaps.sort_unstable();
-    let every = gaps[gaps.len() / 2];
-    let regular = gaps.iter().filter(|g| *g % every == 0).count();
-    (every > 1 && regular * 10 > gaps.len() * 9).then(|| (changes[0] % every, every))
 }
 
 fn fill(values: &mut [f64], good: &[bool]) {

@@ -195,7 +195,7 @@ impl<'r, 'd> Model<'r, 'd> {
             let same = next.noise == used;
             profile = next;
             used = profile.noise.clone();
-            if same || gain.abs() < FIT_TOLERANCE {
+            if same || gain.abs() < FIT_TOLERANCE || self.free_run.is_stopped() {
                 break;
             }
         }

@@ -2,6 +2,7 @@
 
 use whirlstand_vehicle::{Effect, Rows, Simulator, Vehicle};
 
+use crate::Watch;
 use crate::data::record::{Channel, Data};
 use crate::model::commands::Commands;
 use crate::model::observer::Observer;
@@ -76,6 +77,8 @@ pub struct FreeRun<'d> {
     reach: Vec<f64>,
     /// What corrects the run by the record itself; `None` for a free run.
     observer: Option<Observer>,
+    /// Whoever waits for the fits over these runs, and may end them.
+    watch: Option<&'d Watch>,
 }
 
 impl<'d> FreeRun<'d> {
@@ -89,7 +92,17 @@ impl<'d> FreeRun<'d> {
         let reach = |values: &[f64]| DIVERGED_RATIO * peak(values).max(f64::MIN_POSITIVE);
         let reach = data.channels.iter().map(|c| reach(&c.values)).collect();
         let observer = data.memory_s.and_then(|memory_s| Observer::new(&vehicle, data, memory_s));
-        Self { data, vehicle, reach, observer }
+        Self { data, vehicle, reach, observer, watch: None }
+    }
+
+    /// The same; a fit over these runs ends early, after whole steps, when the watch is stopped.
+    pub fn watched(self, watch: &'d Watch) -> Self {
+        Self { watch: Some(watch), ..self }
+    }
+
+    /// Whether fits over these runs are to end.
+    pub fn is_stopped(&self) -> bool {
+        self.watch.is_some_and(Watch::is_stopped)
     }
 
     /// The vehicle with effects added.

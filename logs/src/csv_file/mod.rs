@@ -95,6 +95,9 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
             }
         }
     }
+    // Growing vectors hold up to twice what is in them.
+    time.shrink_to_fit();
+    values.iter_mut().for_each(Vec::shrink_to_fit);
     columns.record(path, &heads, time, values, unreadable)
 }
 

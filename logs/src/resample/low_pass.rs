@@ -4,11 +4,12 @@
 //! white and lets a part of what is fast fold back. The first is for signals without gaps that are looked at; the second
 //! for records with samples missing whose noise is judged.
 
+use std::borrow::Cow;
 use std::f64::consts::PI;
 
 use super::clock::{Clock, TOLERANCE};
 use super::linear::interpolate;
-use crate::sampling::median_interval;
+use crate::sampling::{median_interval, repeated_every};
 
 /// Edges of the low-pass as shares of the new rate: flat up to the first, 60 dB down from the second on.
 const PASS: f64 = 0.4;
@@ -85,8 +86,10 @@ fn bessel_i0(x: f64) -> f64 {
 
 /// Mean over one period about each point of a slower clock. Every sample stands for one step of the signal about it and
 /// counts with the part of that step inside the period, so that the mean is not early or late where samples lie on the
-/// edge. Samples that are NaN do not count; NaN where none does.
+/// edge. Samples that are NaN do not count, nor those that only repeat the last value of a slower sensor, which would make it
+/// late; NaN where none does.
 pub fn averaged(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
+    let values = &fresh(values)[..];
     let own = median_interval(time).unwrap_or(clock.period);
     let reach = 0.5 * (clock.period + own);
     (0..clock.points)
@@ -107,6 +110,20 @@ pub fn averaged(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
         .collect()
 }
 
+/// The values of a slower sensor without repeats of its last one (NaN): those that change, and whole numbers of its own
+/// periods after a change.
+fn fresh(values: &[f64]) -> Cow<'_, [f64]> {
+    let Some((first, every)) = repeated_every(values) else { return Cow::Borrowed(values) };
+    let mut changed = first % every;
+    let value = |k: usize| {
+        if k > 0 && values[k] != values[k - 1] {
+            changed = k;
+        }
+        if k.abs_diff(changed).is_multiple_of(every) { values[k] } else { f64::NAN }
+    };
+    Cow::Owned((0..values.len()).map(value).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -120,6 +137,17 @@ mod tests {
             for (k, mean) in averaged(&time, &line, &clock).iter().enumerate() {
                 assert!((mean - 3.0 * clock.at(k)).abs() < 1e-9, "{period} {k}: {mean}");
             }
+        }
+    }
+
+    /// As a satellite receiver's, of which each value stands in the record until the next.
+    #[test]
+    fn repeats_of_a_slow_sensor_do_not_make_it_late() {
+        let time: Vec<f64> = (0..1000).map(|i| f64::from(i) * 0.001).collect();
+        let held: Vec<f64> = (0..1000).map(|i| 3.0 * 0.001 * f64::from(i / 10 * 10)).collect();
+        let clock = Clock { start: 0.1, period: 0.01, points: 80 };
+        for (k, mean) in averaged(&time, &held, &clock).iter().enumerate() {
+            assert!((mean - 3.0 * clock.at(k)).abs() < 1e-9, "{k}: {mean}");
         }
     }
 }
