@@ -1,4 +1,4 @@
-//! Comparison of measured data with the simulation: how large the difference is, not what causes it.
+//! Comparison of measured data with the simulation: determines the size of the difference, not its cause.
 
 mod comparison;
 mod figures;
