@@ -1,4 +1,4 @@
-//! Identification: the free parameters of a vehicle from records.
+//! Identification of the free parameters of a vehicle from records.
 //!
 //! - [`data`]: stretches of records on an even grid; [`problem`]: what is sought, and simulations with sensitivities.
 //! - [`output_error`] and [`filter_error`]: the costs; [`search`]: Levenberg-Marquardt on either; [`start`]: starts
