@@ -1,9 +1,9 @@
 //! Kalman filters for the full state.
 //!
-//! Two models, one filter:
-//! - [`EstimatorKind::Kinematic`] knows only that an angle is the integral of its rate and a position that of
-//!   its speed; everything else is a random walk that the measurements hold. As in the paper, rates come from
-//!   angles. It trusts no force model, and no input.
+//! There are two models for one filter:
+//! - [`EstimatorKind::Kinematic`] contains only that an angle is the integral of its rate and a position that of
+//!   its speed; everything else is a random walk that measurements correct. As in the paper, rates are estimated
+//!   from angles. It uses no force model, and no input.
 //! - [`EstimatorKind::Model`] predicts with the discretised vehicle and the inputs that act on it.
 //!
 //! By default a bias is estimated for gyros only, where kinematics alone make it observable: the angle is measured
