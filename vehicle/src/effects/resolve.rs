@@ -1,4 +1,4 @@
-//! From the `where` of an effect to its place in a vehicle.
+//! Resolves the `where` of an effect to its place in a vehicle.
 
 use whirlstand_msgs::names::did_you_mean;
 
@@ -49,7 +49,7 @@ impl Effect {
         })
     }
 
-    /// Forgets in which units values were written, once they are known to fit.
+    /// Drops the stored units of values, after they have been checked.
     pub(crate) fn confirmed(mut self) -> Self {
         self.written.clear();
         self
