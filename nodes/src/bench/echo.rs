@@ -1,10 +1,10 @@
-//! The bare floor beside a bridge: a process that only sends datagrams back.
+//! Reference for a bridge's latency: a process that only returns datagrams.
 
 use std::net::UdpSocket;
 
 use super::BenchError;
 
-/// Sends every datagram back, for ever.
+/// Returns every datagram to its sender, forever.
 ///
 /// # Errors
 /// [`BenchError::Process`] when the port cannot be had.

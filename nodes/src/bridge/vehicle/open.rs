@@ -1,4 +1,4 @@
-//! The state machine of a bridge to a vehicle, from its options.
+//! Creates the state machine of a bridge to a vehicle from its options.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
