@@ -50,8 +50,8 @@ const SPIN_TIME: Duration = Duration::from_micros(50);
 /// Repetition period of an unanswered step 0.
 const REPEAT: Duration = Duration::from_millis(200);
 
-/// With the vehicle's pace: share of a period before which no step follows another; a step without an
-/// attitude is made after the same share beyond the period.
+/// Shortest and longest time between two steps with the vehicle's pace, in periods: after the longest a step
+/// is made without an attitude.
 const SOONEST: f64 = 0.5;
 const LATEST: f64 = 1.5;
 
