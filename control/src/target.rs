@@ -4,17 +4,17 @@ use crate::sampled_plant::SampledPlant;
 
 /// Finds, for a set of tracked states and their reference r, the state `x_s` and input `u_s` to regulate about.
 ///
-/// The conditions are, each taken as far as it does not contradict the ones before it:
+/// The conditions, each satisfied as far as it does not contradict the earlier ones, are:
 /// 1. the derivative of every state that others depend on is zero, `A x_s + B u_s = 0`;
 /// 2. tracked states have their reference;
-/// 3. the derivative of every other state (one on which nothing depends, as a position) is zero;
+/// 3. the derivative of every other state (one on which no other depends, such as a position) is zero;
 /// 4. such a state has its reference even when it is not tracked;
-/// 5. what is left is as small as can be, in units of the plant's scales.
+/// 5. the remaining freedom is used to minimise the norm, in units of the plant's scales.
 ///
-/// A state of kind 3 that cannot rest (a position while a speed is tracked) is freed: it is not fed back. Tracked
-/// states always keep their reference itself, so that a moving reference can come with its derivative.
+/// A state of kind 3 that cannot rest (a position while a speed is tracked) is freed: it is not fed back.
+/// Tracked states always have their reference itself, so that a moving reference can include its derivative.
 ///
-/// All memory is taken on construction; a change of the tracked set costs one small orthogonalisation.
+/// All memory is allocated on construction; a change of the tracked set costs one small orthogonalisation.
 #[derive(Debug, Clone)]
 pub struct Target {
     n: usize,

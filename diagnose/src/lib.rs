@@ -42,12 +42,10 @@ use thresholds::{MIN_BIC_GAIN, REST_BEFORE_BIC};
 /// Diagnoses one or more records of a vehicle.
 ///
 /// # Errors
-///
 /// [`DiagnoseError`] when nothing can be simulated; problems of data that can be simulated are part of the
 /// answer.
 ///
 /// # Panics
-///
 /// Without a record.
 pub fn diagnose(
     records: &[Record],

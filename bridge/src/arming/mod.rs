@@ -1,9 +1,10 @@
 //! Arming: decides whether nobody, the pilot or the controller drives the outputs, and gives the reason.
 //!
 //! - Outputs are neutral until an explicit arm, and arming needs every condition of [`Conditions`].
-//! - The pilot's switch decides between manual and automatic, and always wins.
-//! - A condition that breaks in automatic ends it at once and for good: until the arm is taken off and given again,
-//!   or the pilot takes over. [`Policy::recover_after`] is the one exception, for a bench without a pilot.
+//! - The pilot's switch selects manual or automatic, and always has priority.
+//! - A condition that fails in automatic ends it at once and permanently: until the arm is removed and given
+//!   again, or the pilot takes over. [`Policy::recover_after`] is the one exception, for a bench without a
+//!   pilot.
 
 use std::time::Duration;
 

@@ -1,8 +1,8 @@
 //! Mixer from the outputs of an autopilot to the inputs of the vehicle.
 //!
-//! An autopilot drives motors or swashplate servos; the model of the vehicle is driven by `u_roll` and `u_pitch`. The
-//! mixer undoes the autopilot's own mixer: what the actuators together ask for about each axis, as a share of the most
-//! that they can, times the size of the vehicle's input.
+//! An autopilot drives motors or swashplate servos; the model of the vehicle is driven by `u_roll` and
+//! `u_pitch`. The mixer inverts the autopilot's own mixer: the demand of all actuators about each axis, as a
+//! share of the largest possible one, times the scale of the vehicle's input.
 //!
 //! | axis | positive | full deflection (1) |
 //! |---|---|---|

@@ -1,8 +1,9 @@
 //! Determines the peer of a link, the other end that is accepted.
 //!
-//! An address is not believed because something came from it: the first that says something valid in the protocol is
-//! the peer, and stays it for as long as it goes on. Meanwhile whoever else speaks is refused before a byte of it is decoded,
-//! so that a flood costs little and can steal nothing. A [`Pin`] in the configuration refuses all others from the start.
+//! A sender does not become the peer by sending anything: the first one with a valid message in the protocol
+//! is the peer, and stays it as long as it continues. Meanwhile data of other senders are refused without
+//! decoding, so that a flood costs little and cannot take over the link. A [`Pin`] in the configuration
+//! refuses all others from the start.
 //!
 //! ```
 //! use std::time::Duration;

@@ -1,7 +1,7 @@
 //! The full sensor set that an autopilot needs, from the states of a linear model.
 //!
-//! A linear model of attitude and, for some vehicles, horizontal speed and position says nothing of specific force,
-//! magnetic field or pressure. They follow from its motion with these assumptions, and from nothing else:
+//! A linear model of attitude and, for some vehicles, horizontal speed and position contains no specific
+//! force, magnetic field or pressure. These follow from its motion under the following assumptions:
 //!
 //! - Attitude is roll, pitch and yaw of the model, as Euler angles in the order yaw, pitch, roll. A model without a
 //!   yaw axis keeps the heading that it was given.

@@ -1,11 +1,11 @@
-//! Predictions that follow a record: a Kalman filter along its samples, those that are missing included.
+//! Predictors that follow a record: a Kalman filter along its samples, with missing ones skipped.
 //!
-//! A free run is one end of a family. Its predictor forgets nothing and learns nothing: whatever moved the vehicle and
-//! was not recorded (a gust, a drift) stays in it for ever, and where the vehicle is unstable it grows. A predictor
-//! with process noise is corrected by what it missed (Ljung, System Identification, 1999, chapter 7; Jategaonkar,
-//! Flight Vehicle System Identification, 2015, chapter 5: filter error). Its innovations are residuals like those of a
-//! free run: any predictor of the next sample from those before gives a likelihood (Ljung, 7.4), so that all
-//! predictors of one record can be compared by it.
+//! A free run is the limit of a family of predictors, without any correction: an unrecorded disturbance (a
+//! gust, a drift) stays in it forever, and where the vehicle is unstable it grows. A predictor with process
+//! noise is corrected by its prediction errors (Ljung, System Identification, 1999, chapter 7; Jategaonkar,
+//! Flight Vehicle System Identification, 2015, chapter 5: filter error). Its innovations are residuals like
+//! those of a free run: any predictor of the next sample from earlier ones gives a likelihood (Ljung, 7.4),
+//! so that all predictors of one record can be compared by it.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::{Vehicle, discretise};
@@ -25,12 +25,12 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// The filter of a vehicle over a record whose predictions remember for `memory_s`: the process noise on each state
-    /// with dynamics of its own is so large that within that time it moves a channel as far as the mean of the
-    /// channel's samples over that time is uncertain.
+    /// The filter of a vehicle over a record with a memory of `memory_s`: the process noise on each state
+    /// with dynamics of its own is so large that within that time it moves a channel by the standard error of
+    /// the mean of the channel's samples over that time.
     ///
-    /// `None` when the linear model has no finite step or the filter's covariance grows without bound: what is unstable
-    /// and not seen cannot be followed.
+    /// `None` when the linear model has no finite discretisation or the filter's covariance grows without
+    /// bound: an unstable and unobservable mode cannot be followed.
     pub fn new(vehicle: &Vehicle, data: &Data, memory_s: f64) -> Option<Self> {
         let (phi, _) = discretise(&vehicle.a, &vehicle.b, data.period_s).ok()?;
         let (n, p) = (vehicle.states.len(), data.channels.len());

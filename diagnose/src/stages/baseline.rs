@@ -37,7 +37,6 @@ impl<'a> Baseline<'a> {
     /// Builds the baseline of checked records.
     ///
     /// # Errors
-    ///
     /// Returns the checked records when the given vehicle's free run diverges.
     pub fn new(mut checked: Checked<'a>) -> Result<Self, Box<(Checked<'a>, ModelError)>> {
         let vehicle = checked.loaded.vehicle;

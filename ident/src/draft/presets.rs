@@ -1,10 +1,10 @@
 //! Signal names in the logs of known autopilots.
 //!
-//! Names are those of the projects' own documentation: PX4's uORB topics, ArduPilot's log messages, the fields of
-//! Betaflight's blackbox, the variables of the Crazyflie's log groups, and messages of ROS. A name that begins with `*`
-//! matches every signal that ends so, since ROS topics lie in namespaces.
+//! Names are those of the projects' own documentation: PX4's uORB topics, ArduPilot's log messages, the
+//! fields of Betaflight's blackbox, the variables of the Crazyflie's log groups, and messages of ROS. A name
+//! that begins with `*` matches every signal with this ending, since ROS topics have namespaces.
 
-/// A signal that a log may have, with the unit that holds where the log states none; empty for SI.
+/// Name of a signal in a log, with its unit where the log states none; empty for SI.
 pub type Known = (&'static str, &'static str);
 
 /// Signal names in the logs of one program.

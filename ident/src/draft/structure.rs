@@ -123,10 +123,6 @@ impl Structure {
     /// with a variance estimated like all other noise. In a closed loop the input responds to the
     /// disturbance, so that without this state the input would seem to act with the wrong sign.
     ///
-    /// Its last state is what disturbs the motion: wind, a load that swings, a trim that changes. With noise on it, it is a
-    /// random walk (Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 5), sized with all other noise. In a
-    /// closed loop the input answers it, so that without it the input would seem to act the other way.
-    ///
     /// # Errors
     /// When an effect does not fit, which means a mistake in this file.
     pub fn vehicle(&self, signals: &Signals) -> Result<Vehicle, DraftError> {

@@ -70,10 +70,6 @@ pub fn output_error(
 /// pieces with their own initial states: first a sixteenth of the record, then longer ones (multiple
 /// shooting; Ribeiro et al., On the smoothness of nonlinear system identification, Automatica 121, 2020).
 ///
-/// Where a long free run from a start is no guide (it leaves all bounds, or explains little), the way leads over short
-/// pieces with initial states of their own: first a sixteenth of the record, then longer ones (multiple shooting;
-/// Ribeiro et al., On the smoothness of nonlinear system identification, Automatica 121, 2020).
-///
 /// # Errors
 /// [`IdentifyError::UnstableStart`].
 fn from_starts(

@@ -46,6 +46,9 @@ pub struct Combinations {
 
 impl Combinations {
     /// Compiles all combinations.
+    ///
+    /// # Errors
+    /// When more effects are switched than the largest number, or one does not fit.
     pub fn new(vehicle: &Vehicle, effects: &[(Effect, Place)]) -> Result<Self, SimulatorError> {
         let chosen: Vec<usize> = (0..effects.len()).filter(|i| is_chosen(&effects[*i].0)).collect();
         if chosen.len() > MOST {

@@ -1,6 +1,7 @@
-//! The simulator: a vehicle in motion, one step a period.
+//! The simulator: motion of a vehicle, one step per period.
 //!
-//! In which order effects act, whatever their order in the file (those of one kind in the file's order):
+//! Effects act in the following order, whatever their order in the file (those of one kind in the file's
+//! order):
 //!
 //! 1. Command: a value that is not a number is replaced by the last one; then the vehicle's own limits and rate limit.
 //! 2. Input, sample by sample: `input_gain`, `gain_drift`, `input_bias`, `dead_zone`, `input_saturation`,
@@ -13,11 +14,11 @@
 //!    (declared and `sensor_bias`), `sensor_drift`, vibration (declared and effect), noise (declared and effect),
 //!    rounding (declared, then `quantization`), `output_saturation`, `dropouts`, `outliers`.
 //!
-//! An effect with a window acts in it only; a drift then grows from the window's beginning. No state jumps there: a delay runs
-//! all the time and its output is taken from then on, a lag or mode follows its input until it acts, and matrices change at the
-//! boundary of steps.
+//! An effect with a window acts only within it; a drift then grows from the window's beginning. No state
+//! jumps there: a delay always runs and its output is used from then on, a lag or mode follows its input
+//! until it acts, and matrices change at step boundaries.
 //! Time t counts from the simulator's start. Before it, commands were neutral and filters at rest.
-//! A `parameter_change` is one of the vehicle itself, not of the one that a `mode_transition` leads to.
+//! A `parameter_change` applies to the vehicle itself, not to the target of a `mode_transition`.
 
 mod beyond_linear;
 mod combinations;

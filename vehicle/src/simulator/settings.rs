@@ -34,6 +34,9 @@ pub struct Settings {
 
 impl Settings {
     /// Computes all settings.
+    ///
+    /// # Errors
+    /// When a model overflows in one period.
     pub fn new(
         combinations: &Combinations,
         effects: &[(Effect, Place)],

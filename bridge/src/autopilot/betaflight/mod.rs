@@ -1,10 +1,11 @@
 //! Betaflight's software-in-the-loop interface: motor outputs in, vehicle state and pilot's channels out.
 //!
-//! Betaflight runs in real time beside the bench and waits for nobody. Its clock runs at the ratio of told to wall time
-//! between the last two state packets that it took in (`updateState`, `micros64`): of two that waited for it together the
-//! second comes microseconds after the first, and its clock then runs hundreds of times too fast until the next one. It
-//! misses its pilot and disarms, and its estimator turns too far. Packets of the same time leave the rate at its first
-//! value, one, and are used like any other. So all of them tell the same time, and no packet need be held back.
+//! Betaflight runs in real time beside the bench, without lockstep. Its clock runs at the ratio of packet
+//! time to wall time between the last two state packets that it received (`updateState`, `micros64`): of two
+//! packets waiting together the second is processed microseconds after the first, and its clock then runs
+//! hundreds of times too fast until the next one. It loses its pilot and disarms, and its estimator turns too
+//! far. Packets with equal times leave the rate at its initial value, one, and are used like any other. So
+//! all packets have the same time, and none need be held back.
 //!
 //! | direction | port | packet |
 //! |---|---|---|
@@ -13,8 +14,8 @@
 //! | to Betaflight | 9003 | `fdm_packet`: 18 f64 |
 //! | to Betaflight | 9004 | `rc_packet`: f64 time, u16\[16\] pulses in us |
 //!
-//! All are little-endian. Betaflight has these ports from its compilation. Over TCP 5761 it is asked in the MultiWii Serial
-//! Protocol why it is not armed.
+//! All are little-endian. The ports are compiled into Betaflight. Over TCP 5761 it is queried in the MultiWii
+//! Serial Protocol for the reason why it is not armed.
 //!
 //! Source: `src/platform/SIMULATOR/target/SITL/target.h` and `sitl.c` of Betaflight 2025.12 (`src/main/target/SITL` of
 //! older releases).

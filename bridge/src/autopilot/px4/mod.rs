@@ -160,8 +160,7 @@ impl Px4 {
             return false;
         }
         let armed = controls.mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
-        // A rebooted board was silent, has a young clock and is not armed. A replay after a silence has none
-        // of these.
+        // A rebooted board was silent, has a young clock and is not armed; a replay after a silence is not.
         let rebooted = |(last, at): (u64, Duration)| {
             !armed && now.saturating_sub(at) > REBOOT && last.saturating_sub(controls.time_usec) > REBOOT_US
         };

@@ -62,10 +62,6 @@ const SAME: f64 = 5e-3;
 /// detect that it has converged to a local minimum. From the third run on the population doubles (Auger and
 /// Hansen, CEC 2005).
 ///
-/// A run ends when the population has settled or nothing improves any more. As long as simulations are left and nobody ends the search, another one
-/// starts, until the best cost was found twice: a population that has closed in on a side valley does not know it.
-/// From the third run on the population doubles (Auger and Hansen, CEC 2005).
-///
 /// # Errors
 /// [`IdentifyError::UnstableStart`] when no simulation in the whole box stays finite.
 pub fn search(
