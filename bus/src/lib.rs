@@ -1,4 +1,4 @@
-//! How messages travel: one publish/subscribe interface over iceoryx2, Zenoh and in-process.
+//! Transport of messages: one publish/subscribe interface over iceoryx2, Zenoh and in-process.
 //!
 //! A node joins a bench, opens publishers and subscribers of message types, and waits for what it needs. Which
 //! transport carries the messages is a setting, not code.

@@ -130,7 +130,7 @@ impl Region {
 pub(crate) struct TopicBit(usize);
 
 impl TopicBit {
-    /// The same topic has the same word in every process.
+    /// Index of a topic's word, the same in every process.
     pub(crate) fn of(topic: &str) -> Self {
         let hash = topic.bytes().fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)

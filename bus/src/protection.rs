@@ -64,7 +64,7 @@ pub struct Member {
 pub enum Writes {
     /// No topic: the member only listens.
     Nothing,
-    /// These topics, and its own `Health`.
+    /// Only these topics, and its own `Health`.
     Only(Vec<String>),
     /// Any topic except these, and its own `Health`.
     AllBut(Vec<String>),

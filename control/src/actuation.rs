@@ -1,4 +1,5 @@
-//! From the law's demand on an input to the command: limits, trim, and the inverse of static effects.
+//! Conversion of the law's demand on an input to the command: limits, trim, and the inverse of static
+//! effects.
 
 use crate::sampled_plant::SampledPlant;
 

@@ -51,7 +51,7 @@ pub enum Selector {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Weights {
-    /// The same number for all.
+    /// The same number for all states or inputs.
     Uniform(f64),
     /// A list in the vehicle's order.
     List(Vec<f64>),

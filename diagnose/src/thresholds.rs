@@ -212,7 +212,8 @@ pub(crate) const SAME_EFFECT_BIC: f64 = 0.5;
 /// Difference in BIC up to which two causes are equivalent with one input and one output, where only the
 /// first samples of a record distinguish them. Calibrated.
 pub(crate) const SISO_SAME_BIC: f64 = 20.0;
-/// The same difference as a share of the gain of the two. Calibrated.
+/// Difference in BIC up to which two causes are equivalent with one input and one output, as a share of their
+/// gain. Calibrated.
 pub(crate) const SISO_SAME_SHARE: f64 = 0.02;
 /// Difference in BIC up to which a tone of a force and one of a sensor are equivalent. Calibrated.
 pub(crate) const SAME_TONE_BIC: f64 = 3.0;
@@ -374,7 +375,7 @@ pub(crate) const NOISE_POWER_RATIO: f64 = 4.0;
 /// The last part of a record, as a share, is held out. Definition: two thirds for estimation, one
 /// for validation.
 pub(crate) const HELD_OUT_SHARE: f64 = 1.0 / 3.0;
-/// How far a rotor's speed may differ between flight and ground, as a share. Calibrated.
+/// Largest relative difference of a rotor's speed between flight and ground. Calibrated.
 pub(crate) const ROTOR_SPEED_SHARE: f64 = 0.1;
 /// Smallest ratio of a tone's amplitude to its surroundings. The median of Rayleigh amplitudes exceeds four
 /// times itself with 1.5e-5.

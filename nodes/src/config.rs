@@ -49,7 +49,7 @@ pub struct NodeConfig {
     /// answered.
     #[serde(default = "native_peers")]
     pub peers: Vec<Role>,
-    /// How long the plant waits for its peers and for the answer to step 0, s of wall-clock time.
+    /// Longest wait of the plant for its peers and for the answer to step 0, s of wall-clock time.
     #[serde(default = "start_timeout")]
     pub start_timeout_s: f64,
     /// Publish `Truth`, `Setpoint` and `Disturbance`, which the recorder needs; a run without them is faster.

@@ -115,7 +115,7 @@ pub enum Reason {
     TooRare,
 }
 
-/// Which source drives the outputs.
+/// Mode of arming: the source that drives the outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// Nobody drives the outputs, which are neutral.

@@ -37,7 +37,7 @@ pub struct Outputs {
     pub values: [f64; MAX_OUTPUTS],
     /// Bit mask of outputs beyond their range, which are held at their limit; bit 0 is the first output.
     pub beyond: u32,
-    /// Whether the autopilot is armed, when the protocol says so.
+    /// True when the autopilot is armed; `None` when the protocol does not report it.
     pub armed: Option<bool>,
 }
 

@@ -89,7 +89,7 @@ impl std::fmt::Display for Pin {
 /// Verdict on received data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// From the peer: decode the data.
+    /// The data are from the peer and are to be decoded.
     Peer,
     /// There is no active peer: adopt the sender if the data are valid by themselves.
     Candidate,
@@ -100,11 +100,11 @@ pub enum Verdict {
 /// Counts of datagrams and clients discarded because of their sender.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PeerCounts {
-    /// From a second sender, while the peer is active.
+    /// Number from a second sender, while the peer is active.
     pub second: u64,
-    /// From another sender than the pinned one.
+    /// Number from another sender than the pinned one.
     pub not_pinned: u64,
-    /// From a sender that was not the peer, without valid data.
+    /// Number from a sender that was not the peer, without valid data.
     pub invalid: u64,
 }
 

@@ -38,7 +38,7 @@ pub(super) struct Autopilot {
     requests: Requests,
     target: Option<(u8, u8)>,
     heartbeat_at: Option<Duration>,
-    /// Whether it is armed, and the reasons why not.
+    /// Armed state of the vehicle, with the reasons for not being armed.
     readiness: Readiness,
     well: bool,
     heading: Option<f64>,

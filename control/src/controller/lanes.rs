@@ -59,7 +59,7 @@ impl<const K: usize> ControllerLanes<K> {
         })
     }
 
-    /// As [`Controller::set_test_input`].
+    /// Sets a test input as [`Controller::set_test_input`], the same for all flights.
     pub fn set_test_input(&mut self, u: &[f64]) {
         self.law.set_test_input(u);
     }

@@ -1,5 +1,5 @@
-//! From the commands in force to the acting inputs: trim and static effects, as a filter takes them from the
-//! vehicle file.
+//! Conversion of the commands in force to the acting inputs: trim and static effects, as a filter takes them
+//! from the vehicle file.
 
 use whirlstand_vehicle::{Backlash, InputEffects, RateLimit, dead_zone};
 

@@ -42,11 +42,11 @@ pub struct Gain {
     pub horizon: (Score, Score),
     /// Standard deviation of the noise.
     pub floor: f64,
-    /// Where no noise is declared: the share of the output's power that is left to the noise model.
+    /// Share of the output's power that is left to the noise model, where no noise is declared.
     pub noise_model_share: Option<f64>,
 }
 
-/// How well one channel is predicted.
+/// Scores of one channel's predictions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Score {
     /// Fit, %; `None` when the channel does not change.

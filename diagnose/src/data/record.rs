@@ -20,7 +20,7 @@ pub struct Channel {
     pub first: usize,
     /// Measured values, SI; NaN where there is none.
     pub values: Vec<f64>,
-    /// Which samples count: measured, and not excluded as held, clipped or an outlier.
+    /// True for samples that count: measured, and not excluded as held, clipped or an outlier.
     pub good: Vec<bool>,
     /// Standard deviation of the noise that the vehicle file declares, SI; 0 where it declares none.
     pub declared: f64,

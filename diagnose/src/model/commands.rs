@@ -1,4 +1,4 @@
-//! Which commands a prediction knows ahead of its last measurement.
+//! Future commands as a prediction knows them.
 
 /// The commands assumed between the last measurement that a prediction uses and the time that it predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

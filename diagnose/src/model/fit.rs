@@ -12,7 +12,7 @@ use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
 use whirlstand_ident::identify::normal::pseudo_inverse;
 
-/// How far a fit is iterated.
+/// Effort of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
     /// A few steps under one noise model: enough to rank a candidate. Sensitivities are not kept.

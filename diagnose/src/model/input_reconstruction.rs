@@ -12,7 +12,7 @@ use crate::data::record::Data;
 use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_logs::stats::rms;
 
-/// Where the unknown signal acts.
+/// Entry of the unknown signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Entry {
     /// Added to an input.

@@ -11,9 +11,9 @@ use whirlstand_logs::stats::rms;
 
 /// Withdraws causes that are not credible, with their gains in BIC. All are withdrawn where one force that
 /// follows a signal does as well (it is left in `like`) or where they leave more than they explain; else
-/// those whose response is too inaccurate for the remaining lack of fit to be just their misfit. `start` are
-/// the values without any cause. Turbulence explains part of what causes leave, and is weighed against forces
-/// where it is sized.
+/// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
+/// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
+/// is sized.
 pub fn withhold(
     selection: &mut Selection<'_, '_>,
     (lack, like): (&mut LackOfFit, &mut Option<ForceOnSignal>),

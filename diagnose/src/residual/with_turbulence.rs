@@ -107,8 +107,8 @@ fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) ->
     Some(calm)
 }
 
-/// Handles turbulence that was the trace of causes, found only after they had been taken for noise: returns
-/// these causes, where they are more likely than `selection`.
+/// The causes found beside the turbulence, refitted without it, where they are more likely than `selection`:
+/// the turbulence was then only their trace.
 fn single<'r, 'd>(
     selection: &Selection<'r, 'd>,
     chosen: Option<Selection<'r, 'd>>,

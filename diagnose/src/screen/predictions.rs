@@ -10,7 +10,7 @@ use crate::model::commands::Commands;
 use crate::model::free_run::FreeRun;
 use crate::thresholds::{LEAST_COMPARED_BLOCKS, MAX_P_VALUE};
 
-/// How predictions are made: their horizon, the filter's memory, the known commands, and the block length for
+/// Settings of predictions: their horizon, the filter's memory, the known commands, and the block length for
 /// errors.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Span {
@@ -130,9 +130,9 @@ pub(super) fn with_forces(vehicle: &Vehicle) -> Vehicle {
 /// Hypothesis to test about the commands' part in the predictions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Asked {
-    /// It correlates with the measurements, whatever its size.
+    /// The commands' part correlates with the measurements, whatever its size.
     Tells,
-    /// In its own size it reduces the error.
+    /// The commands' part in its own size reduces the error.
     Improves,
 }
 

@@ -26,7 +26,7 @@ enum Compared {
     Worse,
 }
 
-/// How well a vehicle predicts a record.
+/// Result of comparing a vehicle's predictions with a record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Foresight {
     /// True when some output that is more than the integral of another is predicted better than by its mean

@@ -243,8 +243,8 @@ impl<'r, 'd> Search<'r, 'd, '_> {
 }
 
 /// The smallest cause, where its gain is so small beside the largest that it may only correct the latter's
-/// shape: motors are not exactly first-order lags. Where the noise is declared and the vehicle runs free,
-/// such a misfit appears as a cause.
+/// shape: motors are not exactly first-order lags. Where the noise is declared and the vehicle runs free, the
+/// lack-of-fit test detects such a misfit instead.
 fn rider(accepted: &[Accepted], data: &Data) -> Option<usize> {
     let declared = data.channels.iter().all(|c| c.declared > 0.0);
     (data.memory_s.is_some() || !declared).then_some(())?;

@@ -16,7 +16,7 @@ pub struct ClosedLoop {
     pub through: InjectionPoint,
 }
 
-/// Where the test signal enters the loop.
+/// Point at which the test signal enters the loop.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum InjectionPoint {
     /// The test signals are added to the command: one signal per input.

@@ -43,7 +43,8 @@ pub struct Flight {
     pub duration_s: f64,
     /// Name of the control law in the loop; `None` for an open loop.
     pub controller: Option<String>,
-    /// Where the test signals enter: `stick` (as inputs, or added to the controller's command) or `setpoint`.
+    /// Point at which the test signals enter: `stick` (as inputs, or added to the controller's command) or
+    /// `setpoint`.
     pub through: String,
     /// Largest value of each test signal: name and value, SI.
     pub amplitudes: Vec<(String, f64)>,

@@ -190,7 +190,7 @@ pub struct OutputAnswer {
     pub whiteness: Option<Whiteness>,
 }
 
-/// How well a model reproduces an output.
+/// Quality of a model's reproduction of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Quality {
     /// 100 (1 - norm(y - y_sim) / norm(y - mean y)) of the free-running simulation, %.

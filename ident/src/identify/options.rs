@@ -40,7 +40,7 @@ pub struct Options {
     pub noise: Option<Noise>,
     /// True when the record was taken with a controller in the loop.
     pub closed_loop: bool,
-    /// What is estimated separately for each part of the data.
+    /// Unknowns estimated separately for each part of the data.
     pub nuisance: Nuisance,
     /// True to subtract the means over the fitted data from all inputs and outputs.
     pub detrend: bool,

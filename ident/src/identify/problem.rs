@@ -23,7 +23,7 @@ pub struct Parameter {
     pub factor: f64,
 }
 
-/// Which unknowns are estimated for each segment in addition to the parameters (nuisances).
+/// Unknowns estimated for each segment in addition to the parameters (nuisances).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Nuisance {
     /// True to estimate the state at the start of the segment.

@@ -76,7 +76,7 @@ impl LogFiles {
         &self.info
     }
 
-    /// When a file is full.
+    /// Limits of a file.
     pub(super) fn limits(&self) -> &Limits {
         &self.limits
     }
