@@ -60,7 +60,7 @@ impl Pilot {
     /// A pilot without any data yet.
     ///
     /// # Errors
-    /// For a channel that does not exist, a stick that cannot be reversed, or an impossible time.
+    /// For a channel that does not exist, a stick that cannot be reversed, or an invalid time.
     pub fn new(config: &PilotConfig) -> Result<Self, ConfigError> {
         for (key, number) in [
             ("roll", config.roll),

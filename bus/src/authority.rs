@@ -46,7 +46,7 @@ impl Authority {
     /// A fresh key and a certificate for the node `name`, valid on `hosts` (DNS names or IP addresses).
     ///
     /// # Errors
-    /// For a host that is neither, and when the operating system has no random numbers.
+    /// For an invalid host, and when the operating system has no random numbers.
     pub fn issue(&self, name: &str, hosts: &[String]) -> Result<Identity, AuthorityError> {
         let failed = |source| AuthorityError { who: name.into(), source };
         let mut params = named(hosts.to_vec(), name).map_err(failed)?;

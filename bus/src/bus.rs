@@ -55,7 +55,7 @@ impl Bus {
     /// Joins a bench.
     ///
     /// # Errors
-    /// [`OpenError`] for an impossible name, a bad Zenoh configuration or a transport that refuses.
+    /// [`OpenError`] for an invalid name, a bad Zenoh configuration or a transport that refuses.
     pub fn open(config: &BusConfig) -> Result<Self, OpenError> {
         check_name("bench", &config.bench)?;
         check_name("node", &config.node)?;
@@ -81,7 +81,7 @@ impl Bus {
     /// machine the token has no effect: other means exclude a second launcher there.
     ///
     /// # Errors
-    /// [`OpenError::Taken`] when somebody else says so as well.
+    /// [`OpenError::Taken`] when another process has announced itself too.
     pub fn announce_launcher(&self) -> Result<LauncherToken, OpenError> {
         match &self.shared.medium {
             Medium::Zenoh(member) => member.announce_launcher(),
@@ -100,7 +100,7 @@ impl Bus {
     /// Publishes on another topic with the same message type.
     ///
     /// # Errors
-    /// As [`Self::publisher`], and [`OpenError::Name`] for an impossible topic.
+    /// As [`Self::publisher`], and [`OpenError::Name`] for an invalid topic.
     pub fn publisher_on<M: Message>(&self, topic: &str) -> Result<Publisher<M>, OpenError> {
         self.open_publisher(topic, None)
     }
@@ -109,7 +109,7 @@ impl Bus {
     /// nodes.
     ///
     /// # Errors
-    /// As [`Self::publisher`], and [`OpenError::Name`] for an impossible name.
+    /// As [`Self::publisher`], and [`OpenError::Name`] for an invalid name.
     pub fn publisher_as<M: Message>(&self, speaker: &str) -> Result<Publisher<M>, OpenError> {
         check_name("node", speaker)?;
         self.open_publisher(M::TOPIC, Some(speaker))
@@ -149,7 +149,7 @@ impl Bus {
     /// Subscribes to another topic with the same message type.
     ///
     /// # Errors
-    /// As [`Self::subscriber`], and [`OpenError::Name`] for an impossible topic.
+    /// As [`Self::subscriber`], and [`OpenError::Name`] for an invalid topic.
     pub fn subscriber_on<M: Message>(&self, topic: &str, depth: usize) -> Result<Subscriber<M>, OpenError> {
         check_name("topic", topic)?;
         if depth == 0 || depth > MAX_DEPTH {
@@ -244,7 +244,7 @@ impl<M: Message> Publisher<M> {
     /// link is free again.
     ///
     /// # Errors
-    /// [`SendError`] when the transport fails. The sequence number is used up all the same.
+    /// [`SendError`] when the transport fails. The sequence number is used up nevertheless.
     #[inline]
     pub fn send(&mut self, message: &M) -> Result<(), SendError> {
         let seq = self.seq;
@@ -315,7 +315,7 @@ impl<M: Message> Subscriber<M> {
     ///
     /// # Errors
     /// [`RecvError::Refused`] once for each message of another version or with damaged content: the message
-    /// is dropped and the next call goes on. [`RecvError::Transport`] when the transport fails.
+    /// is dropped and the next call continues. [`RecvError::Transport`] when the transport fails.
     #[inline]
     pub fn try_recv(&mut self) -> Result<Option<M>, RecvError> {
         match &mut self.port {

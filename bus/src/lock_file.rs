@@ -9,7 +9,7 @@ use std::path::Path;
 /// another user.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the operating system.
 pub fn open_lock_file(path: &Path) -> io::Result<File> {
     OpenOptions::new()
         .read(true)

@@ -18,7 +18,7 @@ const TLS: &str = "/transport/link/tls";
 /// contains the node's private key.
 ///
 /// # Errors
-/// [`OpenError`] for a configuration file that cannot be used, or protects by halves.
+/// [`OpenError`] for a configuration file that cannot be used, or has partial TLS.
 pub fn zenoh_configuration(bus: &BusConfig) -> Result<String, OpenError> {
     settings(bus).map(|settings| format!("{settings:#}\n"))
 }
@@ -116,7 +116,7 @@ fn protect(settings: &mut Value, bench: &str, protection: &Protection) -> Result
 /// The same endpoint over TLS.
 ///
 /// # Errors
-/// For a protocol that TLS cannot take the place of, as a sentence.
+/// A sentence, for a protocol that TLS cannot replace.
 pub fn over_tls(endpoint: &str) -> Result<String, String> {
     match endpoint.split_once('/') {
         Some(("tls", _)) => Ok(endpoint.into()),

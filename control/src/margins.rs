@@ -172,7 +172,7 @@ impl ReturnRatio {
     /// Margins against simultaneous changes at all inputs.
     ///
     /// # Errors
-    /// [`DecompositionError`] when singular values of the loop cannot be had.
+    /// [`DecompositionError`] when singular values of the loop do not converge.
     pub fn multivariable(&self) -> Result<MultivariableMargins, DecompositionError> {
         let (_, min_return_difference) = self.minimum(|w| self.smallest_difference(w))?;
         let least = std::cell::Cell::new(f64::INFINITY);

@@ -63,7 +63,7 @@ impl Surface {
     /// A surface for `x+ = phi x + gamma u` (n x n, n x m, m <= n) with period `dt` in s.
     ///
     /// # Errors
-    /// [`SurfaceError`] when the inputs are dependent, or the reduced system cannot be shaped as asked.
+    /// [`SurfaceError`] when the inputs are dependent, or the reduced system cannot be shaped as requested.
     pub fn design(
         phi: &DMatrix<f64>,
         gamma: &DMatrix<f64>,

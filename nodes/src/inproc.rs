@@ -51,7 +51,7 @@ impl Bench {
     /// Opens all nodes.
     ///
     /// # Errors
-    /// As for each node.
+    /// The [`NodeError`] of the first node that fails.
     pub fn open(config: &NodeConfig) -> Result<Self, NodeError> {
         let setup = Setup::new(config)?;
         let writing = notices::begin()?;
@@ -74,7 +74,7 @@ impl Bench {
     /// done.
     ///
     /// # Errors
-    /// As for each node.
+    /// The [`NodeError`] of the first node that fails.
     #[inline]
     pub fn round(&mut self) -> Result<Turn, NodeError> {
         let plant = self.plant.turn(&mut self.clock)?;
@@ -99,7 +99,7 @@ impl Bench {
     /// Runs to the end, or until `stop` is set.
     ///
     /// # Errors
-    /// As for each node.
+    /// The [`NodeError`] of the first node that fails.
     pub fn run(mut self, stop: &StopFlag) -> Result<Ended, NodeError> {
         let mut start = Instant::now();
         loop {
@@ -155,7 +155,7 @@ impl Bench {
 /// Runs a bench in this thread.
 ///
 /// # Errors
-/// As for each node.
+/// The [`NodeError`] of the first node that fails.
 pub fn run_inproc(config: &NodeConfig, stop: &StopFlag) -> Result<Ended, NodeError> {
     Bench::open(config)?.run(stop)
 }

@@ -23,7 +23,7 @@ impl<T: Send + 'static> Worker<T> {
     /// must not have.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system.
     pub fn start(
         name: &str,
         depth: usize,

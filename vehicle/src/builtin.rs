@@ -38,7 +38,7 @@ impl Vehicle {
     /// The built-in vehicle with the given name.
     ///
     /// # Errors
-    /// [`VehicleError::Unknown`] when there is none; the message names the nearest and lists all.
+    /// [`VehicleError::Unknown`] for an unknown name; the message suggests the nearest and lists all.
     pub fn builtin(name: &str) -> Result<Self, VehicleError> {
         let text = text(name).ok_or_else(|| VehicleError::Unknown {
             name: name.into(),

@@ -10,7 +10,7 @@ impl Vehicle {
     /// Adds an effect.
     ///
     /// # Errors
-    /// When its place does not exist here, its units do not fit, or the vehicle of a mode transition cannot be
+    /// When its place does not exist in the vehicle, its units do not fit, or the vehicle of a mode transition cannot be
     /// found or has other states or inputs.
     pub fn add_effect(&mut self, effect: Effect) -> Result<(), EffectError> {
         self.check_effect(&effect)?;
@@ -21,7 +21,7 @@ impl Vehicle {
     /// Adds an effect as written in a file.
     ///
     /// # Errors
-    /// As [`Vehicle::add_effect`], and when a number without a unit could be meant in another unit than that of SI.
+    /// As [`Vehicle::add_effect`], and when a number without a unit is ambiguous.
     pub fn add_written_effect(&mut self, effect: Effect) -> Result<(), EffectError> {
         self.check_written_effect(&effect)?;
         self.effects.push(effect.confirmed());

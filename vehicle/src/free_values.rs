@@ -33,7 +33,7 @@ impl Vehicle {
     /// Sets the value of a free parameter, SI.
     ///
     /// # Errors
-    /// When the effect's parameter cannot have that value.
+    /// When the value is invalid for the effect's parameter.
     pub fn set_free(&mut self, target: &Target, value: f64) -> Result<(), EffectError> {
         match *target {
             Target::Entry(Matrix::A, i, j) => self.a[(i, j)] = value,

@@ -170,7 +170,7 @@ impl Vehicle {
     /// pair first.
     ///
     /// # Errors
-    /// [`DecompositionError`] when A is so far from any scale that they cannot be computed.
+    /// [`DecompositionError`] when A is scaled so badly that they cannot be computed.
     pub fn poles(&self) -> Result<Vec<Complex<f64>>, DecompositionError> {
         eigenvalues(&self.a)
     }

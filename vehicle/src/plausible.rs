@@ -29,7 +29,7 @@ impl Effect {
     /// Checks that a delay is shorter than `span`, for example `the run`, which lasts `span_s`.
     ///
     /// # Errors
-    /// With the delay in two units, when nothing would arrive before the end.
+    /// When no value would arrive before the end; the message gives the delay in two units.
     pub fn check_delay(&self, span_s: f64, span: &str) -> Result<(), EffectError> {
         match self.parameter("delay_s") {
             Some(delay) if delay > 0.0 && delay >= span_s => Err(EffectError {

@@ -97,8 +97,8 @@ impl AutopilotConfig {
     /// The connecting parts for this vehicle, with every option checked.
     ///
     /// # Errors
-    /// [`ConfigError`] for a vehicle without attitude, a mixer that does not fit, channels, times or pulses that cannot
-    /// be, and what the protocol does not allow.
+    /// [`ConfigError`] for a vehicle without attitude, a mixer that does not fit, invalid channels, times or
+    /// pulses, and options that the protocol does not allow.
     pub fn parts(&self, vehicle: &Vehicle, lockstep: bool, rate_hz: f64) -> Result<Parts, ConfigError> {
         let wrong = |path: &[&str], message: String| Err(ConfigError::new(path, message));
         let names = vehicle.states.iter().map(|s| s.name.as_str());

@@ -96,7 +96,7 @@ impl Rc {
     /// Channels with everything low.
     ///
     /// # Errors
-    /// [`ConfigError`] for a channel, pulse, throttle or time that cannot be.
+    /// [`ConfigError`] for an invalid channel, pulse, throttle or time.
     pub fn new(options: RcOptions) -> Result<Self, ConfigError> {
         let wrong = |key: &str, reason: String| Err(ConfigError::new(&["rc", key], reason));
         let mut rc = Self::default();

@@ -187,7 +187,7 @@ impl Vehicle {
     /// A bridge without received data yet.
     ///
     /// # Errors
-    /// [`ConfigError`] for options that cannot be.
+    /// [`ConfigError`] for invalid options.
     pub fn new(config: &BridgeConfig, mut bench: Bench) -> Result<Self, ConfigError> {
         let options = &config.options;
         let safety = options.safety.clone();

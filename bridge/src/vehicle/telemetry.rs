@@ -143,7 +143,7 @@ impl Telemetry {
     /// Processes a group with the vehicle's time stamp, ns; `None` for a protocol without stamps.
     ///
     /// # Errors
-    /// [`Refused`], counted; what was known stays.
+    /// [`Refused`], which is counted; earlier measurements are kept.
     pub fn take(
         &mut self,
         group: Group,

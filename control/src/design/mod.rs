@@ -96,7 +96,7 @@ impl Design {
     /// Designs the law given by `options`.
     ///
     /// # Errors
-    /// [`DesignError`] names the option, the state or the pole that stands in the way.
+    /// [`DesignError`], which names the option, the state or the pole that prevents the design.
     pub fn new(plant: &SampledPlant, options: &LawOptions) -> Result<Self, DesignError> {
         let (integral, linear, sliding, reduced, anti_windup) = match options {
             LawOptions::Lqr(o) => {

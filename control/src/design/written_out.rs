@@ -10,7 +10,7 @@ impl LawOptions {
     /// of sliding mode.
     ///
     /// # Errors
-    /// [`DesignError`] names the option that does not fit the plant.
+    /// [`DesignError`], which names the option that does not fit the plant.
     pub fn resolved(&self, plant: &SampledPlant) -> Result<Self, DesignError> {
         Ok(match self {
             Self::Lqr(o) => {

@@ -37,7 +37,7 @@ impl Estimator {
     /// Designs the filter.
     ///
     /// # Errors
-    /// [`EstimatorError`] names the output, option or state that stands in the way.
+    /// [`EstimatorError`], which names the output, option or state that prevents the design.
     pub fn new(
         plant: &SampledPlant,
         sensors: &Sensors,
@@ -50,7 +50,7 @@ impl Estimator {
     /// lags, tones, known errors of sensors.
     ///
     /// # Errors
-    /// [`EstimatorError`] names the output, option or state that stands in the way.
+    /// [`EstimatorError`], which names the output, option or state that prevents the design.
     pub fn of(
         plant: &SampledPlant,
         sensors: &Sensors,

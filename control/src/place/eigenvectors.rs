@@ -199,7 +199,7 @@ impl Eigenvectors {
 /// singular vectors of the smallest singular values, more when more of these vanish.
 ///
 /// # Errors
-/// [`DecompositionError`] when the singular values of `a` cannot be had.
+/// [`DecompositionError`] when the singular values of `a` do not converge.
 pub fn null_space<T: ComplexField<RealField = f64>>(
     a: &DMatrix<T>,
     at_least: usize,

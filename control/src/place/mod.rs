@@ -101,7 +101,7 @@ pub enum PlaceError {
 /// Method and sources: see the [module](self).
 ///
 /// # Errors
-/// [`PlaceError`] says which pole or mode stands in the way.
+/// [`PlaceError`], which names the pole or mode that prevents the placement.
 ///
 /// ```
 /// use nalgebra::{Complex, dmatrix};
@@ -222,7 +222,7 @@ fn with_uncontrollable_modes(
 /// with the columns of B scaled alike: the distance of the mode from being uncontrollable.
 ///
 /// # Errors
-/// [`DecompositionError`] when the eigenvalues of A cannot be had.
+/// [`DecompositionError`] when the eigenvalues of A do not converge.
 pub fn uncontrollability(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Result<Vec<(C64, f64)>, DecompositionError> {
     let (n, m) = b.shape();
     let norm_a = a.norm();

@@ -105,7 +105,7 @@ impl<'r, 'd> Model<'r, 'd> {
     /// Predicted samples.
     ///
     /// # Errors
-    /// When an effect does not fit, or the free run leaves all bounds.
+    /// When an effect does not fit, or the free run diverges.
     pub fn predict(&self, values: &[f64]) -> Result<Vec<f64>, ModelError> {
         self.free_run.run_vehicle(&self.vehicle(values)?, &values[..self.states()])
     }
@@ -120,7 +120,7 @@ impl<'r, 'd> Model<'r, 'd> {
     /// initial state from a model nearby: they guide the search, and the result does not depend on them.
     ///
     /// # Errors
-    /// When the start, or what lies next to it, cannot be simulated.
+    /// When the start, or a point next to it, cannot be simulated.
     pub fn fit(
         &self,
         start: Vec<f64>,

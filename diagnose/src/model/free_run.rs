@@ -164,7 +164,7 @@ impl<'d> FreeRun<'d> {
     /// Predicted samples of all channels with `effects` added, from the initial state.
     ///
     /// # Errors
-    /// When an effect does not fit, or the run leaves all bounds.
+    /// When an effect does not fit, or the run diverges.
     pub fn run(&self, effects: &[Effect], initial: &[f64]) -> Result<Vec<f64>, ModelError> {
         self.run_vehicle(&self.with(effects)?, initial)
     }
@@ -172,7 +172,7 @@ impl<'d> FreeRun<'d> {
     /// Predicted samples as [`FreeRun::run`], for a vehicle that already has its effects.
     ///
     /// # Errors
-    /// When the run leaves all bounds.
+    /// When the run diverges.
     pub fn run_vehicle(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<f64>, ModelError> {
         if self.data.memory_s.is_none() {
             return self.sampled_in_blocks(vehicle, initial, None);
@@ -184,7 +184,7 @@ impl<'d> FreeRun<'d> {
     /// of the state's derivative.
     ///
     /// # Errors
-    /// When the run leaves all bounds.
+    /// When the run diverges.
     pub fn run_forced(
         &self,
         vehicle: &Vehicle,
@@ -278,7 +278,7 @@ impl<'d> FreeRun<'d> {
     /// States over the steps of all records, one vector per state, SI.
     ///
     /// # Errors
-    /// When the run leaves all bounds.
+    /// When the run diverges.
     pub fn run_states(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<Vec<f64>>, ModelError> {
         let mut states = vec![Vec::with_capacity(self.data.steps); self.states()];
         if self.data.memory_s.is_none() {
@@ -305,7 +305,7 @@ impl<'d> FreeRun<'d> {
     /// has passed they start from the initial state.
     ///
     /// # Errors
-    /// When a run leaves all bounds.
+    /// When a run diverges.
     pub fn ahead(
         &self,
         vehicle: &Vehicle,

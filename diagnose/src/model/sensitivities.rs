@@ -129,7 +129,7 @@ impl FreeRun<'_> {
     /// perturbs the same state of all records, as records do not affect each other.
     ///
     /// # Errors
-    /// When a run leaves all bounds.
+    /// When a run diverges.
     pub fn initial_columns(
         &self,
         vehicle: &Vehicle,

@@ -49,7 +49,7 @@ pub struct Names {
 /// as text.
 ///
 /// # Errors
-/// [`DraftError`], in a full sentence that says what to do.
+/// [`DraftError`], as a full sentence with the remedy.
 pub fn draft(
     path: &Path,
     names: &Names,

@@ -122,7 +122,7 @@ pub fn fast_enough(
 /// steps of the fit, `raw` those of the log.
 ///
 /// # Errors
-/// [`DraftError`]: the record is too short, nothing moves, nothing is explained.
+/// [`DraftError`]: the record is too short, no signal moves, or no output is explained.
 pub fn link(
     record: &Record,
     raw: &Record,

@@ -31,7 +31,7 @@ impl Segment {
     /// Extracts a part of a record: the vehicle's inputs and those of its outputs that the record has.
     ///
     /// # Errors
-    /// When the record lacks an input, an output that the vehicle file says shall be fitted, or any output at all;
+    /// When the record lacks an input, an output that the vehicle file requires to be fitted, or any output at all;
     /// when it is too short or has no clock.
     pub fn new(
         record: &Record,

@@ -57,7 +57,7 @@ impl Problem {
     /// The estimation problem of a vehicle file and data.
     ///
     /// # Errors
-    /// When nothing is free, or segments have different periods.
+    /// When no parameter is free, or segments have different periods.
     pub fn new(vehicle: &Vehicle, segments: &[Segment], nuisance: Nuisance) -> Result<Self, IdentifyError> {
         if vehicle.free.is_empty() {
             return Err(IdentifyError::NothingFree { vehicle: vehicle.name.clone() });

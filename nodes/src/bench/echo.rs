@@ -7,7 +7,7 @@ use super::BenchError;
 /// Returns every datagram to its sender, forever.
 ///
 /// # Errors
-/// [`BenchError::Process`] when the port cannot be had.
+/// [`BenchError::Process`] when the port cannot be bound.
 pub(super) fn run_echo(port: u16) -> Result<(), BenchError> {
     let socket = UdpSocket::bind(("127.0.0.1", port)).map_err(failed("bind the echo's port"))?;
     let mut buffer = [0; 2048];

@@ -14,7 +14,7 @@ impl TwoHosts {
     /// Creates the two namespaces.
     ///
     /// # Errors
-    /// What the system says where it refuses.
+    /// The error of the operating system.
     pub fn new() -> Result<Self, String> {
         let id = std::process::id();
         let hosts = Self { names: ["a", "b"].map(|end| format!("whirlbench{id}{end}")) };

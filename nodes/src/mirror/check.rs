@@ -60,7 +60,7 @@ impl Check {
     /// Checks whether the law for `cause` is better than the one for `flying`, or than the first one.
     ///
     /// # Errors
-    /// A sentence that says why it is not.
+    /// A sentence with the reason why it is not.
     pub(super) fn compare(&self, flying: Option<&Finding>, cause: &Finding) -> Result<Better, String> {
         let vehicle = extended(&self.setup.model, cause)?;
         let before = match flying {

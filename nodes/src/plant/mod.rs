@@ -123,7 +123,7 @@ impl Plant {
     /// the steps.
     ///
     /// # Errors
-    /// [`NodeError`] when the transport fails, or nobody is there at the start.
+    /// [`NodeError`] when the transport fails, or no node appears at the start.
     pub fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
         match self.phase {
             Phase::Looping => self.turn_in_loop(clock),

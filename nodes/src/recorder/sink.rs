@@ -43,7 +43,7 @@ impl Sink {
     /// Begins the first file.
     ///
     /// # Errors
-    /// It cannot be created.
+    /// The file cannot be created.
     pub(super) fn open(mut files: LogFiles, panels: Panels) -> Result<Self, NodeError> {
         let system = |source| NodeError::System { action: "start the thread that syncs the log", source };
         let syncer = Syncer::start().map_err(system)?;
@@ -226,7 +226,7 @@ impl Sink {
     /// Ends the log.
     ///
     /// # Errors
-    /// What of it could not be written.
+    /// A part of the log could not be written.
     pub(super) fn finish(&mut self) -> Result<(), NodeError> {
         if let Some(log) = self.log.take() {
             let (messages, unflushed) = (log.messages(), log.unflushed());

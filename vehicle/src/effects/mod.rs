@@ -120,7 +120,7 @@ impl Effect {
     /// The same effect, limited to a time window.
     ///
     /// # Errors
-    /// When the window is none.
+    /// When the window is invalid.
     pub fn during(mut self, window: Window) -> Result<Self, EffectError> {
         self.window = window;
         self.check_ranges()?;

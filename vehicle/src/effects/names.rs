@@ -25,7 +25,7 @@ impl Kind {
     /// The effect with the given name.
     ///
     /// # Errors
-    /// When there is none; the message names the nearest.
+    /// For an unknown name; the message suggests the nearest.
     pub fn from_name(name: &str) -> Result<Self, EffectError> {
         SPECS.iter().find(|s| s.name == name).map(|s| s.kind).ok_or_else(|| EffectError {
             effect: name.into(),

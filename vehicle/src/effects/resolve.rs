@@ -12,7 +12,7 @@ impl Effect {
     /// Finds the effect's place in `vehicle` and checks that values written with a unit fit it.
     ///
     /// # Errors
-    /// When the place does not exist or is of the wrong kind (the message says which are valid), or when a
+    /// When the place does not exist or is of the wrong kind (the message lists the valid ones), or when a
     /// unit does not fit.
     pub fn resolve(&self, vehicle: &Vehicle) -> Result<Place, EffectError> {
         let place = self.find_place(vehicle)?;

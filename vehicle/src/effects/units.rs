@@ -157,7 +157,7 @@ impl Effect {
     /// Checks that no value without a unit is ambiguous, as in a file that declares degrees.
     ///
     /// # Errors
-    /// With both readings of the number.
+    /// For an ambiguous number; the message gives both readings.
     pub(crate) fn check_bare(&self, vehicle: &Vehicle, place: Place) -> Result<(), EffectError> {
         let signals = signals(vehicle, place);
         for (index, parameter) in self.kind.spec().parameters.iter().enumerate() {

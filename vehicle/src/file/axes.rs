@@ -32,7 +32,7 @@ pub(super) struct Axis {
 /// The axes in the file.
 ///
 /// # Errors
-/// An unknown key, a missing gain or time constant, a value that cannot be, or a name that the file has already.
+/// An unknown key, a missing gain or time constant, an invalid value, or a name already used in the file.
 pub(super) fn axes(file: &Table<'_>, states: &[State], inputs: &[Input]) -> Result<Vec<Axis>, FileError> {
     let mut axes = Vec::new();
     for (key, [integral, rate, input], [unit, rate_unit]) in AXES {

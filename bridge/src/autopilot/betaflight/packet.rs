@@ -106,7 +106,7 @@ pub fn parse_motors(bytes: &[u8]) -> Result<[f64; 4], PacketError> {
 /// Decodes `servo_packet_raw`: pulses in us.
 ///
 /// # Errors
-/// [`PacketError`] for another length, too many motors, or a value that is no pulse.
+/// [`PacketError`] for another length, too many motors, or a value out of the range of pulses.
 pub fn parse_raw(bytes: &[u8]) -> Result<Raw, PacketError> {
     sized(bytes, RAW_BYTES)?;
     let count = u16::from_le_bytes([bytes[0], bytes[1]]);

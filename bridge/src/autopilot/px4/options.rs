@@ -77,7 +77,7 @@ impl Px4Options {
     /// ns.
     ///
     /// # Errors
-    /// In words: the line does not carry `rate_hz` sensors and `gps_hz` fixes a second.
+    /// A sentence, when the line is too slow for `rate_hz` sensors and `gps_hz` fixes per second.
     pub(in crate::autopilot) fn state_period_ns(&self, rate_hz: f64, gps_hz: f64) -> Result<u64, String> {
         let Some((baud, bits)) = serial_line(&self.link) else { return Ok(STATE_PERIOD_NS) };
         let carried = COMMON_SHARE * baud / bits;

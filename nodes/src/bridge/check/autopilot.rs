@@ -72,7 +72,7 @@ struct Check<'a> {
 /// Checks the bridge to an autopilot; `say` receives each finding when it is made.
 ///
 /// # Errors
-/// For options that cannot be, and an autopilot that is not heard.
+/// For invalid options, and an autopilot that does not answer.
 pub fn check_autopilot(
     config: &NodeConfig,
     bridge: &BridgeConfig,

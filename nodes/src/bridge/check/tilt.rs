@@ -34,7 +34,7 @@ pub(super) fn motion(axis: usize, from: f64, to: f64, spent: Duration) -> Motion
 /// Evaluates the attitude that an autopilot reported before and after a tilt of `by` about `axis`.
 ///
 /// # Errors
-/// What is wrong, in words.
+/// A description of the error.
 pub(super) fn check(axis: usize, by: f64, before: [f64; 3], after: [f64; 3]) -> Result<String, String> {
     let change: [f64; 3] = std::array::from_fn(|i| wrapped(after[i] - before[i]));
     let [name, words] = [AXES[axis].0, AXES[axis].1[usize::from(by < 0.0)]];

@@ -54,7 +54,7 @@ struct Check<'a> {
 /// Checks the bridge to a vehicle; `say` receives each finding when it is made.
 ///
 /// # Errors
-/// For options that are not possible, and a vehicle that is not heard.
+/// For invalid options, and a vehicle that does not answer.
 pub fn check_vehicle(
     config: &NodeConfig,
     bridge: &BridgeConfig,

@@ -39,7 +39,7 @@ impl Links {
     /// Links that open as soon as possible.
     ///
     /// # Errors
-    /// [`NodeError::Config`] for an address that is none.
+    /// [`NodeError::Config`] for an invalid address.
     pub(in crate::bridge) fn new(options: &AutopilotConfig) -> Result<Self, NodeError> {
         let (px4, ardupilot, b) = (&options.px4, &options.ardupilot, &options.betaflight);
         let links = match options.kind {

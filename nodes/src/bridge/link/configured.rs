@@ -10,7 +10,7 @@ use crate::error::NodeError;
 /// The link with the address in `bridge.TABLE.KEY`, which accepts only the peer in `bridge.TABLE.peer`.
 ///
 /// # Errors
-/// [`NodeError::Config`] for an address that is none, and for a pin where nobody else could come.
+/// [`NodeError::Config`] for an invalid address, and for a pin on a link without other senders.
 pub fn configured(
     table: &str,
     key: &str,

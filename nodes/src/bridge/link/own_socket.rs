@@ -10,7 +10,7 @@ use socket2::{Domain, Protocol, SockRef, Socket, Type};
 /// not wake the node.
 ///
 /// # Errors
-/// The system's answer.
+/// The error of the operating system.
 pub(super) fn own_socket(open: &UdpSocket, peer: SocketAddr) -> io::Result<UdpSocket> {
     let at = open.local_addr()?;
     let own = Socket::new(Domain::for_address(at), Type::DGRAM, Some(Protocol::UDP))?;

@@ -28,7 +28,7 @@ pub(super) fn waiting(port: &OwnedFd) -> usize {
 /// Opens a port without waiting for a modem and sets rate and format.
 ///
 /// # Errors
-/// The system's answer; a rate that the port does not take is one.
+/// The error of the operating system, also for a rate that the port does not support.
 pub(super) fn open_port(path: &Path, baud: u32, even_two: bool) -> io::Result<OwnedFd> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let port = open(path, flags, Mode::empty())?;

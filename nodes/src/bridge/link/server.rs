@@ -21,7 +21,7 @@ impl TcpServer {
     /// Listens at an address.
     ///
     /// # Errors
-    /// The system's answer.
+    /// The error of the operating system.
     pub(super) fn bind(at: SocketAddr) -> io::Result<Self> {
         let listener = TcpListener::bind(at).map_err(|e| with_holder(e, at, true))?;
         listener.set_nonblocking(true)?;

@@ -100,7 +100,7 @@ impl Commands {
     /// Checks that the thread is still running without an error.
     ///
     /// # Errors
-    /// What ended it.
+    /// The error that ended the thread.
     pub fn check(&mut self) -> Result<(), NodeError> {
         match &self.thread {
             Some(thread) if thread.is_finished() && !self.stop.is_set() => self.join(),

@@ -99,7 +99,7 @@ struct VehicleNode {
 /// Runs the bridge in place of the plant until the last step, or until `stop` is set.
 ///
 /// # Errors
-/// [`NodeError`] for options that cannot be, nodes or a vehicle that do not come, or a transport that fails.
+/// [`NodeError`] for invalid options, nodes or a vehicle that do not appear, or a failed transport.
 pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) -> Result<Health, NodeError> {
     let setup = Setup::new(config)?;
     let vehicle = open_vehicle(config, bridge, &setup)?;

@@ -206,7 +206,7 @@ pub fn encode(message: &impl Serialize) -> Option<Vec<u8>> {
 /// Decodes the values of a command.
 ///
 /// # Errors
-/// What is wrong with the bytes, as the end of a sentence.
+/// The error of the bytes, as the end of a sentence.
 pub fn decode(bytes: &[u8]) -> Result<Vec<f64>, String> {
     if bytes.len() > LARGEST {
         return Err(format!("it has {} bytes, and at most {LARGEST} are taken", bytes.len()));
