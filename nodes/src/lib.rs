@@ -1,7 +1,7 @@
 //! The processes of a bench: plant, estimator, controller, recorder.
 //!
-//! Each node is a state machine over the bus: a `turn` does what can be done now and never waits. A process runs
-//! one with [`run_node`]; [`run_inproc`] lets all take turns in one thread.
+//! Each node is a state machine over the bus: a `turn` does all work that is possible now and never waits. A
+//! process runs one node with [`run_node`]; [`run_inproc`] runs all nodes in turn in one thread.
 //!
 //! # A step
 //! At `t_j` the plant closes the [`gate`] for command j-1, publishes `Truth` j, `Odometry` j, `Disturbance` j

@@ -27,9 +27,9 @@ pub enum DiscretiseError {
 
 /// Transition and input matrix of dx/dt = A x + B u over `period_s` with u held: x+ = Phi x + Gamma u.
 ///
-/// Both come from one exponential of [A B; 0 0], so A may be singular; for a stiff plant, from a short step that is
-/// doubled. The error is a few units in the last place of the largest entry, in units that make rows and columns of A alike
-/// in size, whatever lies between the slowest and the fastest mode.
+/// Both follow from one exponential of [A B; 0 0], so A may be singular; for a stiff plant, from a short step
+/// that is doubled. The error is a few units in the last place of the largest entry, in units that balance
+/// rows and columns of A, for any ratio of the slowest to the fastest mode.
 ///
 /// # Errors
 /// [`DiscretiseError::Shape`] unless `a` is n x n and `b` n x m; [`DiscretiseError::NotFinite`] when an entry is
@@ -59,9 +59,9 @@ pub fn discretise(
 /// The Gramian of a finite horizon, the integral of exp(A t) W exp(A' t) over t from 0 to `horizon_s`, n x n and
 /// symmetric.
 ///
-/// With W the density of white noise on the derivatives it is the covariance that the states gather over the horizon;
-/// with A transposed and W a weight it is the cost of what the states do over it. It comes from the exponential of
-/// [-A W; 0 A'] where exp(-A t) stays small, else from a short step that is doubled.
+/// With W the density of white noise on the derivatives it is the covariance of the states after the horizon;
+/// with A transposed and W a weight it is the cost of the states' free motion over it. It is computed from
+/// the exponential of [-A W; 0 A'] where exp(-A t) stays small, else from a short step that is doubled.
 ///
 /// # Errors
 /// [`DiscretiseError::Shape`] unless `a` and `w` are n x n; [`DiscretiseError::NotFinite`] when an entry is not finite

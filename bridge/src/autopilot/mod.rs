@@ -1,7 +1,7 @@
 //! Autopilots that fly the bench's vehicle: sensors out, actuator outputs in.
 //!
-//! Each protocol is an [`Autopilot`]: a state machine that takes datagrams or stream bytes with the time of their
-//! arrival, and hands out bytes to send. It owns no socket and no clock.
+//! Each protocol is an [`Autopilot`]: a state machine that receives datagrams or stream bytes with their time
+//! of arrival, and returns bytes to send. It owns no socket and no clock.
 //!
 //! | | [`px4`] | [`ardupilot`] | [`betaflight`] |
 //! |---|---|---|---|

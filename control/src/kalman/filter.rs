@@ -9,10 +9,11 @@ use crate::kernel::{Block, Packed, blocks};
 /// A discrete Kalman filter for `x+ = F x + G u + w`, `y = H x + D u + v`, with w of covariance Q and v of
 /// independent components.
 ///
-/// Measurements are taken one at a time in Joseph's form (Bucy and Joseph 1968), which keeps the covariance
-/// symmetric and positive whatever rounding does to the gain. When the pattern of fresh measurements repeats, gains
-/// are kept for as long as the covariance hardly changes, and a step costs a few matrix-vector products; the first
-/// step that breaks the pattern returns to the full recursion from the covariance that the kept gains came from.
+/// Measurements are processed one at a time in Joseph's form (Bucy and Joseph 1968), which keeps the
+/// covariance symmetric and positive whatever the rounding of the gain. When the pattern of fresh
+/// measurements repeats, gains are stored and used for as long as the covariance hardly changes, and a step
+/// costs a few matrix-vector products; the first step that breaks the pattern returns to the full recursion
+/// from the covariance of the stored gains.
 #[derive(Debug, Clone)]
 pub struct KalmanFilter {
     states: usize,

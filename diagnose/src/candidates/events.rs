@@ -49,8 +49,8 @@ type Spectra = Vec<Vec<Complex<f64>>>;
 
 /// The best times for a step and for a pulse on every state, by a score test.
 ///
-/// The model is taken as linear and constant here: the response to a disturbance at one time is that at another,
-/// shifted. What is found is fitted with the simulator afterwards.
+/// The model is assumed linear and time-invariant: the responses to a disturbance at different times are
+/// shifted copies. The events found are refitted with the simulator afterwards.
 pub fn events(
     model: &Model<'_, '_>,
     score_test: &ScoreTest<'_>,
@@ -215,7 +215,7 @@ fn transforms(data: &Data, grid: &Grid, samples: &[f64]) -> Spectra {
 
 /// Products of samples, given by their spectra, with a response that begins at each time of the grid; 0 at its end.
 ///
-/// Only the grid's times are wanted: what lies between them may fold together before the transform back.
+/// Only values at the grid times are needed: times in between may alias in the inverse transform.
 fn shifted(of: &Spectra, response: &Spectra, grid: &Grid) -> Vec<f64> {
     let mut planner = FftPlanner::new();
     let mut products = vec![0.0; grid.times + 1];

@@ -33,7 +33,8 @@ impl Effort {
 
 /// A vehicle with free parameters and effects whose parameters are fitted.
 ///
-/// Values come in one vector: initial state, free parameters of the vehicle, then the tunables of every effect.
+/// Parameter values are in one vector: initial state, free parameters of the vehicle, then the tunables of
+/// every effect.
 #[derive(Debug, Clone)]
 pub struct Model<'r, 'd> {
     /// Simulation of the vehicle over the record.

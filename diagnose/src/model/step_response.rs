@@ -13,7 +13,8 @@ use crate::model::wave::Wave;
 /// Changes of all samples per unit of a constant force on each state, applied from the beginning of each
 /// record on.
 ///
-/// The model is taken as linear and constant: what is found with these is fitted with the simulator afterwards.
+/// The model is assumed linear and time-invariant: effects found with these responses are refitted with the
+/// simulator afterwards.
 #[derive(Debug, Clone)]
 pub struct Responses(Vec<Option<Vec<f64>>>);
 

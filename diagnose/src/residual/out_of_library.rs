@@ -33,7 +33,7 @@ pub struct ForceOnSignal {
 
 /// The most likely force on a state, relative to a fit under noise models of single channels.
 ///
-/// `None` when nothing could be tried.
+/// `None` when no basis could be tested.
 pub fn on_state(
     model: &Model<'_, '_>,
     fit: &Fit,

@@ -63,7 +63,7 @@ impl Turbulence {
 /// Searches for turbulence on any state in a residual under noise of single channels; returns the most likely
 /// one, however small.
 ///
-/// `None` when the record is too short, or the vehicle has no such motion.
+/// `None` when the record is too short, or the vehicle has no state that turbulence could drive.
 pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Option<Turbulence> {
     // Values interpolated where one channel has no sample are smoother than measured ones: such rows do not
     // count.

@@ -1,8 +1,8 @@
 //! Causes beside turbulence: separates what each of the two explains.
 //!
-//! Turbulence shakes all channels that follow its state, so that noise models of single channels find each shake several
-//! times, and events in it. Where a residual looks turbulent, the causes are therefore chosen once more under a noise model
-//! of all channels together, and the turbulence is sized anew beside them.
+//! Turbulence moves all channels that depend on its state, so that noise models of single channels count each
+//! gust several times, and find events in it. Where a residual looks turbulent, the causes are therefore
+//! selected again under a joint noise model of all channels, and the turbulence is re-estimated beside them.
 
 use crate::thresholds::{
     CIRCULAR_SHIFTS, FORCE_SHARE_OF_TURBULENCE, MIN_TURBULENCE_BIC, RELATED_SIGMAS, SETTLED_SIZE_RATIO,

@@ -1,9 +1,9 @@
 //! Kalman predictor of a linear model: gains, innovation covariances, and their derivatives.
 //!
-//! Process noise acts on the states that have dynamics of their own, measurement noise on every output; both white,
-//! of unknown size (the filter-error method of flight identification; Jategaonkar, Flight Vehicle System
-//! Identification, AIAA 2015, chapter 5). The steady state of the filter is used; where sensors deliver at different
-//! rates, its periodic steady state, one gain a phase.
+//! Process noise acts on the states that have dynamics of their own, measurement noise on every output; both
+//! are white and of unknown variance (the filter-error method of flight identification; Jategaonkar, Flight
+//! Vehicle System Identification, AIAA 2015, chapter 5). The steady state of the filter is used; with sensors
+//! of different rates, its periodic steady state with one gain per phase.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;

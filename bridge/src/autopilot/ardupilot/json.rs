@@ -1,7 +1,7 @@
 //! The JSON line read by ArduPilot.
 //!
-//! ArduPilot's reader searches for keys in the text, expects no blank behind a colon, and takes the last line that has
-//! a line feed on both sides.
+//! ArduPilot's reader searches for keys in the text, requires that no blank follows a colon, and uses the
+//! last line that has a line feed on both sides.
 
 use std::fmt::Write as _;
 

@@ -4,8 +4,8 @@
 //! serial line or UDP. HIL_SENSOR advances PX4's clock, and in lockstep PX4 answers it with HIL_ACTUATOR_CONTROLS of
 //! the same time. HIL_GPS, HIL_STATE_QUATERNION (for PX4's log of the truth) and RC_CHANNELS go along.
 //!
-//! Over the same line a board speaks to a ground station, which comes through a port of its own ([`STATION`]). Software in the
-//! loop speaks to others elsewhere, and is listened to there ([`TELEMETRY`]). At both is heard why it does not arm.
+//! A board speaks to a ground station over the same line, which has its own port here ([`STATION`]). Software in the
+//! loop has separate links, of which one is received ([`TELEMETRY`]). Both contain the reasons why it does not arm.
 //!
 //! Source: <https://docs.px4.io/main/en/simulation/#simulator-mavlink-api>,
 //! <https://mavlink.io/en/messages/common.html>.
