@@ -69,8 +69,8 @@ pub(crate) const STUDENT_DEGREES: [f64; 8] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0
 pub(crate) const STUDENT_ROUNDS: usize = 20;
 /// Rounds of expectation maximisation for outliers beside normal values. Cost.
 pub(crate) const MIXTURE_ROUNDS: usize = 20;
-/// A wild value stands this many standard deviations away from its neighbours. Two-sided Gaussian tail of 8e-11:
-/// less than 1e-5 expected in 10 minutes at 100 Hz and two channels.
+/// Smallest distance of an outlier from its neighbours, in standard deviations. Two-sided Gaussian tail of
+/// 8e-11: less than 1e-5 expected in 10 minutes at 100 Hz and two channels.
 pub(crate) const OUTLIER_SIGMAS: f64 = 6.5;
 /// Distance of an outlier relative to the median distance of its neighbours from their middle. Two-sided
 /// Gaussian tail of 6e-7.
@@ -118,7 +118,7 @@ pub(crate) const SETTLED_GAIN_CHANGE: f64 = 1e-6;
 pub(crate) const MAX_CLIMB_ROUNDS: usize = 15;
 /// Largest gain left to a climb: this many times what its next step promises, plus this many. Cost.
 pub(crate) const CLIMB_OPTIMISM: f64 = 4.0;
-/// Partial correlations below this are none. Calibrated.
+/// Magnitude below which partial correlations are set to zero. Calibrated.
 pub(crate) const WEAK_CORRELATION: f64 = 0.2;
 /// Fewest samples of a channel for which spectra are estimated. Calibrated.
 pub(crate) const MIN_SPECTRUM_SAMPLES: usize = 256;
@@ -181,7 +181,7 @@ pub(crate) const UNDECIDED_BIC: f64 = 4.0;
 /// Standard deviations below a cause's expected gain over its rival beyond which it is not the truth: the
 /// normal distribution's quantile at a level of 1 %.
 pub(crate) const COX_QUANTILE: f64 = 2.33;
-/// A term is found again when it gains this share of what it gained in the model. Calibrated.
+/// Share of its earlier gain with which a term counts as found again. Calibrated.
 pub(crate) const FOUND_AGAIN_SHARE: f64 = 0.5;
 /// Largest number of final exchanges for better rivals. Cost.
 pub(crate) const MAX_EXCHANGES: usize = 6;
@@ -345,7 +345,7 @@ pub(crate) const CIRCULAR_SHIFTS: usize = 200;
 pub(crate) const LINE_REACH: f64 = 0.006;
 /// Half width of a line's surroundings, as a share of the sampling rate. Calibrated.
 pub(crate) const SURROUNDINGS_REACH: f64 = 0.03;
-/// An envelope is steadier than noise's from so many standard deviations on. One-sided Gaussian tail of 1e-3.
+/// Standard deviations by which an envelope is steadier than that of noise. One-sided Gaussian tail of 1e-3.
 pub(crate) const STEADY_SIGMAS: f64 = 3.1;
 /// Smallest ratio of a line to the floor. Calibrated.
 pub(crate) const LINE_HEIGHT: f64 = 15.0;

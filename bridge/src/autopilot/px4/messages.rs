@@ -82,8 +82,8 @@ pub(super) fn sensor(s: &Sensors, mag: bool, baro: bool, airspeed: bool) -> MavM
 /// Lowest speed at which a receiver can determine the course, m/s.
 const SLOWEST: f64 = 0.1;
 
-/// HIL_GPS: degrees x 1e7, mm, cm/s, hundredths of a degree; `vel` is over ground, and an unknown course
-/// 65535. PX4 reads `eph` and `epv` as standard deviations in cm.
+/// HIL_GPS: degrees x 1e7, mm, cm/s, hundredths of a degree; `vel` is over ground, and 65535 an unknown
+/// course. PX4 reads `eph` and `epv` as standard deviations in cm.
 pub(super) fn gps(s: &Sensors) -> MavMessage {
     let fix = &s.gps;
     let speed = fix.velocity.x.hypot(fix.velocity.y);
